@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from commonrail.base.csv_output import comment_line, neutralised, restored, restored_note, write_csv
 from commonrail.plugins.cfd import Course, _dat_lines, _foam_lines
 from commonrail.readers.columns import Column
-from commonrail.readers.csv import CsvFile
+from commonrail.readers.table_sheet import WrittenTable
 
 SRC = Path(__file__).resolve().parents[2] / "src" / "commonrail"
 LINK = '=HYPERLINK("http://example.org","open")'
@@ -58,7 +58,7 @@ def test_a_table_is_written_and_read_back(tmp_path: Path) -> None:
     with path.open(encoding="utf-8", newline="") as stream:
         for row in csv.reader(stream):
             assert not any(cell.lstrip()[:1] in ("=", "@") for cell in row), row
-    table = CsvFile(path, plain=True).take([Column("name"), Column(LINK, "1")])
+    table = WrittenTable(path).take([Column("name"), Column(LINK, "1")])
     assert table.texts["name"] == [text for text in COMPUTED if "\r" not in text]
     assert set(table.columns[LINK]) == {-1.5}
     assert table.comments == (f"curves of a,{LINK}",)

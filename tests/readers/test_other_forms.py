@@ -35,17 +35,11 @@ def test_stated_encoding_and_decimal_comma(tmp_path: Path, encoding: str) -> Non
     check(read_columns(path, WANTED, form=FileForm(encoding, ",")))
 
 
-def test_an_unstated_form_names_its_cure(tmp_path: Path) -> None:
+@pytest.mark.parametrize("encoding", ["cp1252", "utf-16", "utf-16-le", "utf-8"])
+def test_an_unstated_form_is_detected(tmp_path: Path, encoding: str) -> None:
     path = tmp_path / "a.csv"
-    path.write_bytes(GERMAN.encode("utf-16"))
-    with pytest.raises(InputError, match='this is UTF-16 text; state encoding = "utf-16"'):
-        read_columns(path, WANTED)
-    path.write_bytes(GERMAN.encode("cp1252"))
-    with pytest.raises(InputError, match="line 1: byte 0xb5 is not UTF-8 text; save the file as UTF-8, or state"):
-        read_columns(path, WANTED)
-    path.write_bytes(GERMAN.encode())
-    with pytest.raises(InputError, match=r'"0,5" has a decimal comma; write .* or state decimal = ",".* --decimal ,'):
-        read_columns(path, WANTED)
+    path.write_bytes(GERMAN.encode(encoding))
+    check(read_columns(path, WANTED))
     with pytest.raises(InputError, match="this is no text in ascii; correct the encoding"):
         read_columns(path, WANTED, form=FileForm("ascii", ","))
 
@@ -53,7 +47,7 @@ def test_an_unstated_form_names_its_cure(tmp_path: Path) -> None:
 def test_a_point_among_decimal_commas_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text(GERMAN.replace("3,5", "3.5"), encoding="utf-8")
-    with pytest.raises(InputError, match=r'"3\.5" is not a finite number with a decimal comma'):
+    with pytest.raises(InputError, match=r'decimal comma is stated, and "3\.5" has a point'):
         read_columns(path, WANTED, form=FileForm(decimal=","))
 
 
@@ -113,7 +107,7 @@ def test_a_sheet_has_its_header_below_other_texts(tmp_path: Path, units: str) ->
         read_columns(tmp_path / "a.xlsx", WANTED, form=FileForm(sheet="run 3"))
     sheet.append([20, "n/a"])
     book.save(tmp_path / "a.xlsx")
-    with pytest.raises(InputError, match=r'row \d, column "rate": "n/a" is a text, and a number is expected'):
+    with pytest.raises(InputError, match=r'row \d, column "rate": "n/a" is not a finite number'):
         read_columns(tmp_path / "a.xlsx", WANTED)
 
 
@@ -149,7 +143,7 @@ def test_what_openpyxl_says_of_a_book_is_not_said_to_the_user(tmp_path: Path) ->
     [
         (b"<v>9</v>", b"<v>x</v>", r'the sheet "Sheet" cannot be read \(ValueError\)'),
         (b"<v>9</v>", b"<v>1" + 400 * b"0" + b"</v>", r'the sheet "Sheet" cannot be read \(OverflowError\)'),
-        (b"<v>9</v>", b"<v>1e999</v>", r'row 5, column "time": "inf" is a text'),
+        (b"<v>9</v>", b"<v>1e999</v>", r'row 5, column "time": "inf" is not a finite'),
         (b"</sheetData>", b"", r'the sheet "Sheet" cannot be read \(ParseError\)'),
         (b'"B6"', b'"AMX6"', "there are 1038 columns, and at most 1000 are read"),
         (b'<row r="6"', b'<row r="9999999"', "more than the 1048576 rows"),
@@ -203,8 +197,9 @@ def test_a_map_in_parquet_is_found_by_its_units(tmp_path: Path) -> None:
     assert table.columns["quantity"].tolist() == pytest.approx([1.5e-9])
     with pytest.raises(InputError, match="a row for each point and no matrix"):
         found_table(path, PLAIN, GivenUnits(), "quantity", matrix=True)
+    columns["q1 [mm3]"] = columns.pop("q [mm3]")
     parquet.write_table(pyarrow.table({**columns, "q2 [mg]": [1.0, 2.0]}), path)
-    assert 'the columns "q" and "q2" have the unit of a quantity' in survey(path).facts["no map"]
+    assert 'the columns "q1" and "q2" have the unit of a quantity' in survey(path).facts["no map"]
 
 
 def test_numbers_that_a_workbook_has_as_texts_with_commas_are_read_and_names_stay_texts(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from commonrail.base.errors import InputError
 from commonrail.calibration.study_file import MOST_SAMPLES
-from commonrail.readers.csv import LARGEST_PLAIN, CsvFile
+from commonrail.readers.table_sheet import LARGEST_PLAIN, WrittenTable
 from commonrail.runs.traces import Curve, read_traces, write_traces
 
 HEAD = "data,time [us],measured [mm3/ms],best [mm3/ms]"
@@ -43,12 +43,12 @@ def test_rates_come_back_to_the_last_digits(tmp_path: Path) -> None:
 def test_as_many_samples_are_read_as_a_study_may_have(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = {}
 
-    class Watched(CsvFile):
+    class Watched(WrittenTable):
         def __init__(self, path: Path, **how: Any) -> None:
             asked.update(how)
             super().__init__(path, **how)
 
-    monkeypatch.setattr("commonrail.runs.traces.CsvFile", Watched)
+    monkeypatch.setattr("commonrail.runs.traces.WrittenTable", Watched)
     write_traces(tmp_path / "traces.csv", [], LABELS, [curve("160 MPa", 1)])
     read_traces(tmp_path / "traces.csv")
     row = (tmp_path / "traces.csv").stat().st_size / 4

@@ -10,7 +10,7 @@ from commonrail.calibration.study_file import load_study
 from commonrail.plugins.fleet.run import run_fleet
 from commonrail.plugins.fleet.study import load_fleet
 from commonrail.readers.columns import Column
-from commonrail.readers.csv import CsvFile
+from commonrail.readers.table_sheet import WrittenTable
 from commonrail.runs.fit import calibrate_into
 from tools.attack.base import attack, command, python
 from tools.attack.samples import LINK, contents, edited, refusal, rows, small_fleet, small_run, small_study
@@ -179,7 +179,7 @@ def formulas(folder: Path, times: int) -> str:
         computed = [cell for row in rows(path) for cell in row if cell.strip()[:1] in ("=", "@", "+")]
         if computed:
             return f"{path.name} holds {computed[0]}"
-    found = set(CsvFile(folder / "run" / "traces.csv", plain=True).take([Column("data")]).texts["data"])
+    found = set(WrittenTable(folder / "run" / "traces.csv").take([Column("data")]).texts["data"])
     return "" if found == {LINK} else f"read back as {found}"
 
 

@@ -18,11 +18,11 @@ SHIPPED: dict[str, dict[str, str]] = {
         "test plan": "commonrail.plugins.plans.data:PlanData",
     },
     "optimisers": {"multi-start least squares": "commonrail.plugins.multistart:REGISTERED"},
-    "readers": {  # by the ending of a file's name; all else is CSV
-        "csv": "commonrail.readers.csv:CsvFile",
-        "txt": "commonrail.readers.csv:CsvFile",
-        "tsv": "commonrail.readers.csv:CsvFile",
-        "xlsx": "commonrail.readers.grid:WorkbookSheet",
+    "readers": {  # by what `format_of` returns; all else is a text
+        "csv": "commonrail.readers.table_sheet:CsvFile",
+        "txt": "commonrail.readers.table_sheet:CsvFile",
+        "tsv": "commonrail.readers.table_sheet:CsvFile",
+        "xlsx": "commonrail.readers.table_sheet:WorkbookSheet",
         "mf4": "commonrail.plugins.formats.mdf:MdfFile",
         "mdf": "commonrail.plugins.formats.mdf:MdfFile",
         "lvm": "commonrail.plugins.formats.lvm:LvmFile",

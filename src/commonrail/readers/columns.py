@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -14,8 +15,9 @@ from pydantic import AfterValidator, Field
 
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import InputError, nearest
+from commonrail.base.units import fits, is_everyday
 from commonrail.physics.law import Domain
-from commonrail.readers.location import Place
+from commonrail.readers.location import LONGEST_NAME, Place
 from commonrail.readers.toml import FileModel, fault
 
 # Form of a data file where its bytes do not tell it: encoding and decimal sign of a text, sheet of a workbook.
@@ -91,7 +93,7 @@ class Column(NamedTuple):
     unit : str or tuple of str
         SI unit of the values; of several the one of the column's kind is taken. Empty: the cells are texts.
     stated : str or None
-        Unit of a column for which the file gives none.
+        Unit of a column for which the file gives none; None if it may be stated and is not.
     increasing : bool
         Whether the values must increase from row to row, as a time does.
     domain : Domain
@@ -106,7 +108,7 @@ class Column(NamedTuple):
 
     name: str
     unit: str | tuple[str, ...] = ""
-    stated: str | None = None
+    stated: str | None = ""
     increasing: bool = False
     domain: Domain = Domain.ANY
     required: bool = True
@@ -140,6 +142,8 @@ class Table:
         Word for a row in messages.
     units : dict of str to str
         SI unit of each column, where several kinds were allowed.
+    headings : dict of str to str
+        Names in the file of columns that are called otherwise there.
     """
 
     path: Path
@@ -150,10 +154,11 @@ class Table:
     comments: tuple[str, ...] = ()
     row: str = "line"
     units: dict[str, str] = field(default_factory=dict)
+    headings: dict[str, str] = field(default_factory=dict)
 
     def place(self, column: str, row: int) -> Place:
         """Place of a value, for a message."""
-        return cell_place(self.path, int(self.rows[row]), column, self.row)
+        return cell_place(self.path, int(self.rows[row]), self.headings.get(column, column), self.row)
 
 
 class Sheet(Protocol):
@@ -206,32 +211,120 @@ def finite(table: Table, wanted: Sequence[Column], sentence: str) -> Table:
     return table
 
 
+_SUFFIX = re.compile(r"\s*(?:[/,]|\bin\b)\s*|\s+")  # between a name and a unit without brackets
+_TIME = re.compile(r"(?:.*[^a-z])?(?:time|zeit|t)", re.I)
+
+
 def name_and_unit(cell: str) -> tuple[str, str]:
-    """Name and unit of a cell of a header, ``rate [mm3/ms]``; the unit is empty if there is none."""
-    if not cell.endswith("]") or "[" not in cell:
+    """Name and unit of a cell of a header; the unit is empty if there is none.
+
+    It is in square brackets, ``rate [mm3/ms]``; a unit of every day may also be in round ones or behind the name,
+    ``rate (mm3/ms)``, ``ET us``, ``p / bar``, unless a number is before it, as in "400 bar".
+    """
+    if cell.endswith("]") and "[" in cell:
+        name, _, unit = cell[:-1].rpartition("[")
+        return name.strip(), unit.strip()
+    if len(cell) > LONGEST_NAME or is_everyday(cell):
         return cell, ""
-    name, _, unit = cell[:-1].rpartition("[")
-    return name.strip(), unit.strip()
+    if cell.endswith(")"):
+        for place in (i for i, sign in enumerate(cell) if sign == "("):
+            name, unit = cell[:place].strip(), cell[place + 1 : -1].strip()
+            if unit.upper() == "S" and _TIME.fullmatch(name):
+                unit = "s"  # not siemens
+            if is_everyday(unit) and unit != "1":
+                return name, unit
+        return cell, ""
+    for match in _SUFFIX.finditer(cell):
+        name, unit = cell[: match.start()], cell[match.end() :]
+        is_sign = match[0].isspace() and len(unit) < 2  # "channel A"
+        if name and not is_sign and not name[-1].isdigit() and name[-1] != "}" and unit != "1" and is_everyday(unit):
+            return name, unit
+    return cell, ""
 
 
 def find_column(path: Path, names: Sequence[str], column: str, what: str = "") -> int:
-    """Index of a column among the names of a file.
+    """Index of the column of a name, with or without its unit.
 
-    `names`: names of the columns, without their units. `what`: what the column is for, said where it is missing. Raises
-    `InputError` if it is not there, or there twice.
+    `what` says what it is for. Raises `InputError` if it is not there, or there twice.
     """
+    column = column if column in names else name_and_unit(column)[0]
     count = names.count(column)
     if count == 1:
         return names.index(column)
     if count > 1:
-        raise InputError(f'{path}: the column "{column}" stands {count} times in the header; rename one.')
+        raise InputError(f'{path}: the header has {count} columns "{column}"; rename one.')
     known = ", ".join(f'"{name}"' for name in names[:MOST_SHOWN]) + (", …" if len(names) > MOST_SHOWN else "")
-    round_ = next((name for name in names if name.endswith(")") and name.partition("(")[0].strip() == column), "")
-    cure = f'; write the unit of "{round_}" in square brackets' if round_ else ""
     raise InputError(
-        f'{path}: there is no column "{column}"{what and f", {what}"}{nearest(column, names)}; '
-        f"the header has {known}{cure}."
+        f'{path}: there is no column "{column}"{what and f", {what}"}{nearest(column, names)}; the header has {known}.'
     )
+
+
+# Headings as people write them, in small letters without signs between words, by the names that the program knows.
+HEADINGS: dict[str, tuple[str, ...]] = {
+    "time": ("zeit", "t", "timestamp", "zeitstempel"),
+    "rate": ("roi", "einspritzrate", "injectionrate", "rateofinjection", "einspritzverlauf"),
+    "pressure": ("druck", "p", "raildruck", "prail", "railpressure", "systemdruck"),
+    "rail_pressure": ("raildruck", "prail", "rail", "p", "druck", "pressure", "systemdruck", "railpressureactual"),
+    "energising_time": (
+        *("ansteuerdauer", "ansteuerzeit", "bestromungsdauer", "bestromungszeit", "et", "ti", "energizingtime"),
+        *("energisingduration", "injectionduration", "pulsewidth", "ontime"),
+    ),
+    "quantity": ("menge", "einspritzmenge", "q", "injectedquantity", "injectionquantity", "foerdermenge", "hubmenge"),
+    "command": ("ansteuerung", "ansteuersignal", "ttl", "trigger"),
+    "start": ("beginn", "ansteuerbeginn", "startzeit", "soi", "soe"),
+    "duration": ("dauer", "ansteuerdauer", "et", "energisingtime"),
+    "test": ("pruefpunkt", "pruefschritt", "testpunkt", "testpoint", "teststep", "punkt"),
+    "measure": ("messgroesse",),
+    "second_energising_time": ("zweiteansteuerdauer",),
+    "dwell": ("spritzabstand", "pause", "spritzpause"),
+    "stroke_rate": ("hubfrequenz", "hubzahl"),
+    "nominal": ("soll", "sollwert", "sollmenge", "nennwert", "nennmenge", "nominalquantity", "target"),
+    "half_band": ("toleranz", "tolerance", "halbband"),
+    "lower_limit": ("min", "minimum", "untergrenze", "unteregrenze", "unterergrenzwert"),
+    "upper_limit": ("max", "maximum", "obergrenze", "oberegrenze", "oberergrenzwert"),
+    "bench": ("ist", "istwert", "istmenge", "messwert", "gemessen", "measured", "actual"),
+    "injector": ("injektor", "injectorid", "injektornummer", "seriennummer", "serialnumber"),
+    "temperature": ("temperatur",),
+    "density": ("dichte",),
+    "viscosity": ("viskositaet",),
+}
+# Names whose column is found by its unit where no heading tells it.
+BY_UNIT = ("time", "rate", "pressure", "rail_pressure", "energising_time", "quantity")
+_UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
+
+
+BAND = "_band_"  # in the names of columns that hold an edge of a band next to the quantity
+
+
+def is_heading(heading: str, name: str) -> bool:
+    """Return whether people write a heading for what the program knows by a name."""
+    return _plain(heading) in (_plain(name), *HEADINGS.get(name, ()))
+
+
+def _plain(heading: str) -> str:
+    return re.sub(r"[\W_]", "", heading.lower().translate(_UMLAUTS))
+
+
+def find_headings(sheet: Sheet, wanted: Sequence[Column]) -> dict[str, str]:
+    """Names in a file of the wanted columns that it has, by the names that the program knows.
+
+    A name as it is counts before a usual heading for it, and that before the only column with such a unit.
+    """
+    exact = {name: name for name in sheet.names}
+    exact |= {f"{name} [{unit}]": name for name in sheet.names if (unit := unit_of(sheet, name))}
+    found = {column.name: exact[column.name] for column in wanted if column.name in exact}
+    wanted = [column for column in wanted if column.name in found or not (sheet.apart and column.increasing)]
+    for column in wanted:
+        usual = [name for name in sheet.names if name not in found.values() and is_heading(name, column.name)]
+        if column.name not in found and column.name in HEADINGS and len(usual) == 1:
+            found[column.name] = usual[0]
+    for column in wanted:
+        if column.name not in found and column.name in BY_UNIT:
+            free = [name for name in sheet.names if name not in found.values() and BAND not in name]
+            fitting = [name for name in free if any(fits(unit_of(sheet, name), one) for one in column.units)]
+            if len(fitting) == 1:
+                found[column.name] = fitting[0]
+    return {column.name: found[column.name] for column in wanted if column.name in found}
 
 
 # Channels of a record, each with times of its own: what the formats of records have in common.

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from commonrail.base.arrays import IndexArray
 from commonrail.base.errors import CommonrailError, InputError, nearest_key
 from commonrail.base.hooks import note
 from commonrail.base.input import read_plain, similar_names
-
-Row = TypeVar("Row", bound=Sequence[str | float])
 
 _FORMAT = re.compile(r"[a-z][a-z0-9-]{0,40}/[0-9]{1,3}")
 
@@ -164,9 +161,7 @@ class Shape:
             )
 
 
-# Text from disk: decoded, with its lines limited, and one sentence for each way in which it is no text.
-
-LONGEST_LINE = 100_000  # [bytes]; of a table with a thousand columns
+# Text from disk: one sentence for each way in which it is no text.
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
@@ -180,58 +175,7 @@ def read_text(path: Path, largest: int) -> str:
     InputError
         As `read_bytes`, or if it is not UTF-8 text.
     """
-    return _decoded(path, read_bytes(path, largest), 1)
-
-
-def read_lines(path: Path, largest: int, encoding: str = "") -> Iterator[str]:
-    """Lines of a text file of at most `largest` bytes, without their ends; decoded one by one, to save memory.
-
-    `encoding`: UTF-8 if empty. Raises `InputError` as `read_bytes`, or if a line is too long or not text in that
-    encoding.
-    """
-    data = _recoded(path, largest, encoding) if encoding else read_bytes(path, largest)
-    for number, ended in enumerate(BytesIO(data), start=1):
-        line = ended.removesuffix(b"\n")
-        if len(line) > LONGEST_LINE:
-            raise InputError(
-                f"{path}, line {number}: the line has {len(line)} characters, more than the {LONGEST_LINE} that are "
-                "read; keep only the columns that are needed."
-            )
-        yield plain_spaces(_decoded(path, line, number))
-
-
-def plain_spaces(text: str) -> str:
-    """Text whose no-break spaces, which spreadsheets and word processors write, are spaces."""
-    return text.replace("\u00a0", " ").replace("\u202f", " ")
-
-
-_POINTED = re.compile(r"[+-]?(\d+\.\d*|\.\d+)([eE][+-]?\d+)?", re.A)
-_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+", re.A)
-
-
-def without_thousands(path: Path, rows: Iterable[tuple[int, Row]]) -> Iterator[tuple[int, Row]]:
-    """Pass on lines and their cells; `InputError` at the end if points may separate thousands, as decimal commas go.
-
-    So it is where three digits follow each point, as in 1.200, and other numbers, as 35, have none: a text that writes
-    three decimals everywhere has no such number, and any as 0.35 shows that its point is a decimal sign.
-    """
-    is_open, grouped, whole = True, (0, ""), ""
-    for line, row in rows:
-        for cell in (cell.strip() for cell in row if isinstance(cell, str)) if is_open else ():
-            if "." not in cell:
-                whole = whole or (cell if cell.isdecimal() else "")
-            elif _GROUPED.fullmatch(cell):
-                grouped = grouped if grouped[1] else (line, cell)
-            elif _POINTED.fullmatch(cell):
-                is_open = False
-        yield line, row
-    line, cell = grouped
-    if is_open and cell and whole:
-        raise InputError(
-            f'{path}, line {line}: "{cell}" may be {cell.replace(".", "")}, because three digits follow each point of '
-            f'the file and others, as "{whole}", have none; write thousands without a point, or state the decimal '
-            'sign: decimal = "." in a study, --decimal . on the command line.'
-        )
+    return decode_line(path, read_bytes(path, largest), 1)
 
 
 def read_bytes(path: Path, largest: int) -> bytes:
@@ -244,31 +188,19 @@ def read_bytes(path: Path, largest: int) -> bytes:
     """
     data = read_plain(path, largest)
     if data.startswith(_UTF16):
-        raise InputError(f'{path}: this is UTF-16 text; state encoding = "utf-16", or save it as UTF-8.')
+        raise InputError(f"{path}: this is UTF-16 text; save it as UTF-8.")
     if b"\0" in data:
         raise InputError(f"{path}: this is not a text file; save it as UTF-8 text.")
     return data.removeprefix(_BYTE_ORDER_MARK).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
 
 
-def _decoded(path: Path, data: bytes, first: int) -> str:
-    """Text of lines of which the first has that number."""
+def decode_line(path: Path, data: bytes, first: int) -> str:
+    """Text of UTF-8 lines of which the first has that number; `InputError` for another encoding."""
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
         line = first + data[: error.start].count(b"\n")
         byte = data[error.start]
         raise InputError(
-            f"{path}, line {line}: byte 0x{byte:02x} is not UTF-8 text; save the file as UTF-8, or state its encoding."
+            f"{path}, line {line}: byte 0x{byte:02x} is not UTF-8 text; save the file as UTF-8."
         ) from error
-
-
-def _recoded(path: Path, largest: int, encoding: str) -> bytes:
-    """Text in another encoding as UTF-8, line ends as ``"\\n"``."""
-    data = read_plain(path, largest)
-    try:
-        text = data.decode(encoding)
-    except UnicodeError as error:
-        raise InputError(f"{path}: this is no text in {encoding}; correct the encoding.") from error
-    if "\0" in text:
-        raise InputError(f"{path}: read in {encoding} this is no text; correct the encoding.")
-    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n").encode("utf-8", "replace")

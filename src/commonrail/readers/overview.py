@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonrail.base.errors import InputError
-from commonrail.base.input import read_plain
 from commonrail.base.units import convert, fits, to_text
-from commonrail.readers.columns import PLAIN, TIME, ChannelSheet, Column, FileForm, Sheet, unit_of
-from commonrail.readers.grid import Grid, GridSheet, TooManyCells, read_grid
+from commonrail.readers.columns import PLAIN, TIME, ChannelSheet, Column, FileForm, Sheet, find_headings, unit_of
+from commonrail.readers.grid import Grid, TooManyCells, read_grid
 from commonrail.readers.operating_points import find_traces, pattern_of, point_of_name, unit_of_name
-from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_map, map_in
+from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, NearMap, find_map, map_in
+from commonrail.readers.table_sheet import TableSheet
 from commonrail.readers.tables import is_grid, open_sheet
 
 # Channels of a data file, and the block of a study that reads a rate of injection among them.
@@ -46,7 +46,8 @@ RATES = ("m3/s", "kg/s")
 _PLACEHOLDERS = {"rail_pressure": "{p}", "energising_time": "{et}"}
 _TRIGGER = re.compile(r"trig|ttl|sync", re.I)
 _SET = re.compile(r"set|soll|cmd|nominal", re.I)
-_PLAN = {"test", "rail_pressure", "energising_time"}  # columns that every test plan has, and no other file
+# Columns that every test plan has, and no other file.
+_PLAN = [Column("test"), Column("rail_pressure", "Pa"), Column("energising_time", "s")]
 _SYNTHETIC = re.compile(r"\W*synth[eé]t", re.I)  # begin of a text by which a file says that nobody measured it
 
 
@@ -86,6 +87,8 @@ def channels_of(sheet: Sheet) -> tuple[list[Channel], dict[str, str]]:
         wanted = [Column(name, "1", required=False)]
         try:
             table = sheet.take([Column(TIME, "s", increasing=True), *wanted] if own_times else wanted)
+        except TooManyCells:
+            raise
         except InputError as error:  # of a column without a unit: texts, or nothing
             unread |= {name: f"not read: {str(error).removeprefix(f'{sheet.path}: ')}"} if unit else {}
             continue
@@ -208,26 +211,34 @@ def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits())
     file does not give. Raises `InputError` if the file cannot be read.
     """
     if not is_grid(path):
-        form = _detected(path, form)
-        found = _of_channels(path, open_sheet(path, form), given)
-        if path.suffix.lower() != ".lvm" or not form.encoding:
-            return found
-        keys = {"encoding": form.encoding} if found.block else {}
-        return replace(found, said=f"encoding {form.encoding}", block=found.block | keys)
+        sheet = open_sheet(path, form)
+        found = _of_channels(path, sheet, given)
+        return replace(found, said=found.said or getattr(sheet, "said", ""))
     grid = read_grid(path, form)
-    if any({str(cell).partition("[")[0].strip() for cell in row} >= _PLAN for row in grid.rows):
+    if _is_plan(grid):
         taken = 'a test plan, for commonrail plan or a block with kind = "test plan"'
         return replace(_columns(grid, form, given), taken_for=taken, block={}, synthetic=_synthetic(grid))
-    reasons = []
+    reasons, taken = [], "a table, no quantity map and no trace"
     for way in (_map, _traces, _columns):
         try:
-            return replace(way(grid, form, given), synthetic=_synthetic(grid))
+            found = way(grid, form, given)
         except TooManyCells:  # of no way to read it are its numbers those that were meant
             raise
         except InputError as error:
+            taken = "a quantity map that lacks something" if isinstance(error, NearMap) else taken
             reasons.append(str(error).removeprefix(f"{path}: "))
+            continue
+        if found.block or not taken.startswith("a quantity map"):
+            return replace(found, synthetic=_synthetic(grid))
     facts = {"reason": reasons[0], "rows": str(len(grid.rows)), "first row": _shown(grid.rows[0])}
-    return Survey(path, "a table, no quantity map and no trace", facts, "; ".join(grid.said))
+    return Survey(path, taken, facts, "; ".join(grid.said))
+
+
+def _is_plan(grid: Grid) -> bool:
+    try:
+        return len(find_headings(TableSheet(grid), _PLAN)) == len(_PLAN)
+    except InputError:
+        return False
 
 
 def synthetic_mark(texts: Iterable[str]) -> str:
@@ -237,18 +248,6 @@ def synthetic_mark(texts: Iterable[str]) -> str:
 
 def _synthetic(grid: Grid) -> str:
     return synthetic_mark((*grid.comments, *(cell for row in grid.rows for cell in row if isinstance(cell, str))))
-
-
-def _detected(path: Path, form: FileForm) -> FileForm:
-    """Form with the encoding of a text of channels: UTF-8, else cp1252, in which LabVIEW writes mm³ on Windows."""
-    if path.suffix.lower() != ".lvm" or form.encoding:
-        return form
-    data = read_plain(path)
-    try:
-        data.decode("utf-8")
-    except UnicodeDecodeError:
-        return form if b"\0" in data else form._replace(encoding="cp1252")
-    return form
 
 
 def _map(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
@@ -261,6 +260,7 @@ def _of_map(path: Path, found: FoundMap, form: FileForm, given: GivenUnits) -> S
         + (f", {len(set(values.tolist()))} values" if name != "quantity" else f", {len(values)} points")
         for name, values in found.values.items()
     }
+    facts |= {name.replace("_", " "): text for name, text in found.notes.items()}
     layout = "matrix" if found.form.startswith("a matrix") else "found"
     block = {"kind": "quantities", "file": path.name, "layout": layout} | _form_keys(form)
     keys = ("rail_pressure_unit", "energising_time_unit", "quantity_unit")
@@ -290,15 +290,10 @@ def _traces(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
 
 
 def _columns(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
-    found = _of_channels(grid.path, GridSheet(grid), given)
+    found = _of_channels(grid.path, TableSheet(grid), given)
     if not found.block:
         return Survey(grid.path, found.taken_for, found.facts, "; ".join(grid.said))
-    keys = _form_keys(form)
-    encoding = grid.said[0].removeprefix("encoding ")
-    if grid.path.suffix.lower() != ".xlsx":
-        keys |= {"encoding": encoding} if encoding not in ("utf-8", "utf-8-sig") else {}
-        keys |= {"decimal": ","} if "decimal comma" in grid.said else {}
-    block = {"kind": found.block["kind"], "file": grid.path.name, **keys} | found.block
+    block = {"kind": found.block["kind"], "file": grid.path.name, **_form_keys(form)} | found.block
     return replace(found, said="; ".join(grid.said), block=block)
 
 
@@ -306,7 +301,7 @@ def _of_channels(path: Path, sheet: Sheet, given: GivenUnits) -> Survey:
     """Survey of a file with named channels."""
     channels, unread = channels_of(sheet)
     facts, no_map = {channel.name: channel.text() for channel in channels} | unread, ""
-    if not isinstance(sheet, ChannelSheet | GridSheet):
+    if not isinstance(sheet, ChannelSheet | TableSheet):
         try:
             found = _of_map(path, map_in(sheet, given), PLAIN, given)
             return Survey(path, found.taken_for, facts | found.facts, found.said, found.block, found.found)

@@ -6,31 +6,48 @@ axis of a matrix is which follows from where the units stand, and only if that i
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import InputError
-from commonrail.base.units import compatible, convert, fits
-from commonrail.readers.columns import ChannelSheet, Column, Sheet, unit_of
-from commonrail.readers.grid import Grid, numbers_of, refuse_longer_rows
-
-MOST_HEADER = 30  # rows in which the header of a table is looked for
-BAND = "_band_"  # in the names of columns that hold an edge of a band beside the quantity
+from commonrail.base.units import compatible, convert, fits, is_everyday, same_scale
+from commonrail.readers.columns import (
+    BAND,
+    ChannelSheet,
+    Column,
+    Sheet,
+    find_headings,
+    is_heading,
+    name_and_unit,
+    unit_of,
+)
+from commonrail.readers.grid import Grid, TooManyCells, numbers_of
+from commonrail.readers.table_sheet import SAMPLE, TableSheet, find_header, join_heads
 
 KINDS = {"rail pressure": ("Pa",), "energising time": ("s",), "quantity": ("m3", "kg")}
 FORM = "a table with a row for each point"
 SENSIBLE = {"rail pressure": (2e6, 400e6), "energising time": (5e-6, 20e-3)}  # SI
+_COLUMNS = [Column(kind.replace(" ", "_"), units) for kind, units in KINDS.items()]
 
-# A unit in brackets, or after "in" or "/" at the end of a text.
 _BRACKETED = re.compile(r"[\[(]([^\[\]()]+)[\])]")
-_TRAILING = re.compile(r"(?:\bin|/|,)\s*([^\s/,]+(?:/\w+)?)\s*$")
+_NUMBER = r"-?\d+(?:[.,]\d+)?"
+# Place on an axis with its unit, in a cell of the header: "400 bar", "ET 300us".
+_PLACE = re.compile(rf"(?<![\w.,])({_NUMBER})\s*([A-Za-zµμ]+(?:\s?\([a-z]+\))?)(?![\w/])")
+# Conditions of the bench in lines above a map, by the keys of a study, with their SI units.
+_NOTES = {
+    "cylinder_pressure": (
+        r"gegendruck|back\W?pressure|chamber pressure|kammerdruck|(zylinder|cylinder \W?)druck",
+        "Pa",
+    ),
+    "return_pressure": (r"r(ü|ue)cklauf\W?druck|return (line )?pressure|leak\W?off pressure", "Pa"),
+    "fuel_temperature": (r"temperatur|t_?(fuel|kraftstoff)\b", "K"),
+}
 
 
 @dataclass(frozen=True)
@@ -57,6 +74,9 @@ class FoundMap:
     units: dict[str, str]  # by the names of `KINDS`
     said: tuple[str, ...]  # what else was taken or omitted
     lines: IndexArray  # (n,): line of the file, or row of the sheet, of each point
+    notes: Mapping[str, str] = field(
+        default_factory=dict
+    )  # conditions of the bench above the map, by the keys of a study
 
     @property
     def values(self) -> dict[str, Floats]:
@@ -69,36 +89,51 @@ class FoundMap:
         return compatible(self.units["quantity"], "kg")
 
 
+class NearMap(InputError):
+    """Fault of a table that is a quantity map but for what the message says."""
+
+
 def find_map(grid: Grid, given: GivenUnits = GivenUnits()) -> FoundMap:
     """Quantity map of a table.
 
     Units that are `given` count before those of the file. Raises `InputError` if none is found, or a unit is missing.
     """
-    for i, header in enumerate(grid.rows[:MOST_HEADER]):
-        columns = _columns(header, given)
-        if columns is not None:
-            units = [plain_unit(str(cell)) for cell in header if cell != ""]
-            names = i - 1 if i and all(fits(unit, unit) for unit in units) else i
-            refuse_longer_rows(grid, names, i + 1)
-            return _long(grid, i + 1, columns)
-    start = next((i for i, row in enumerate(grid.rows) if _is_numeric(row)), None)
-    if start is None:
-        raise InputError(f"{grid.path}: there are no rows of numbers.")
-    return _matrix(grid, start, given)
+    try:
+        sheet = TableSheet(grid)
+        has_columns = len(find_headings(sheet, _COLUMNS)) == len(_COLUMNS)
+    except InputError:
+        has_columns = False
+    if not has_columns:
+        return _matrix(grid, given)
+    try:
+        found = find_column_map(sheet, given)
+    except TooManyCells:
+        raise
+    except InputError as error:
+        raise NearMap(str(error)) from error
+    return replace(found, said=(*grid.said, *found.said), notes=bench_notes(grid, sheet.first))
 
 
-def _is_numeric(row: Sequence[str | float]) -> bool:
-    """At least two numbers and no text behind the first cell."""
-    numbers = numbers_of(row[1:])
-    return numbers is not None and int(np.isfinite(numbers).sum()) >= 2
+def bench_notes(grid: Grid, head: int) -> dict[str, str]:
+    """Conditions of the bench that comments, and the rows above a head, state with their units."""
+    rows = [" ".join(map(str, row)) for row in grid.rows[:head]]
+    found: dict[str, str] = {}
+    for text in (*grid.comments, *rows):
+        for key, (words, kind) in _NOTES.items():
+            if key not in found and (named := re.search(words, text, re.I)):
+                rest = text[named.end() :]
+                number = re.search(_NUMBER, rest)
+                units = [*_BRACKETED.findall(rest), *re.split(r"[;,]", rest[number.end() if number else 0 :])]
+                unit = next((unit for unit in units if is_everyday(unit) and fits(unit, kind)), "").strip()
+                if number and unit:
+                    found[key] = f"{number[0].replace(',', '.')} {plain_unit(unit)}"
+    return found
 
 
 def unit_in(text: str) -> list[str]:
     """Units that a text names, in its order."""
     found = [unit for unit in _BRACKETED.findall(text) if kind_of(unit)]
-    if not found and (match := _TRAILING.search(text)) and kind_of(match[1]):
-        found = [match[1]]
-    return found or ([text] if kind_of(text) else [])
+    return found or [unit for unit in (name_and_unit(text)[1], text) if kind_of(unit)][:1]
 
 
 def kind_of(unit: str) -> str:
@@ -111,71 +146,105 @@ def plain_unit(unit: str) -> str:
     return unit.strip().replace("µ", "u").replace("³", "3")
 
 
-def _columns(header: Sequence[str | float], given: GivenUnits) -> dict[str, tuple[int, str]] | None:
-    """Columns by kind with their units, if a row is the header or the row of units of a table of points."""
-    stated = given.by_kind()
-    found: dict[str, list[tuple[int, str]]] = {kind: [] for kind in KINDS}
-    for i, cell in enumerate(header):
-        if BAND in str(cell):
-            continue
-        for unit in unit_in(str(cell))[:1]:
-            found[kind_of(unit)].append((i, stated[kind_of(unit)] or plain_unit(unit)))
-    if all(len(places) == 1 for places in found.values()):
-        return {kind: places[0] for kind, places in found.items()}
-    return None
+class _Axis(NamedTuple):
+    """Places across a matrix and their columns, first rows of head and body, and texts: the corner's, then others."""
+
+    places: Sequence[float]
+    columns: Sequence[int]
+    head: int
+    start: int
+    texts: list[str]
+    unit: str = ""  # of places with their units
+    said: str = ""
 
 
-def _long(grid: Grid, start: int, columns: dict[str, tuple[int, str]]) -> FoundMap:
-    rows: list[list[str | float]] = []
-    lines: list[int] = []
-    empty = 0
-    for line, row in zip(grid.lines[start:], grid.rows[start:], strict=True):
-        cells = [row[i] if i < len(row) else "" for i, _ in columns.values()]
-        if line == grid.lines[start] and all(isinstance(cell, str) for cell in cells):
-            continue  # units below the names
-        if cells[2] == "" and all(isinstance(cell, float) for cell in cells[:2]):
-            empty += 1
-            continue
-        if not all(isinstance(cell, float) for cell in cells):
-            raise InputError(f"{grid.path}, line {line}: a number is expected in each of the columns that are used.")
-        rows.append(cells)
-        lines.append(line)
-    if not rows:
-        raise InputError(f"{grid.path}: there are no rows of numbers below the header.")
-    pressure, time, quantity = np.array(rows, float).T
-    units = {kind: unit for kind, (_, unit) in columns.items()}
-    said = (*grid.said, *_omitted(empty))
-    return FoundMap(FORM, pressure, time, quantity, units, said, np.array(lines))
+def _axis(grid: Grid) -> _Axis:
+    """Axis across a matrix: a row of numbers above the others, or a header whose cells have a number and its unit."""
+    first, start = find_header(grid.rows[:SAMPLE])
+    names, units = join_heads(grid.rows[first:start]) if start else ([""], [])
+    places = [_PLACE.search(name) for name in names[1:]]
+    kinds = {kind_of(place[2]) if place else "" for place in places}
+    if len(places) > 1 and len(kinds) == 1 and kinds <= {"rail pressure", "energising time"}:
+        labels = [_PLACE.sub("", name).strip(" ,;:=@") for name in names[1:]]
+        chosen, said = _quantity_columns(grid, labels)
+        read = [place for i, place in enumerate(places) if place and i in chosen]
+        corner = f"{names[0]} [{units[0]}]" if units and units[0] else names[0]
+        texts = [corner, *(units[i + 1] for i in chosen if units), *(labels[i] for i in chosen)]
+        values = [convert(float(place[1].replace(",", ".")), place[2], read[0][2]) for place in read]
+        return _Axis(values, [i + 1 for i in chosen], first, start, texts + _texts(grid.rows[:first]), read[0][2], said)
+    start = next((i for i, row in enumerate(grid.rows) if _is_numeric(row)), -1)
+    if start < 0:
+        raise InputError(f"{grid.path}: there are no rows of numbers.")
+    heads = [str(cell) for cell in grid.rows[start - 1][1:] if cell != ""] if start else []
+    if len({*heads}) > 1 and 2 * len(heads) > len(grid.rows[start]) - 1:
+        fault = NearMap if all(re.search(r"(?<!\w)\d", name_and_unit(head)[0]) for head in heads) else InputError
+        raise fault(
+            f"{grid.path}, {grid.word} {grid.lines[start - 1]}: no map is found: "
+            f'"{heads[0]}" and "{heads[1]}" are not places on an axis with units, such as "400 bar".'
+        )
+    across = numbers_of(grid.rows[start][1:]) or []
+    if not np.all(np.isfinite(across)):
+        raise InputError(f"{grid.path}: no map is found: neither columns of pressure, time and quantity nor a matrix.")
+    corner = str(grid.rows[start][0])
+    return _Axis(across, range(1, len(across) + 1), start, start + 1, [corner, *_texts(grid.rows[:start])])
+
+
+def _quantity_columns(grid: Grid, labels: Sequence[str]) -> tuple[list[int], str]:
+    """Columns of the injected quantity among those of a matrix, and words on the others."""
+    kinds = list(dict.fromkeys(labels))
+    usual = [label for label in kinds if is_heading(name_and_unit(label)[0], "quantity")]
+    if len(kinds) > 1 and len(usual) != 1:
+        shown = " and ".join(f'"{label}"' for label in kinds[:4])
+        raise NearMap(f"{grid.path}: the columns hold {shown} at each place; keep those of the injected quantity.")
+    others = [label for label in kinds if len(kinds) > 1 and label != usual[0]]
+    chosen = [i for i, label in enumerate(labels) if label not in others]
+    return chosen, f"not read: {', '.join(others)}" if others else ""
+
+
+def _texts(rows: Sequence[Sequence[str | float]]) -> list[str]:
+    """Texts above a matrix, without the notes on the bench."""
+    lines = [row for row in rows if not any(re.search(words, str(row), re.I) for words, _ in _NOTES.values())]
+    return [cell for row in lines for cell in row if isinstance(cell, str)]
+
+
+def _is_numeric(row: Sequence[str | float]) -> bool:
+    """At least two numbers and no text behind the first cell."""
+    numbers = numbers_of(row[1:])
+    return numbers is not None and int(np.isfinite(numbers).sum()) >= 2
 
 
 def _omitted(empty: int) -> list[str]:
     return [f"{empty} without a quantity omitted"] if empty else []
 
 
-def _matrix(grid: Grid, start: int, given: GivenUnits) -> FoundMap:
+def _matrix(grid: Grid, given: GivenUnits) -> FoundMap:
     """Matrix whose first row and first column are its axes."""
-    across = numbers_of(grid.rows[start][1:])
-    body = [(line, numbers_of(row)) for line, row in zip(grid.lines[start + 1 :], grid.rows[start + 1 :], strict=True)]
-    for line, numbers in body:
-        if numbers is None or len(numbers) > len(across or []) + 1 or not np.isfinite(numbers[0]):
-            row = grid.rows[grid.lines.index(line)]
+    axis = _axis(grid)
+    body = list(zip(grid.lines[axis.start :], grid.rows[axis.start :], strict=True))
+    last, cells = max(axis.columns, default=0), np.full((len(body), len(axis.columns)), np.nan)
+    down = np.full(len(body), np.nan)
+    fault = NearMap if axis.unit else InputError
+    for i, (line, row) in enumerate(body):
+        numbers = numbers_of(row)
+        if numbers is None or (not axis.unit and len(numbers) > last + 1) or not np.isfinite(numbers[0]):
             text = next((f', and "{cell[:40]}" is none' for cell in row if isinstance(cell, str) and cell), "")
-            raise InputError(
-                f"{grid.path}, line {line}: a row of a map is expected, its place on the axis first and then "
-                f"numbers{text}."
+            raise fault(
+                f"{grid.path}, {grid.word} {line}: a row of a map is expected, its place on the axis first and then "
+                f"numbers{text}; remove rows of means and columns of labels."
             )
-    width = len(across or [])
-    cells = np.array([(numbers or [])[1:] + [np.nan] * (width + 1 - len(numbers or [])) for _, numbers in body])
-    if cells.size == 0 or not np.all(np.isfinite(across or [np.nan])):
+        down[i] = numbers[0]
+        filled = [column for column in axis.columns if column < len(numbers)]
+        cells[i, : len(filled)] = [numbers[column] for column in filled]
+    if not cells.size:
         raise InputError(f"{grid.path}: no map is found: neither columns of pressure, time and quantity nor a matrix.")
-    axes = np.array([(numbers or [np.nan])[0] for _, numbers in body]), np.array(across)
-    units, order = _units(grid, start, given)
-    turned = _pressures_across(grid, axes, units, order)
-    down, right = (np.repeat(axes[0], width), np.tile(axes[1], len(axes[0])))
-    pressure, time = (right, down) if turned else (down, right)
-    lines = np.repeat([line for line, _ in body], width)
-    points = pressure, time, cells.ravel(), lines
-    return filled_points(grid.path, matrix_form("across" if turned else "down"), points, units, grid.said)
+    units, order = _units(grid, axis, given, fault)
+    turned = _pressures_across(grid, (down, np.array(axis.places)), units, order)
+    one, other = np.repeat(down, len(axis.columns)), np.tile(axis.places, len(body))
+    pressure, time = (other, one) if turned else (one, other)
+    points = pressure, time, cells.ravel(), np.repeat([line for line, _ in body], len(axis.columns))
+    said = (*grid.said, axis.said) if axis.said else grid.said
+    found = filled_points(grid.path, matrix_form("across" if turned else "down"), points, units, said)
+    return replace(found, notes=bench_notes(grid, axis.head))
 
 
 def matrix_form(way: str) -> str:
@@ -202,16 +271,17 @@ def filled_points(
     return FoundMap(form, pressure[filled], time[filled], quantity[filled], units, said, lines[filled])
 
 
-def _units(grid: Grid, start: int, given: GivenUnits) -> tuple[dict[str, str], list[str]]:
-    """Units by kind, and the kinds in the order in which the corner names them."""
-    corner = str(grid.rows[start][0])
-    texts = [corner] + [str(c) for row in grid.rows[:start] for c in row if isinstance(c, str)] + list(grid.comments)
+def _units(grid: Grid, axis: _Axis, given: GivenUnits, fault: type[InputError]) -> tuple[dict[str, str], list[str]]:
+    """Units by kind, and the kinds of the axes down and across where the file tells them."""
+    corner, across = axis.texts[0], kind_of(axis.unit) if axis.unit else ""
     units = {kind: unit for kind, unit in given.by_kind().items() if unit}
     stated = set(units)
-    for text in texts:
+    if across:
+        units[across] = axis.unit
+    for text in (*axis.texts, *grid.comments):
         for unit in unit_in(text):
             kind = kind_of(unit)
-            if kind not in stated and text not in grid.comments and not _alike(units.get(kind, unit), unit):
+            if kind not in {*stated, across} and text not in grid.comments and not _alike(units.get(kind, unit), unit):
                 raise InputError(
                     f'{grid.path}: the units "{units[kind]}" and "{unit}" of the {kind} contradict each other in the '
                     "corner or above the numbers; keep the right one, or state it."
@@ -219,22 +289,22 @@ def _units(grid: Grid, start: int, given: GivenUnits) -> tuple[dict[str, str], l
             units.setdefault(kind, unit)
     missing = [kind for kind in KINDS if kind not in units]
     if missing:
-        named = [unit for text in texts for unit in _BRACKETED.findall(text)]
+        named = [unit for text in axis.texts for unit in _BRACKETED.findall(text)]
         unknown = [unit for unit in named if not fits(plain := plain_unit(unit), plain)]
         among = f' ("{unknown[0]}" is not a known unit)' if unknown else ""
-        raise InputError(
+        raise fault(
             f"{grid.path}: no unit of the {' and the '.join(missing)} is in the header or the corner{among}; write "
             'them as in "rail pressure [MPa] \\ energising time [us]" and "quantity [mm3]" above, or state them.'
         )
-    return {kind: plain_unit(unit) for kind, unit in units.items()}, [
-        kind_of(unit) for unit in unit_in(corner) if kind_of(unit) != "quantity"
-    ]
+    order = [kind_of(unit) for unit in unit_in(corner) if kind_of(unit) != "quantity"]
+    if across:
+        order = ["rail pressure" if across == "energising time" else "energising time", across]
+    return {kind: plain_unit(unit) for kind, unit in units.items()}, order
 
 
 def _alike(first: str, second: str) -> bool:
     """Return whether two units are the same under different names."""
-    one, other = plain_unit(first), plain_unit(second)
-    return compatible(one, other) and math.isclose(float(convert(np.array(1.0), one, other)), 1.0, rel_tol=1e-9)
+    return same_scale(plain_unit(first), plain_unit(second))
 
 
 def _pressures_across(grid: Grid, axes: tuple[Floats, Floats], units: dict[str, str], order: list[str]) -> bool:
@@ -279,32 +349,29 @@ def map_in(sheet: Sheet, given: GivenUnits = GivenUnits()) -> FoundMap:
 
 
 def find_column_map(file: Sheet, given: GivenUnits = GivenUnits()) -> FoundMap:
-    """Quantity map of a file whose columns state their units.
+    """Quantity map of a file with a row for each point, its columns by usual headings or by their units.
 
-    Units that are `given` count before those of the file. Raises `InputError` if not exactly one column has a unit of
-    each kind, or a cell of them holds no number.
+    Units that are `given` count before those of the file. Raises `InputError` if a column is missing or may be one of
+    several, or a cell of it holds no number.
     """
-    names = {kind: _column(file, kind) for kind in KINDS}
-    stated = given.by_kind()
-    units = {kind: stated[kind] or unit_of(file, name) for kind, name in names.items()}
-    wanted = [Column(name, "1", required=kind != "quantity") for kind, name in names.items()]
+    names = find_headings(file, _COLUMNS)
+    for column, kind in zip(_COLUMNS, KINDS, strict=True):
+        if column.name not in names:
+            fitting = [name for name in file.names if BAND not in name and kind_of(unit_of(file, name)) == kind]
+            raise InputError(
+                f"{file.path}: {_shown(fitting)} the unit of a {kind}, and one column must have it; name columns as in "
+                '"rail_pressure [MPa]", "energising_time [us]" and "quantity [mm3]".'
+            )
+    stated = given.by_kind().values()
+    units = {kind: unit or unit_of(file, name) for kind, unit, name in zip(KINDS, stated, names.values(), strict=True)}
+    if lacking := [kind for kind, unit in units.items() if kind_of(unit) != kind]:
+        raise NearMap(f"{file.path}: no unit of the {' and the '.join(lacking)} is in the header; write or state it.")
+    wanted = [Column(name, "1", required=kind != "quantity") for kind, name in zip(KINDS, names.values(), strict=True)]
     table = file.take(wanted)
     pressure, time, quantity = (table.columns[name] for name in names.values())
     said = ["columns " + ", ".join(f'"{name}"' for name in names.values())]
-    return filled_points(file.path, FORM, (pressure, time, quantity, table.rows), units, said)
-
-
-def _column(file: Sheet, kind: str) -> str:
-    """Name of the only column with a unit of a kind."""
-    found = [
-        name for name in file.names if BAND not in name and (unit := unit_of(file, name)) and kind_of(unit) == kind
-    ]
-    if len(found) == 1:
-        return found[0]
-    raise InputError(
-        f"{file.path}: {_shown(found)} the unit of a {kind}, and one column must have it; name columns as in "
-        '"rail_pressure [MPa]", "energising_time [us]" and "quantity [mm3]".'
-    )
+    plain = {kind: plain_unit(unit) for kind, unit in units.items()}
+    return filled_points(file.path, FORM, (pressure, time, quantity, table.rows), plain, said)
 
 
 def _shown(names: Sequence[str]) -> str:

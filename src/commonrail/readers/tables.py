@@ -5,7 +5,8 @@ The unit of a column stands in the file, or is stated by whoever reads it; it is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -13,19 +14,22 @@ import numpy as np
 
 from commonrail.base import registry
 from commonrail.base.errors import InputError
-from commonrail.base.units import NAMES, compatible, convert
+from commonrail.base.hooks import note
+from commonrail.base.units import NAMES, compatible, convert, same_scale
 from commonrail.physics.law import Domain
-from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table
-from commonrail.readers.csv import CsvFile
+from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table, find_headings
+from commonrail.readers.formats import format_of, refuse_unread
+from commonrail.readers.grid import read_grid
 from commonrail.readers.location import Place, located
+from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_map, map_in
+from commonrail.readers.table_sheet import CsvFile
 
 LEAST_SAMPLES = 4
 
-_GRIDS = ("csv", "txt", "tsv", "xlsx")  # endings of files with cells, in which a table may stand anywhere
+_GRIDS = ("csv", "txt", "tsv", "xlsx")  # formats of files with cells, in which a table may be anywhere
 _FORM_KEYS = {"xlsx": ("decimal", "sheet"), "lvm": ("encoding",)}  # fields of the form that a format reads
 # Files that a field of the form is for, in words.
 _READ_BY = {"encoding": "texts", "decimal": "texts and workbooks (.xlsx)", "sheet": "workbooks (.xlsx)"}
-_UNREAD = {"nc": "NetCDF", "xls": "old Excel", "tdms": "TDMS"}
 
 
 def read_columns(path: Path, wanted: Sequence[Column], least: int = LEAST_SAMPLES, form: FileForm = PLAIN) -> Table:
@@ -34,7 +38,7 @@ def read_columns(path: Path, wanted: Sequence[Column], least: int = LEAST_SAMPLE
     Parameters
     ----------
     path : Path
-        Its ending tells the format, see `open_sheet`.
+        Its first bytes tell the format, see `open_sheet`.
     wanted : sequence of Column
     least : int
         Rows that the file must have.
@@ -51,12 +55,18 @@ def read_columns(path: Path, wanted: Sequence[Column], least: int = LEAST_SAMPLE
 
 def take_columns(sheet: Sheet, wanted: Sequence[Column], least: int = LEAST_SAMPLES) -> Table:
     """Named columns of an open file in SI units; see `read_columns`."""
-    path, table = sheet.path, sheet.take(wanted)
+    path, headings = sheet.path, find_headings(sheet, wanted)
+    table = sheet.take([column._replace(name=headings.get(column.name, column.name)) for column in wanted])
+    others = {name: heading for name, heading in headings.items() if heading != name}
+    if others:
+        table = _renamed(table, {heading: name for name, heading in others.items()})
+        shown = (f'"{heading}" as {name}' for name, heading in others.items())
+        note(f"{path}: columns are read by their usual names or units: {', '.join(shown)}.")
     if len(table.rows) < least:
         raise InputError(f"{path}: the file has {len(table.rows)} rows of numbers, and at least {least} are needed.")
     numeric = [column for column in wanted if column.unit]
     for column in numeric:
-        name, at = column.name, Place(str(path), f'column "{column.name}"')
+        name, at = column.name, Place(str(path), f'column "{headings.get(column.name, column.name)}"')
         table.given[name] = _unit(column, table.given[name], at)
         table.units[name] = _kind(column, table.given[name], at)
         with np.errstate(over="ignore"):  # _check names the line
@@ -69,25 +79,48 @@ def take_columns(sheet: Sheet, wanted: Sequence[Column], least: int = LEAST_SAMP
     return table
 
 
+def has_columns(sheet: Sheet, columns: Sequence[Column]) -> list[Column]:
+    """Those of some columns that an open file has, by whatever usual heading."""
+    headings = find_headings(sheet, columns)
+    return [column for column in columns if column.name in headings]
+
+
+def _renamed(table: Table, names: Mapping[str, str]) -> Table:
+    """The table with columns by other names; `names` are these by the headings of the file."""
+    return replace(
+        table,
+        columns={names.get(key, key): value for key, value in table.columns.items()},
+        texts={names.get(key, key): value for key, value in table.texts.items()},
+        given={names.get(key, key): value for key, value in table.given.items()},
+        headings={name: heading for heading, name in names.items()},
+    )
+
+
 def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
-    """File with named columns, of the format that its ending tells, also of an installed package; all else is CSV.
+    """File with named columns, of the format that its first bytes or else its ending tell; all else is a text.
 
     Raises `InputError` if it cannot be read, or its format is not.
     """
-    ending = _ending(path)
-    if part := _format(ending):
+    if part := _format(format_of(path)):
         opener = part.load()
         with part.blamed(f"fails on {path}"):
             return cast(Sheet, opener(path, form))
-    if ending in _UNREAD:
-        raise InputError(f"{path}: {_UNREAD[ending]} files are not read; export the columns to a CSV file.")
+    refuse_unread(path)
     return CsvFile(path, form)
 
 
+def read_found_map(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits()) -> FoundMap:
+    """Quantity map of a file of whatever format; units that are `given` count before those of the file.
+
+    Raises `InputError` if the file cannot be read, or no map is found in it.
+    """
+    return find_map(read_grid(path, form), given) if is_grid(path) else map_in(open_sheet(path, form), given)
+
+
 def is_grid(path: Path) -> bool:
-    """True if a file holds cells, in which a table may stand anywhere: a text or a workbook, not named columns."""
-    ending = _ending(path)
-    return ending in _GRIDS or _format(ending) is None
+    """True if a file holds cells, in which a table may be anywhere: a text or a workbook, not named columns."""
+    name = format_of(path)
+    return name in _GRIDS or _format(name) is None
 
 
 def idle_key(form: FileForm, files: Sequence[Path]) -> tuple[str, str] | None:
@@ -101,7 +134,7 @@ def idle_key(form: FileForm, files: Sequence[Path]) -> tuple[str, str] | None:
 
 def form_keys(path: Path) -> tuple[str, ...]:
     """Fields of a `FileForm` by which a file is read; all of them for a format of an installed package."""
-    ending = _ending(path)
+    ending = format_of(path)
     if path.is_dir() or registry.find("inspectors", ending):
         return ()
     part = _format(ending)
@@ -110,14 +143,9 @@ def form_keys(path: Path) -> tuple[str, ...]:
     return _FORM_KEYS.get(ending, ("encoding", "decimal") if is_grid(path) else ())
 
 
-def _format(ending: str) -> registry.Entry | None:
-    """Format of an ending, that ships or is installed; a file of any other is read as a text."""
-    return registry.find("readers", ending) if ending else None
-
-
-def _ending(path: Path) -> str:
-    """Ending of a file's name in small letters, without its point."""
-    return path.suffix.lower().removeprefix(".")
+def _format(name: str) -> registry.Entry | None:
+    """Format that ships or is installed; a file of any other is read as a text."""
+    return registry.find("readers", name) if name else None
 
 
 def _example(column: Column) -> str:
@@ -127,12 +155,12 @@ def _example(column: Column) -> str:
 
 def _unit(column: Column, written: str, at: Place) -> str:
     """Unit of a column, of what is written in the file and what is stated elsewhere."""
-    if written and column.stated and written != column.stated:
+    if written and column.stated and not same_scale(written, column.stated):
         raise at.error(f'the file gives the unit "{written}", {column.stating} "{column.stated}"; keep one of them')
     if not (written or column.stated or column.otherwise):
         example = _example(column).split()[0]
         stating = ", or state it in the study" if column.stating == "the study" else f", or give {column.stating}"
-        stating *= bool(column.stating)
+        stating *= bool(column.stating) and column.stated is None
         raise at.error(f'there is no unit; write it in the header, as in "{column.name} [{example}]"{stating}')
     return written or column.stated or column.otherwise
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 from openpyxl import load_workbook
+from openpyxl.utils import range_boundaries
 
 from commonrail.base.errors import InputError, nearest
 from commonrail.readers.guarded import Save
@@ -15,6 +17,7 @@ from commonrail.readers.location import MOST_COLUMNS, Shape
 
 MOST_ROWS = 1_048_576  # of a sheet, by the format
 MOST_TEXT = 20_000_000  # characters of all cells
+MOST_MERGED = 10_000  # ranges of merged cells that are filled
 
 
 def read(path: Path, data: bytes, save: Save, sheet: str | None) -> dict[str, Any]:
@@ -43,6 +46,7 @@ def read(path: Path, data: bytes, save: Save, sheet: str | None) -> dict[str, An
 def _cells(path: Path, sheet: Any) -> tuple[list[list[str | float]], list[int]]:
     rows: list[list[str | float]] = []
     lines: list[int] = []
+    merged = _merged(sheet)
     shape, left = Shape(path, "row"), MOST_TEXT
     if not hasattr(sheet, "iter_rows"):  # a sheet that is a chart
         return rows, lines
@@ -61,7 +65,29 @@ def _cells(path: Path, sheet: Any) -> tuple[list[list[str | float]], list[int]]:
             left -= sum(len(cell) for cell in rows[-1] if isinstance(cell, str))
             if left < 0:
                 raise InputError(f"{path}: the sheet has more than the {MOST_TEXT} characters that are read.")
+    _fill(rows, lines, merged)
     return rows, lines
+
+
+def _merged(sheet: Any) -> list[tuple[int, int, int, int]]:
+    """Ranges of merged cells: first column, first row, last column and last row, from 1."""
+    with sheet._get_source() as source:  # what openpyxl reads cell by cell has no list of them
+        found = re.findall(rb'<mergeCell ref="([A-Z]{1,3}[0-9]{1,7}:[A-Z]{1,3}[0-9]{1,7})"', source.read())
+    return [range_boundaries(one.decode()) for one in found[:MOST_MERGED]]
+
+
+def _fill(rows: list[list[str | float]], lines: list[int], merged: list[tuple[int, int, int, int]]) -> None:
+    """Write the value of merged cells into all of them; a title alone in its row is not repeated beside itself."""
+    at = {line: row for line, row in zip(lines, rows, strict=True)}
+    for left, top, right, bottom in merged:
+        row = at.get(top, [])
+        value = row[left - 1] if left <= len(row) else ""
+        is_title = sum(cell != "" for cell in row) == 1
+        for line in range(top, min(bottom, lines[-1]) + 1):
+            cells = at.get(line, [])
+            for i in range(left - 1, min(left if is_title else right, MOST_COLUMNS)):
+                cells.extend([""] * (i + 1 - len(cells)))
+                cells[i] = cells[i] if cells[i] != "" else value
 
 
 def _cell(value: Any) -> str | float:

@@ -16,7 +16,7 @@ from commonrail.base.input import check_sum
 from commonrail.calibration.study_file import MOST_SAMPLES
 from commonrail.data.records import MEASURED, MM3_PER_MS
 from commonrail.readers.columns import Column
-from commonrail.readers.csv import CsvFile
+from commonrail.readers.table_sheet import WrittenTable
 
 Trace = dict[str, Floats]
 Traces = dict[str, Trace]
@@ -80,7 +80,7 @@ def read_curves(path: Path, measured: str, before: Sequence[str] = ()) -> dict[t
     No number may be missing in the column `measured`. `InputError` as of `read_traces`.
     """
     check_sum(path)
-    sheet = CsvFile(path, most=MOST_SAMPLES, plain=True)
+    sheet = WrittenTable(path, most=MOST_SAMPLES)
     head, rest = (*before, *_KEYS), sheet.names[len(before) + len(_KEYS) :]
     labels = [cell.removesuffix(_UNIT) for cell in rest]
     whole = all(cell.endswith(_UNIT) for cell in rest) and len({*labels}) == len(labels)

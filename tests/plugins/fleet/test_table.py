@@ -85,7 +85,7 @@ def test_a_missing_column_is_named_with_the_nearest(table: Table) -> None:
 def test_a_column_twice(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     path.write_text("a,a [m]\n1,2\n", encoding="utf-8")
-    with pytest.raises(InputError, match='the column "a" stands 2 times in the header; rename one'):
+    with pytest.raises(InputError, match='the header has 2 columns "a"; rename one'):
         find_column(read_table(path), "a", "")
 
 

@@ -90,7 +90,7 @@ def test_times_are_start_and_spacing_of_the_header_whatever_x_is_written(tmp_pat
     times, values, unit = channel(path, "ROI")
     assert times == pytest.approx([-1e-6, 0.0, 1e-6, 2e-6, 3e-6], abs=1e-20)
     assert (values, unit) == ([0.5, 1.5, 2.5, 3.5, 4.5], "mm3/ms")
-    assert channel(path, "TRIG")[2] == "V"
+    assert channel(path, "TRIG")[2] == "Volts"
     assert LvmFile(path).names == ["ROI", "TRIG"]
 
 
@@ -120,7 +120,7 @@ def test_columns_are_read_in_si_units_and_the_file_is_surveyed(tmp_path: Path) -
         ("Samples\t5\t5", "Samples\t6\t5", 'channel "ROI": the header announces 6 samples, and 5 follow'),
         ("Delta_X\t1.000000E-6", "Delta_X\t0", 'channel "ROI": the header has no X0 and Delta_X'),
         ("X0\t-1.0000000000000000E-6", "X0\t3.8E+9", "beside X0 of 3.8e.09 s, a date, steps of 1e-06 s are rounded"),
-        ("X0\t", "X_Unit_Label\tms\tms\t\t\nX0\t", 'channel "ROI": X_Unit_Label is "ms", and seconds are expected'),
+        ("X0\t", "X_Unit_Label\tmm\tmm\t\t\nX0\t", 'channel "ROI": X_Unit_Label is "mm"'),
         ("Delta_X\t1.0", "Delta_X\t1,0", "no X0 and Delta_X with the decimal sign"),
         ("X_Dimension\tTime\tTime", "X_Dimension\tTime\tFrequency", 'channel "TRIG": it is given over Frequency'),
         ("0.000003\t4.5\t0.0\n", "0.000003\t4.5\t0.0\n\nChannels\t2\n", "line 30: a second segment begins here"),
@@ -142,9 +142,9 @@ def test_commas_that_separate_cells_and_decimals_are_refused(tmp_path: Path) -> 
         LvmFile(written(tmp_path, text))
 
 
-def test_a_study_of_a_file_that_windows_wrote_states_its_encoding(tmp_path: Path) -> None:
+def test_a_file_that_windows_wrote_is_read(tmp_path: Path) -> None:
     path = tmp_path / "rates.lvm"
     path.write_bytes((HEAD + ONE).replace("mm3/ms", "mm³/ms").encode("cp1252"))
     found = survey(path)
-    assert (found.block["encoding"], found.said) == ("cp1252", "encoding cp1252")
+    assert (found.block["rate"], found.said) == ("ROI", "encoding cp1252")
     assert "encoding" not in survey(written(tmp_path, HEAD + ONE)).block

@@ -333,8 +333,8 @@ def test_the_verb_prints_json_and_writes_a_report(command: Command, tmp_path: Pa
     assert done.record["synthetic"] == "SYNTHETIC plan"
     german = file.read_text(encoding="utf-8").replace(",", ";").replace("52", "52,0")
     file.write_text(german, encoding="utf-8")
-    assert command("plan", "virtual-lino-2016@regulated", file).status == 2
-    said = command("plan", "virtual-lino-2016@regulated", file, "--decimal", ",")
+    assert command("plan", "virtual-lino-2016@regulated", file, "--decimal", ".").status == 2
+    said = command("plan", "virtual-lino-2016@regulated", file)
     assert "what the guides leak until the next stroke" in said.out
 
 

@@ -167,7 +167,7 @@ def read_sister(model: SisterModel, context: Context) -> Sister:
     `ConfigurationError` if the ratio of the flows is not greater than zero.
     """
     units = {"rail_pressure": "Pa", "energising_time": "s", "quantity": "m3"}
-    wanted = [Column(name, unit, None, domain=Domain.NON_NEGATIVE) for name, unit in units.items()]
+    wanted = [Column(name, unit, domain=Domain.NON_NEGATIVE) for name, unit in units.items()]
     at = context.at / "sister"
     table = context.columns(model.file, at, wanted, 1, model.form)
     if not model.flow_ratio > 0.0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -21,11 +22,10 @@ from commonrail.data.study_block import Context, DataModel, drive_unit, mass_den
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import check_point
 from commonrail.physics.law import Domain
-from commonrail.readers.columns import Column, FileForm, FormModel, Table
-from commonrail.readers.grid import read_grid
+from commonrail.readers.columns import PLAIN, Column, FileForm, FormModel, Table
 from commonrail.readers.location import Place, located
-from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_map, map_in
-from commonrail.readers.tables import is_grid, open_sheet
+from commonrail.readers.quantity_matrix import FoundMap, GivenUnits
+from commonrail.readers.tables import has_columns, open_sheet, read_found_map, take_columns
 from commonrail.readers.toml import FileModel, Unit, fault
 
 # Quantity map found in a file, a matrix or a table with other names, as the columns that a map is read from.
@@ -40,11 +40,33 @@ def found_table(path: Path, form: FileForm, given: GivenUnits, quantity: str, *,
     `matrix` only a matrix is taken. Raises `InputError` if the file cannot be read, no map is found in it, or a
     number makes no sense.
     """
-    found = find_map(read_grid(path, form), given) if is_grid(path) else map_in(open_sheet(path, form), given)
+    found = read_found_map(path, form, given)
     if matrix and not found.form.startswith("a matrix"):
         raise InputError(f'{path}: this is {found.form} and no matrix; state layout = "found".')
     note(f"{path}: read as {found.form}; {'; '.join(found.said)}.")
     return _table(path, found, quantity)
+
+
+def map_columns(
+    path: Path, wanted: Sequence[Column], form: FileForm = PLAIN, given: GivenUnits = GivenUnits(), least: int = 1
+) -> Table:
+    """Columns of operating points, perhaps with a quantity; of a file without them the points of its map.
+
+    Raises `InputError` as `read_columns`.
+    """
+    fault: InputError | None = None
+    try:
+        sheet = open_sheet(path, form)
+        has_all = len(has_columns(sheet, wanted)) == len(wanted)
+    except InputError as error:
+        has_all, fault = False, error
+    if not has_all:
+        quantity = wanted[2].name if len(wanted) > 2 else "quantity"
+        with suppress(InputError):
+            return found_table(path, form, given, quantity, matrix=False)
+    if fault:
+        raise fault
+    return take_columns(sheet, wanted, least)
 
 
 def _table(path: Path, found: FoundMap, quantity: str) -> Table:
@@ -235,14 +257,14 @@ def _map_rows(model: MapModel, context: Context, at: Place) -> list[_Row]:
 
 def _map_table(model: MapModel, context: Context, at: Place) -> Table:
     name = model.quantity_column
+    stated = (model.rail_pressure_unit, model.energising_time_unit, model.quantity_unit)
+    given = GivenUnits(*(unit or "" for unit in stated))
     if model.layout != "rows":
-        stated = (model.rail_pressure_unit, model.energising_time_unit, model.quantity_unit)
-        given = GivenUnits(*(unit or "" for unit in stated))
         return found_table(
             context.path(model.file, at, model.form), model.form, given, name, matrix=model.layout == "matrix"
         )
     wanted = [*_point_columns(model), Column(name, ("m3", "kg"), model.quantity_unit, domain=Domain.NON_NEGATIVE)]
-    return context.columns(model.file, at, wanted, 1, model.form)
+    return map_columns(context.path(model.file, at, model.form), wanted, model.form, given)
 
 
 def _dead_time_rows(model: MapModel, context: Context, at: Place) -> list[_Row]:

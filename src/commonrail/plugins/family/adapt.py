@@ -20,7 +20,7 @@ from commonrail.calibration.search import Progress
 from commonrail.calibration.space import Space, sample_priors
 from commonrail.calibration.study import Method, Study, step_for_all
 from commonrail.data.quantities.data import QuantityData
-from commonrail.data.quantities.reading import AFTER_ENERGISING, QuantitiesModel
+from commonrail.data.quantities.reading import AFTER_ENERGISING, QuantitiesModel, map_columns
 from commonrail.data.study_block import Context
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
@@ -46,7 +46,6 @@ from commonrail.plugins.family.injector_type import InjectorType, load_type
 from commonrail.readers.columns import Column
 from commonrail.readers.injector import load_injector
 from commonrail.readers.location import Place, Reach
-from commonrail.readers.tables import read_columns
 
 FAR, ANYWAY = 0.5, 1e-9  # share of a reference quantity, and volume [m³], by which an adapted model may miss it
 FEWEST_FOR_PRIORS = 4  # reference quantities from which the type's parameters move too, held by their spreads
@@ -336,7 +335,7 @@ def read_candidates(
     missing or of the wrong kind.
     """
     wanted = [Column("rail_pressure", ("Pa",)), Column("energising_time", ("s",), domain=Domain.POSITIVE)]
-    table = read_columns(file_path(path, "path of the candidates"), wanted, least=2).columns
+    table = map_columns(file_path(path, "path of the candidates"), wanted, least=2).columns
     rows = zip(table["rail_pressure"].tolist(), table["energising_time"].tolist(), strict=True)
     return tuple(_point(p, t, cylinder_pressure, return_pressure) for p, t in rows)
 

@@ -21,7 +21,7 @@ from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.meters import is_of_meter
 from commonrail.plugins.family.injector_type import FixedValue, InjectorType, TypeParameter, TypePart
 from commonrail.readers.columns import name_and_unit
-from commonrail.readers.csv import CsvFile
+from commonrail.readers.table_sheet import WrittenTable
 from commonrail.readers.toml import UNSTATED
 from commonrail.runs.folder import RESULT, STUDY, note_stopped, read_record
 
@@ -358,11 +358,11 @@ def type_from_fleet(folder: str | Path, name: str) -> InjectorType:
 
 def _columns(path: Path) -> tuple[dict[str, Floats], int]:
     """Columns of parameters, and of their standard errors, of the injectors that are finished; their number."""
-    table = CsvFile(path, most=MOST_ROWS, plain=True)
+    table = WrittenTable(path, most=MOST_ROWS)
     names = [name_and_unit(cell)[0] for cell in table.header]
     if "status" not in names:
         raise InputError(f"{path}: there is no column status; name the folder of commonrail fleet.")
-    rows = [row for _, row in table.rows if row[names.index("status")].strip() == "finished"]
+    rows = [[str(cell) for cell in row] for _, row in table.rows if row[names.index("status")] == "finished"]
     if len(rows) < FEWEST_MEMBERS:
         raise InputError(
             f"{path}: {len(rows)} injectors are finished, and at least {FEWEST_MEMBERS} are needed for a spread; "

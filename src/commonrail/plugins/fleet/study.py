@@ -21,14 +21,16 @@ from commonrail.calibration.study_keys import StudyModel
 from commonrail.data.study_block import DataModel
 from commonrail.plugins.formats.parquet import ParquetFile
 from commonrail.readers import columns as sheet
-from commonrail.readers.csv import MOST_ROWS as LONGEST_TABLE
-from commonrail.readers.csv import CsvFile
+from commonrail.readers.formats import format_of
+from commonrail.readers.grid import read_grid
 from commonrail.readers.location import MOST_ROWS, Groups, Place, located
+from commonrail.readers.table_sheet import MOST_ROWS as LONGEST_TABLE
+from commonrail.readers.table_sheet import TableSheet
+from commonrail.readers.text import number_of
 from commonrail.readers.toml import FileModel, Text, Unit, read_model, read_toml
 
 # A table of a fleet, CSV or Parquet, held whole: its header, and its rows by what stands in some of its columns.
 
-PARQUET = (".parquet", ".pq")
 LARGEST_FLEET = 1_000_000_000  # [bytes] of the file
 
 
@@ -54,11 +56,11 @@ class Table(Protocol):
 
 
 def read_table(path: Path) -> Table:
-    """Read a table; what ends in .parquet or .pq is Parquet, all else CSV.
+    """Read a table: Parquet, a text or a workbook.
 
     `InputError` if the file cannot be read, or is Parquet and pyarrow is not installed.
     """
-    return ParquetFile(path, largest=LARGEST_FLEET) if path.suffix.lower() in PARQUET else _read_csv(path)
+    return ParquetFile(path, largest=LARGEST_FLEET) if format_of(path) == "parquet" else _Cells.of(path)
 
 
 def names_of(table: Table) -> list[str]:
@@ -72,32 +74,41 @@ def find_column(table: Table, name: str, what: str) -> int:
 
 
 @dataclass(frozen=True)
-class _Csv:
+class _Cells:
     path: Path
     header: list[str]
     rows: list[list[str]]
     lines: list[int]
+    word: str
+
+    @classmethod
+    def of(cls, path: Path) -> _Cells:
+        table = TableSheet(read_grid(path), most=MOST_ROWS)
+        comma, width, rows, lines = table.grid.comma, len(table.header), list[list[str]](), list[int]()
+        for line, row in table.rows:
+            cells = [_text(cell, comma) for cell in row]
+            rows.append(cells + [""] * (width - len(cells)))
+            lines.append(line)
+        return cls(path, table.header, rows, lines, table.grid.word)
 
     def groups(self, columns: Sequence[int]) -> Groups:
         found: dict[tuple[str, ...], list[int]] = {}
         for i, row in enumerate(self.rows):
-            found.setdefault(tuple(row[column].strip() for column in columns), []).append(i)
+            found.setdefault(tuple(row[column] for column in columns), []).append(i)
         return {key: np.array(places, dtype=np.intp) for key, places in found.items()}
 
     def cells(self, rows: IndexArray) -> list[list[str]]:
-        return [[cell.strip() for cell in self.rows[row]] for row in rows]
+        return [self.rows[row] for row in rows]
 
     def place(self, row: int) -> str:
-        return f"{self.path}, line {self.lines[row]}"
+        return f"{self.path}, {self.word} {self.lines[row]}"
 
 
-def _read_csv(path: Path) -> _Csv:
-    found = CsvFile(path, most=MOST_ROWS)
-    lines, rows = [], []
-    for line, row in found.rows:
-        lines.append(line)
-        rows.append(row)
-    return _Csv(path, found.header, rows, lines)
+def _text(cell: str | float, comma: bool) -> str:
+    """Cell as a CSV file with decimal points has it."""
+    if isinstance(cell, str) and comma and isinstance(number_of(cell, comma), float):
+        return cell.replace(",", ".")
+    return cell if isinstance(cell, str) else repr(int(cell) if cell.is_integer() else cell)
 
 
 INJECTOR = "injector"

@@ -14,15 +14,14 @@ import numpy as np
 
 from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE
-from commonrail.base.units import read_decimal
+from commonrail.base.units import convert, fits, read_decimal
 from commonrail.readers.columns import PLAIN, Channel, ChannelSheet, FileForm
-from commonrail.readers.location import MOST_VALUES, Place, check_columns, read_lines
+from commonrail.readers.location import MOST_VALUES, Place, check_columns
+from commonrail.readers.text import lines_of, read_encoded
 
 _MAGIC, _END, _COMMENT = "LabVIEW Measurement", "***End_of_Header***", "Comment"
 _SEPARATORS = {"tab": "\t", "comma": ",", "": "\t"}
 _DECIMALS = ("", ".", ",")
-_UNITS = {"Volts": "V"}  # LabVIEW's own word where nobody has stated a unit
-_SECONDS = ("", "s", "sec", "second", "seconds")
 _FINEST = 1e-3  # of a step: rounding of times that moves no sample by what a fit could see
 _X_TITLE = "X_Value"
 _TAGS = [
@@ -48,7 +47,9 @@ class LvmFile(ChannelSheet):
     """
 
     def __init__(self, path: Path, form: FileForm = PLAIN) -> None:
-        lines = ((n, text) for n, text in enumerate(read_lines(path, LARGEST_FILE, form.encoding), start=1))
+        data, encoding = read_encoded(path, LARGEST_FILE, form.encoding)
+        self.said = f"encoding {encoding}"
+        lines = lines_of(path, data)
         _, first = next(lines, (0, ""))
         if not first.startswith(_MAGIC):
             raise InputError(f'{path}: this is no LabVIEW measurement file; its first line must be "{_MAGIC}".')
@@ -106,16 +107,16 @@ def _channels(path: Path, rows: Rows, segment: dict[str, list[str]], decimal: st
         start, step = _raster(own, decimal, at)
         unit = own.get("Y_Unit_Label", "")
         times = np.asarray(start + step * np.arange(len(column)), np.float64)
-        found.append(Channel(name, "", _UNITS.get(unit, unit), _X_TITLE, times, np.array(column, np.float64), ""))
+        found.append(Channel(name, "", unit, _X_TITLE, times, np.array(column, np.float64), ""))
     return found
 
 
 def _raster(own: dict[str, str], decimal: str, at: Place) -> tuple[float, float]:
     """First time and spacing of a channel [s]."""
     unit = own.get("X_Unit_Label", "")
-    if unit.lower() not in _SECONDS:
-        raise at.error(f'X_Unit_Label is "{unit}", and seconds are expected; write X0, Delta_X and the label in "s"')
-    start, step = (_number(own.get(tag, ""), decimal) for tag in ("X0", "Delta_X"))
+    if unit and not fits(unit, "s"):
+        raise at.error(f'X_Unit_Label is "{unit}", and a unit of time is expected')
+    start, step = (convert(_number(own.get(tag, ""), decimal), unit or "s", "s") for tag in ("X0", "Delta_X"))
     if not step > 0.0 or not np.isfinite(start):
         raise at.error(
             f'the header has no X0 and Delta_X with the decimal sign "{decimal}", which say where the samples are'

@@ -14,7 +14,7 @@ from commonrail.base.hooks import note
 from commonrail.physics.fuel import coefficient, log_compression, power_law, saturating_law, scaled_temperature
 from commonrail.physics.law import Domain
 from commonrail.readers.columns import Column, Table
-from commonrail.readers.tables import open_sheet, take_columns
+from commonrail.readers.tables import has_columns, open_sheet, take_columns
 
 FEWEST = 3  # pressures at each temperature: a modulus that grows with pressure needs as many densities
 _WEIGHTS = (2e-4, 5e-3)  # deviations of density and modulus that count alike, as good measurements have them
@@ -55,10 +55,10 @@ def fit_fuel(path: Path) -> FittedFuel:
         Column("density", "kg/m3", domain=Domain.POSITIVE),
         Column("viscosity", ("m2/s", "Pa s"), domain=Domain.POSITIVE),
     ]
-    wanted += [Column(name, unit, domain=Domain.POSITIVE) for name, unit in _OPTIONAL.items() if name in sheet.names]
+    wanted += has_columns(sheet, [Column(name, unit, domain=Domain.POSITIVE) for name, unit in _OPTIONAL.items()])
     table = take_columns(sheet, wanted, least=2 * FEWEST)
     known = [column.name for column in wanted]
-    if unused := [name for name in sheet.names if name not in known]:
+    if unused := [name for name in sheet.names if name not in (*known, *table.headings.values())]:
         meant = nearest(unused[0], [*known, *_OPTIONAL])
         note(f"{path}: not used: {', '.join(unused)}{meant}")
     _check_repeated(table, known)

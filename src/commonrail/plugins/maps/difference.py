@@ -13,8 +13,8 @@ from commonrail.base.units import convert
 from commonrail.data.quantities.data import rms
 from commonrail.plugins.maps.response import respond
 from commonrail.plugins.maps.run import InjectionMap
-from commonrail.readers.grid import read_grid
-from commonrail.readers.quantity_matrix import FoundMap, find_map
+from commonrail.readers.quantity_matrix import FoundMap
+from commonrail.readers.tables import read_found_map
 
 SMALL = 3e-9  # below it errors are judged in mm³, above it in percent [m³]
 
@@ -68,11 +68,11 @@ def difference(first: InjectionMap, second: InjectionMap) -> tuple[Floats, Float
 
 
 def read_measured_map(path: Path, density: float) -> MeasuredMap:
-    """Measured quantities of a CSV file or workbook; the density [kg/m³] makes volumes of masses.
+    """Measured quantities of a file; the density [kg/m³] makes volumes of masses.
 
     InputError if it has no map.
     """
-    return in_si(find_map(read_grid(path)), density)
+    return in_si(read_found_map(path), density)
 
 
 def in_si(found: FoundMap, density: float) -> MeasuredMap:

@@ -18,7 +18,7 @@ from commonrail.plugins.maps.compensation import Compensation
 from commonrail.plugins.maps.response import Conditions, density_at
 from commonrail.plugins.maps.run import Edges, InjectionMap
 from commonrail.plugins.maps.sweep import Sweep
-from commonrail.readers.quantity_matrix import BAND
+from commonrail.readers.columns import BAND
 
 LONGEST_LABEL = 128
 _LABEL = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\[\d+\])?(\.[A-Za-z_][A-Za-z0-9_]*(\[\d+\])?)*")

@@ -34,7 +34,7 @@ from commonrail.physics.law import Domain
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table
 from commonrail.readers.location import Place, located
 from commonrail.readers.overview import synthetic_mark
-from commonrail.readers.tables import open_sheet, take_columns
+from commonrail.readers.tables import has_columns, open_sheet, take_columns
 
 AFTER_ENERGISING = 3e-3  # simulated after the end of energising, as of a quantity map [s]
 # In the cylinder and at the end of the return line [Pa]: of the bench of cases/cri2-16, and ambient [E].
@@ -293,11 +293,12 @@ def load_plan(path: str | PathLike[str], form: FileForm = PLAIN) -> TestPlan:
     """
     path = file_path(path, "path of a test plan")
     sheet = open_sheet(path, form)
+    optional = [column for column in has_columns(sheet, [*_NEEDED, *_OPTIONAL]) if column in _OPTIONAL]
+    table = take_columns(sheet, [*_NEEDED, *optional], 1)
     known = [column.name for column in (*_NEEDED, *_OPTIONAL)]
     for name in sheet.names:
-        if name not in known:
+        if name not in (*known, *table.headings.values()):
             note(f'{path}: the column "{name}" is none of a test plan and is not read{nearest(name, known)}.')
-    table = take_columns(sheet, [*_NEEDED, *(c for c in _OPTIONAL if c.name in sheet.names)], 1)
     units = {name: unit for name, unit in table.units.items() if unit in ("m3", "kg")}
     for name, unit in units.items():
         if unit != next(iter(units.values())):

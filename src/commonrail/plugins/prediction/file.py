@@ -10,11 +10,11 @@ import numpy as np
 from commonrail.base.csv_output import write_csv
 from commonrail.base.text import field_unit
 from commonrail.base.units import convert
+from commonrail.data.quantities.reading import map_columns
 from commonrail.physics.law import Domain
 from commonrail.plugins.prediction.band import Band
 from commonrail.plugins.prediction.run import Prediction
 from commonrail.readers.columns import Column
-from commonrail.readers.tables import read_columns
 
 RAIL, TIME = "rail_pressure", "energising_time"
 
@@ -25,7 +25,7 @@ def read_points(path: Path) -> list[tuple[float, float]]:
     Raises `InputError` if the file cannot be read, a column or unit is missing, or a cell is no positive number.
     """
     wanted = [Column(RAIL, "Pa", domain=Domain.POSITIVE), Column(TIME, "s", domain=Domain.POSITIVE)]
-    columns = read_columns(path, wanted, least=1).columns
+    columns = map_columns(path, wanted).columns
     return list(zip(columns[RAIL].tolist(), columns[TIME].tolist(), strict=True))
 
 

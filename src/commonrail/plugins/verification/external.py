@@ -30,8 +30,8 @@ from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.plugins.paper.bench import PAPER_OPTIMUM
 from commonrail.plugins.verification.closed_forms import Check, check
 from commonrail.readers.columns import Column
-from commonrail.readers.csv import CsvFile
 from commonrail.readers.injector import load_injector
+from commonrail.readers.table_sheet import CsvFile
 
 INTERVAL = 3e-6  # of its samples [s]
 SHORT = 399e-6  # longest energising time of what counts as a short injection [s]

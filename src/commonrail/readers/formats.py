@@ -1,0 +1,126 @@
+"""Format of a data file: told by its first bytes, and only where these are of no format by the ending of its name."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from zipfile import BadZipFile, ZipFile
+
+from commonrail.base.errors import InputError
+from commonrail.base.input import LARGEST_FILE, opened
+
+_FIRST = 4096  # bytes that are looked at
+
+# First bytes of formats, by the ending under which a reader of them is registered.
+_READABLE = {
+    b"MDF ": "mf4",
+    b"UnFinMF": "mf4",
+    b"LabVIEW Measurement": "lvm",
+    b"PAR1": "parquet",
+    b"MATLAB 5.0": "mat",
+    b"MATLAB 7.3": "mat",
+    b"TDSm": "tdms",
+    b"KONSERVIERUNG_FORMAT": "dcm",
+}
+_HDF5, _ZIP, _OLE = b"\x89HDF\r\n\x1a\n", b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
+# First bytes of formats that are not read, by their names.
+_UNREAD = {
+    _HDF5: "HDF5",
+    _OLE: "old Excel",
+    b"\x09\x08\x10\x00": "old Excel",
+    b"\x93NUMPY": "NumPy",
+    b"CDF\x01": "NetCDF",
+    b"CDF\x02": "NetCDF",
+    b"CDF\x05": "NetCDF",
+    b"DIAEXTENDED": "DIAdem",
+    b"DIADEM": "DIAdem",
+    b"LOGG": "BLF",
+    b"%PDF": "PDF",
+    b"\x1f\x8b": "gzip",
+    b"7z\xbc\xaf": "7z",
+    b"Rar!": "RAR",
+    b"<html": "HTML",
+    b"<!DOCTYPE html": "HTML",
+}
+# Bytes further behind by which a format is known.
+_INSIDE = {b"WAVEDESC": "LeCroy", b":WFM#": "Tektronix", b"<usi:tdm": "DIAdem", b"urn:schemas-microsoft-com": "XML"}
+# Formats without such bytes, by their endings.
+_ENDINGS = {"nc": "NetCDF", "xls": "old Excel", "ifl": "IFL", "tdm": "DIAdem", "tdx": "DIAdem", "h5": "HDF5"}
+_ALIASES = {"xlsm": "xlsx", "mdf": "mf4", "pq": "parquet"}
+_CURES = {
+    "ZIP": "unpack it, and name the file in it",
+    "gzip": "unpack it, and name the file in it",
+    "7z": "unpack it, and name the file in it",
+    "RAR": "unpack it, and name the file in it",
+    "old Excel": "save it as .xlsx, or export the columns to a CSV file",
+    "NumPy": "write the array with numpy.savetxt, a header and units to a CSV file",
+}
+
+
+def format_of(path: Path) -> str:
+    """Ending under which a reader of the file's format is registered.
+
+    It is the ending of the name in small letters where the first bytes are those of no known format, also if there is
+    no such file; reading it says why.
+    """
+    ending = path.suffix.lower().removeprefix(".")
+    first = _first_bytes(path)
+    known = next((name for start, name in _READABLE.items() if first.startswith(start)), "")
+    if known or (first.startswith(_ZIP) and "xl/workbook.xml" in _members(path)):
+        return known or "xlsx"
+    if first.startswith(_HDF5, 512) and ending == "mat":
+        return "mat"
+    return _ALIASES.get(ending, ending)
+
+
+def unread_format(path: Path) -> str:
+    """Name of the format of a file that has no reader; empty for a text, or if there is no such file."""
+    first, ending = _first_bytes(path), path.suffix.lower().removeprefix(".")
+    if name := next((name for start, name in _UNREAD.items() if first.lstrip().startswith(start)), ""):
+        return name
+    if first.startswith(_ZIP):
+        members = _members(path)
+        if "xl/workbook.xml" in members:
+            return ""
+        kinds = {"OpenDocument": "mimetype", "NumPy": ".npy"}
+        return next((kind for kind, end in kinds.items() if any(name.endswith(end) for name in members)), "ZIP")
+    if name := next((name for inside, name in _INSIDE.items() if inside in first), ""):
+        return name
+    if first and not _is_binary(first):
+        return ""
+    return _ENDINGS.get(ending, "TDMS" if first.startswith(b"TDSm") or ending == "tdms" else "binary" if first else "")
+
+
+def refuse_unread(path: Path) -> None:
+    """Refuse a file whose format is not read (`InputError`), with the way out."""
+    if name := unread_format(path):
+        cure = _CURES.get(name, "export the columns to a CSV file")
+        which = "binary files of this format" if name == "binary" else f"{name} files"
+        raise InputError(f"{path}: {which} are not read; {cure}.")
+
+
+def _first_bytes(path: Path) -> bytes:
+    """First bytes of a plain file; none if it cannot be read."""
+    try:
+        with opened(path, sys.maxsize) as stream:
+            return stream.read(_FIRST)
+    except InputError:
+        return b""
+
+
+def _members(path: Path) -> list[str]:
+    """Names of the files in a ZIP archive; none if it is damaged or too large."""
+    try:
+        with opened(path, LARGEST_FILE) as stream, ZipFile(stream) as archive:
+            return archive.namelist()
+    except (InputError, BadZipFile, OSError, ValueError, NotImplementedError):
+        return []
+
+
+def _is_binary(first: bytes) -> bool:
+    """Return whether bytes are of no text: zeros that UTF-16 does not have, or many that no text has."""
+    zeros = (first[1:200:2].count(0), first[0:200:2].count(0))
+    if first.startswith((b"\xff\xfe", b"\xfe\xff")) or (max(zeros) > 20 and min(zeros) == 0):
+        return False
+    odd = sum(byte < 32 and byte not in b"\t\n\r\x0b\x0c\x1b\x1c" for byte in first)
+    return b"\0" in first or odd > len(first) // 20

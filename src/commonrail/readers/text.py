@@ -1,0 +1,179 @@
+"""Lines and cells of a text: encoding, separator and decimal sign are detected unless they are stated.
+
+A file may have comment lines (``#``) and empty ones anywhere. Rows come one after the other, so that a large file never
+stands in memory as cells.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from io import BytesIO
+from itertools import islice
+from pathlib import Path
+from typing import TypeVar
+
+from commonrail.base.errors import InputError
+from commonrail.base.input import read_plain
+from commonrail.readers.location import decode_line
+
+LONGEST_LINE = 100_000  # [bytes]; of a table with a thousand columns
+LONGEST_NUMBER = 100  # [characters]
+SAMPLE = 1000  # lines that tell the separator
+
+Cell = str | float
+NumberedRows = Iterator[tuple[int, Sequence[Cell]]]  # line of the file on which a row begins, and its cells
+Row = TypeVar("Row", bound=Sequence[Cell])
+
+_MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
+_POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.A)
+_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?", re.A)
+_QUOTED = re.compile(r'"[^"]*"')
+_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+", re.A)
+_POINTED = re.compile(r"[+-]?(\d+\.\d*|\.\d+)([eE][+-]?\d+)?", re.A)
+_EMPTY = frozenset(("nan", "inf", "+inf", "-inf"))
+
+
+def read_encoded(path: Path, largest: int, encoding: str = "") -> tuple[bytes, str]:
+    r"""Text as UTF-8 with line ends ``"\n"``, and the name of its encoding.
+
+    Raises `InputError` as `read_plain`, or if it is not a text in that encoding; of those that are not stated UTF-8,
+    UTF-16 and cp1252 are tried.
+    """
+    data = read_plain(path, largest)
+    for name in [encoding] if encoding else _likely(data):
+        try:
+            text = data.decode(name)
+        except UnicodeError:
+            continue
+        except LookupError as error:
+            raise InputError(f'{path}: there is no encoding "{name}"; write utf-8, utf-16 or cp1252.') from error
+        if "\0" not in text:
+            text = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
+            return text.encode("utf-8", "replace"), name
+    tried = f"in {encoding}; correct the encoding" if encoding else "that can be read; export the table as CSV"
+    raise InputError(f"{path}: this is no text {tried}.")
+
+
+def _likely(data: bytes) -> list[str]:
+    """Encodings that a text may have, by its first bytes."""
+    mark = next((name for start, name in _MARKS.items() if data.startswith(start)), None)
+    zeros = (data[1:200:2].count(0), data[0:200:2].count(0))
+    if mark is None and max(zeros) > 20:
+        mark = "utf-16-le" if zeros[0] > zeros[1] else "utf-16-be"
+    return [mark] if mark else ["utf-8", "cp1252"]
+
+
+def lines_of(path: Path, data: bytes) -> Iterator[tuple[int, str]]:
+    """Lines of UTF-8 text with their numbers, without their ends; decoded one by one, to save memory.
+
+    Raises `InputError` if a line is too long, or is not UTF-8 text.
+    """
+    for number, ended in enumerate(BytesIO(data), start=1):
+        line = ended.removesuffix(b"\n")
+        if len(line) > LONGEST_LINE:
+            raise InputError(
+                f"{path}, line {number}: the line has {len(line)} characters, more than the {LONGEST_LINE} that are "
+                "read; keep only the columns that are needed."
+            )
+        # spreadsheets and word processors write spaces that do not break
+        yield number, decode_line(path, line, number).replace("\u00a0", " ").replace("\u202f", " ")
+
+
+def find_separator(lines: Iterable[str]) -> str:
+    """Sign that is in more than half of the lines that have one outside quotes: semicolon, tab, else comma."""
+    bare = [_QUOTED.sub("", line) for line in islice(lines, SAMPLE)]
+    separated = [line for line in bare if any(sign in line for sign in ";\t,")]
+    for sign in (";", "\t"):
+        if 2 * sum(sign in line for line in separated) > len(separated):
+            return sign
+    return ","
+
+
+def split_lines(path: Path, lines: Iterator[tuple[int, str]], separator: str, *, plain: bool = False) -> NumberedRows:
+    """Cells of each row and the line on which it begins; `plain` keeps the spaces about them."""
+    taken: list[int] = []  # lines of the row at hand: a quoted cell may go on
+
+    def texts() -> Iterator[str]:
+        for number, text in lines:
+            taken.append(number)
+            yield text + "\n"
+
+    reader = csv.reader(texts(), delimiter=separator, strict=True, skipinitialspace=not plain)
+    while True:
+        taken.clear()
+        try:
+            row = next(reader)
+        except StopIteration:
+            return
+        except csv.Error as error:
+            raise InputError(f"{path}, line {taken[0]}: the row cannot be read ({error}).") from error
+        yield taken[0], row if plain else [cell.strip() for cell in row]
+
+
+def find_decimal_comma(path: Path, cells: Iterable[str], decimal: str) -> bool:
+    """Return whether the decimal sign is a comma: as it is stated, else as any number has it.
+
+    Raises `InputError` where numbers with points are among them.
+    """
+    comma, pointed = decimal == ",", ""
+    for cell in cells:
+        if "," in cell:
+            comma = comma or (not decimal and bool(_COMMA.fullmatch(cell)))
+        elif not pointed and "." in cell and _POINT.fullmatch(cell):
+            pointed = cell
+    if comma and pointed:
+        kind = "a decimal comma is stated" if decimal else "some numbers have a decimal comma"
+        raise InputError(
+            f'{path}: {kind}, and "{pointed}" has a point; write all numbers with the same decimal sign, and '
+            "thousands without a sign."
+        )
+    return comma
+
+
+def has_decimal_comma(cell: str) -> bool:
+    """Return whether a cell is a number with a decimal comma."""
+    return bool(_COMMA.fullmatch(cell))
+
+
+def number_of(cell: Cell, comma: bool) -> Cell:
+    """Number of a cell, or the cell where it is none; `comma` reads decimal commas too."""
+    if not isinstance(cell, str) or not cell or len(cell) > LONGEST_NUMBER:
+        return cell
+    if comma and _COMMA.fullmatch(cell):
+        cell = cell.replace(",", ".")
+    elif not _POINT.fullmatch(cell):
+        return cell
+    value = float(cell)
+    return value if abs(value) < float("inf") else cell
+
+
+def is_number(cell: Cell) -> bool:
+    """Return whether a cell holds a number with either decimal sign, or a word for a missing one."""
+    return not isinstance(cell, str) or not isinstance(number_of(cell, True), str) or cell.lower() in _EMPTY
+
+
+def without_thousands(path: Path, rows: Iterable[tuple[int, Row]]) -> Iterator[tuple[int, Row]]:
+    """Pass on lines and their cells; `InputError` at the end if points may separate thousands, as decimal commas go.
+
+    So it is where three digits follow each point, as in 1.200, and other numbers, as 35, have none: a text that writes
+    three decimals everywhere has no such number, and any as 0.35 shows that its point is a decimal sign.
+    """
+    is_open, grouped, integer = True, (0, ""), ""
+    for line, row in rows:
+        for cell in (cell.strip() for cell in row if isinstance(cell, str)) if is_open else ():
+            if "." not in cell:
+                integer = integer or (cell if cell.isdecimal() else "")
+            elif _GROUPED.fullmatch(cell):
+                grouped = grouped if grouped[1] else (line, cell)
+            elif _POINTED.fullmatch(cell):
+                is_open = False
+        yield line, row
+    line, cell = grouped
+    if is_open and cell and integer:
+        raise InputError(
+            f'{path}, line {line}: "{cell}" may be {cell.replace(".", "")}, because three digits follow each point of '
+            f'the file and others, as "{integer}", have none; write thousands without a point, or state that the '
+            "decimal sign is a point."
+        )
