@@ -16,7 +16,7 @@ from commonrail.base.hooks import note, quiet
 from commonrail.base.input import read_plain
 from commonrail.base.output import replacing, write_text, writing
 from commonrail.base.text import listed
-from commonrail.base.units import to_text
+from commonrail.base.units import parse, to_text
 from commonrail.calibration.influence import around
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
@@ -29,12 +29,13 @@ from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.law import Domain
 from commonrail.physics.variants import unread_parameters
 from commonrail.readers.columns import PLAIN, TIME, Column, FileForm, Sheet
+from commonrail.readers.formats import format_of
 from commonrail.readers.injector import load_injector
 from commonrail.readers.injector_writer import dump_injector
 from commonrail.readers.location import Place, Reach
 from commonrail.readers.operating_points import pattern_of
 from commonrail.readers.overview import UNKNOWN, ZERO, Survey, survey
-from commonrail.readers.quantity_matrix import GivenUnits
+from commonrail.readers.quantity_matrix import FoundMap, GivenUnits
 from commonrail.readers.tables import open_sheet
 from commonrail.readers.toml import read_model, read_toml, value_text
 from commonrail.runs.folder import final_text, new_folder
@@ -72,6 +73,8 @@ def write_into(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
 _FREE = ("control_chamber.z_hole_diameter", "control_chamber.a_hole_diameter", "nozzle.discharge_maximum")
 _FREE_OF_DIRECT = ("nozzle.discharge_maximum", "needle_seat.diameter")
 
+_BENCH = ("cylinder_pressure", "return_pressure")
+_OF_NOTES = "by a note above the map"
 _MEANINGS = {
     "cylinder_pressure": "pressure behind the nozzle",
     "return_pressure": "pressure at the end of the return line",
@@ -155,22 +158,30 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
             copies.append(_copied_injector(injector, model, place / "injector.toml"))
             injector = "injector.toml"
         study = place / "study.toml"
-        bench = {key: stated.pressures.get(key) or UNKNOWN for key in ("cylinder_pressure", "return_pressure")}
-        free = named or _screened(model, [bench | block for block in blocks], study)
+        noted = {key: text for found in surveys if found.found for key, text in found.found.notes.items()}
+        bench = {key: stated.pressures.get(key) or noted.get(key, UNKNOWN) for key in _BENCH}
+        read = [key for key in _BENCH if key in noted and not stated.pressures.get(key)]
+        free = named or _screened(model, [bench | block for block in blocks], study, surveys)
+        warmth = _temperature_lines(model, noted.get("fuel_temperature", ""))
         lines = [
-            *_head(injector, bench, [survey.path.name for survey in surveys]),
+            *_head(injector, bench, [survey.path.name for survey in surveys], read),
+            *warmth,
             *_data_lines(surveys, blocks, stated),
             *_parameter_lines(model, free, bool(named)),
             *_optimiser_lines(blocks),
         ]
         write_text(study, "\n".join(lines))
     missing = [*_open(bench), *(f"data[{i}].{key}" for i, block in enumerate(blocks, 1) for key in _open(block))]
-    assumed = [
-        f"data[{i}].{'shots.offset' if key == 'shots' else key}"
-        for i, block in enumerate(blocks, 1)
-        for key in block
-        if _checked(key, block, stated)
-    ]
+    assumed = (
+        read
+        + ["fixed[1].value"] * bool(warmth)
+        + [
+            f"data[{i}].{'shots.offset' if key == 'shots' else key}"
+            for i, block in enumerate(blocks, 1)
+            for key in block
+            if _checked(key, block, stated)
+        ]
+    )
     screened = () if named else tuple(parameter.name for parameter in free)
     files = tuple(folder / path.relative_to(place) for path in (study, *copies))
     return Started(files[0], files, surveys, tuple(missing), tuple(assumed), screened)
@@ -178,7 +189,7 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
 
 def _surveyed(path: Path, stated: StatedByUser) -> Survey:
     """Survey of a file; with the units that the user states only if the file does not tell them."""
-    is_book = path.suffix.lower() == ".xlsx"
+    is_book = format_of(path) == "xlsx"
     form = stated.form._replace(encoding="") if is_book else stated.form._replace(sheet="")
     found = survey(path, form)
     return found if found.block or not any(stated.units.by_kind().values()) else survey(path, form, stated.units)
@@ -224,7 +235,7 @@ def _offset(found: Survey, trigger: str) -> str:
     currents = [channel for channel in found.channels if channel.kind == "A" and channel.name != trigger]
     if len(currents) != 1 or not (step := currents[0].step):
         return UNKNOWN
-    sheet = open_sheet(found.path, FileForm(found.block.get("encoding", ""), "", ""))
+    sheet = open_sheet(found.path)
     edges, rises = _rises(sheet, trigger, 0.5), _rises(sheet, currents[0].name, BEGUN)
     if not len(edges) or not len(rises):
         return UNKNOWN
@@ -254,22 +265,54 @@ def _copied_injector(source: str, model: Injector, target: Path) -> Path:
     return _copy(Path(source), target)
 
 
-def _screened(model: Injector, blocks: Sequence[Mapping[str, Any]], study: Path) -> list[Parameter]:
-    """Parameters to free, by a screening at the points of the data that state them; none if there are no such data."""
+def _screened(
+    model: Injector, blocks: Sequence[Mapping[str, Any]], study: Path, surveys: Sequence[Survey]
+) -> list[Parameter]:
+    """Parameters to free, by a screening at the points of the data that state them; none if there are no such data.
+
+    A map that has more points than a screening takes is screened on a part of its pressures and times.
+    """
     space, at = usual_space(model), Place(str(study))
     try:
         step, data = step_for_all(model, space), list[DataSet]()
-        for i, block in enumerate(blocks):
-            assumed = _assumed(block)
+        left = MOST_SIMULATIONS // len(around(space, space.reference).values)
+        sizes = [len(one.found.quantity) if one.found else 0 for one in surveys]
+        for rank, i in enumerate(sorted(range(len(blocks)), key=sizes.__getitem__)):
+            most = (left - sum(len(one.simulated_points) for one in data)) // (len(blocks) - rank)
+            block, assumed = blocks[i], _assumed(blocks[i]) | _part_of_map(surveys[i].found, most)
             kind = kind_of(block["kind"])
             if not _open(assumed):
                 context = Context(model, step, Reach(study, False), (at / "data")[i])
                 with quiet():  # who reads the study gets its notes
                     data += kind.read_all(read_model(kind.model, assumed, context.at), context)
-        return screen(model, space, data, step)
+        if found := screen(model, space, data, step):
+            return found
+        reason = "the data see none of them, or state no operating points."
     except CommonrailError as error:
-        note(final_text(f"The parameters to free are not screened: {error}", study.parent))
-        return []
+        reason = str(error)
+    note(final_text(f"Usual parameters are free within 10 %, because none is screened: {reason}", study.parent))
+    return []
+
+
+def _part_of_map(found: FoundMap | None, most: int) -> dict[str, list[str]]:
+    """Keys that choose evenly spaced pressures and times of a map, so that at most `most` points remain."""
+    if found is None or len(found.quantity) <= most:
+        return {}
+    axes = found.rail_pressure, found.energising_time
+    for stride in range(2, len(found.quantity) + 1):
+        chosen = [np.unique(axis)[::stride] for axis in axes]
+        count = np.count_nonzero(np.isin(axes[0], chosen[0]) & np.isin(axes[1], chosen[1]))
+        if 0 < count <= most:
+            break
+    else:
+        return {}
+    note(f"The parameters to free are screened at {count} of the {len(found.quantity)} points of the map.")
+    units = found.units["rail pressure"], found.units["energising time"]
+    keys = "rail_pressure", "energising_time"
+    return {
+        key: [f"{value!r} {unit}" for value in values.tolist()]
+        for key, values, unit in zip(keys, chosen, units, strict=True)
+    }
 
 
 def _assumed(keys: Mapping[str, Any]) -> dict[str, Any]:
@@ -290,7 +333,19 @@ def _copy(source: Path, target: Path) -> Path:
     return target
 
 
-def _head(injector: str, bench: Mapping[str, str], files: Sequence[str]) -> list[str]:
+def _temperature_lines(model: Injector, text: str) -> list[str]:
+    """Fuel temperature that a bench has noted, as a value that the study changes."""
+    if not text:
+        return []
+    value, (low, high) = parse(text, "K"), model.fuel.temperature_range
+    if not low <= value <= high:
+        note(f"The fuel temperature of the bench, {text}, is outside the range of {model.fuel.name} and is not used.")
+        return []
+    lines = ["[[fixed]]", f"name = {_toml(FUEL_TEMPERATURE)}", f"value = {_toml(text)} # CHECK IT: {_OF_NOTES}"]
+    return [*lines, 'mark = "M"', f"source = {_toml(_OF_NOTES)}", ""]
+
+
+def _head(injector: str, bench: Mapping[str, str], files: Sequence[str], noted: Sequence[str]) -> list[str]:
     data = listed(files) if len(files) < 4 else f"{len(files)} files"
     return [
         "# A calibration: which data, which parameters are free, within which bounds. Paths start at this folder.",
@@ -299,7 +354,7 @@ def _head(injector: str, bench: Mapping[str, str], files: Sequence[str]) -> list
         f"title = {_toml(f'Calibration of {injector} by {data}')}",
         f"injector = {_toml(injector)}",
         "seed = 1 # the same seed gives the same result",
-        *(_line(key, value) for key, value in bench.items()),
+        *(_line(key, value) + f" # CHECK IT: {_OF_NOTES}" * (key in noted) for key, value in bench.items()),
         "",
     ]
 
