@@ -129,9 +129,9 @@ def test_size_limit(table_file: Write, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_row_limit(table_file: Write) -> None:
-    assert len(list(table_sheet.CsvFile(table_file(GOOD), most=4).rows)) == 4
+    assert len(list(table_sheet.TableSheet(grid.read_grid(table_file(GOOD)), most=4).rows)) == 4
     with pytest.raises(InputError, match=r"line 6: the file has more than the 4 rows that are read; keep only"):
-        list(table_sheet.CsvFile(table_file(GOOD + "12,9\n"), most=4).rows)
+        list(table_sheet.TableSheet(grid.read_grid(table_file(GOOD + "12,9\n")), most=4).rows)
 
 
 HEADERS = {

@@ -203,3 +203,18 @@ def test_notes_of_the_bench_above_a_map_are_read_and_are_no_units_of_it(tmp_path
     read = {key: parse(text, "K" if "temp" in key else "Pa") for key, text in found.notes.items()}
     assert read == pytest.approx({"cylinder_pressure": 5e6, "return_pressure": 1e5, "fuel_temperature": 313.15})
     assert found.units["rail pressure"] == "bar"
+
+
+def test_numbers_beside_the_settings_of_an_instrument_are_a_time_and_a_channel(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    settings = ["Record Length,2.4e1,", "Source,CH1,", "Vertical Units,V,", *[",,"] * 21]
+    path.write_text("".join(f"{text}, {i}e-6, {i}.5,\n" for i, text in enumerate(settings)), encoding="utf-8")
+    assert read_columns(path, [Column("CH1", "V")]).columns["CH1"][:2].tolist() == [0.5, 1.5]
+
+
+def test_units_in_the_heads_of_the_rows_are_those_of_the_axis_down(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("Menge [mm3];400;800\n200 us;0,5;1,2\n400 us;4,1;9,8\n", encoding="utf-8")
+    found = read_found_map(path, given=GivenUnits(pressure="bar"))
+    assert found.values["energising time"].tolist() == [200, 200, 400, 400]
+    assert found.rail_pressure.tolist() == [400, 800, 400, 800]

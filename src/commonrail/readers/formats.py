@@ -13,45 +13,33 @@ _FIRST = 4096  # bytes that are looked at
 
 # First bytes of formats, by the ending under which a reader of them is registered.
 _READABLE = {
-    b"MDF ": "mf4",
-    b"UnFinMF": "mf4",
+    **dict.fromkeys((b"MDF ", b"UnFinMF"), "mf4"),
+    **dict.fromkeys((b"MATLAB 5.0", b"MATLAB 7.3"), "mat"),
     b"LabVIEW Measurement": "lvm",
     b"PAR1": "parquet",
-    b"MATLAB 5.0": "mat",
-    b"MATLAB 7.3": "mat",
     b"TDSm": "tdms",
     b"KONSERVIERUNG_FORMAT": "dcm",
 }
-_HDF5, _ZIP, _OLE = b"\x89HDF\r\n\x1a\n", b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
+_HDF5, _ZIP = b"\x89HDF\r\n\x1a\n", b"PK\x03\x04"
 # First bytes of formats that are not read, by their names.
 _UNREAD = {
     _HDF5: "HDF5",
-    _OLE: "old Excel",
-    b"\x09\x08\x10\x00": "old Excel",
+    **dict.fromkeys((b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", b"\x09\x08\x10\x00"), "old Excel"),
+    **dict.fromkeys((b"CDF\x01", b"CDF\x02", b"CDF\x05"), "NetCDF"),
+    **dict.fromkeys((b"DIAEXTENDED", b"DIADEM"), "DIAdem"),
+    **dict.fromkeys((b"<html", b"<!DOCTYPE html"), "HTML"),
+    **dict.fromkeys((b"\x1f\x8b", b"7z\xbc\xaf", b"Rar!"), "compressed"),
     b"\x93NUMPY": "NumPy",
-    b"CDF\x01": "NetCDF",
-    b"CDF\x02": "NetCDF",
-    b"CDF\x05": "NetCDF",
-    b"DIAEXTENDED": "DIAdem",
-    b"DIADEM": "DIAdem",
     b"LOGG": "BLF",
     b"%PDF": "PDF",
-    b"\x1f\x8b": "gzip",
-    b"7z\xbc\xaf": "7z",
-    b"Rar!": "RAR",
-    b"<html": "HTML",
-    b"<!DOCTYPE html": "HTML",
 }
 # Bytes further behind by which a format is known.
 _INSIDE = {b"WAVEDESC": "LeCroy", b":WFM#": "Tektronix", b"<usi:tdm": "DIAdem", b"urn:schemas-microsoft-com": "XML"}
-# Formats without such bytes, by their endings.
-_ENDINGS = {"nc": "NetCDF", "xls": "old Excel", "ifl": "IFL", "tdm": "DIAdem", "tdx": "DIAdem", "h5": "HDF5"}
+# Binary formats without such bytes, by their endings.
+_ENDINGS = {"nc": "NetCDF", "xls": "old Excel", "ifl": "IFL", "tdx": "DIAdem", "tdms": "TDMS"}
 _ALIASES = {"xlsm": "xlsx", "mdf": "mf4", "pq": "parquet"}
 _CURES = {
-    "ZIP": "unpack it, and name the file in it",
-    "gzip": "unpack it, and name the file in it",
-    "7z": "unpack it, and name the file in it",
-    "RAR": "unpack it, and name the file in it",
+    **dict.fromkeys(("ZIP", "compressed"), "unpack it, and name the file in it"),
     "old Excel": "save it as .xlsx, or export the columns to a CSV file",
     "NumPy": "write the array with numpy.savetxt, a header and units to a CSV file",
 }
@@ -88,7 +76,7 @@ def unread_format(path: Path) -> str:
         return name
     if first and not _is_binary(first):
         return ""
-    return _ENDINGS.get(ending, "TDMS" if first.startswith(b"TDSm") or ending == "tdms" else "binary" if first else "")
+    return _ENDINGS.get(ending, "TDMS" if first.startswith(b"TDSm") else "binary" if first else "")
 
 
 def refuse_unread(path: Path) -> None:

@@ -25,12 +25,10 @@ from commonrail.readers.text import (
     NumberedRows,
     find_decimal_comma,
     find_separator,
-    has_decimal_comma,
     lines_of,
     number_of,
     read_encoded,
     split_lines,
-    without_thousands,
 )
 
 MOST_COMMENTS = 1000  # that are kept
@@ -49,8 +47,6 @@ class Grid:
     Attributes
     ----------
     path : Path
-    each : callable
-        Line in the file, or row of the sheet, and cells of each row as they are in the file; texts are stripped.
     said : tuple of str
         What was taken for encoding, separator, decimal sign and sheet.
     comma : bool
@@ -70,25 +66,29 @@ class Grid:
         comments: tuple[str, ...] = (),
         word: str = "line",
     ) -> None:
-        self.path, self.each, self.said, self.comma, self.comments, self.word = path, each, said, comma, comments, word
+        self.path, self._read, self.said, self.comma, self.comments, self.word = path, each, said, comma, comments, word
+
+    def each(self) -> NumberedRows:
+        """Line in the file, or row of the sheet, and cells of each row as they are in the file; texts are stripped."""
+        return iter(self._cells) if "_cells" in self.__dict__ else self._read()
 
     @cached_property
-    def _numbered(self) -> list[tuple[int, tuple[Cell, ...]]]:
+    def _cells(self) -> list[tuple[int, Sequence[Cell]]]:
         shape, rows = Shape(self.path, self.word), []
-        for line, row in self.each():
+        for line, row in self._read():
             shape.add(len(row), line)
-            rows.append((line, tuple(number_of(cell, self.comma) for cell in row)))
+            rows.append((line, row))
         return rows
 
     @cached_property
     def rows(self) -> tuple[tuple[Cell, ...], ...]:
         """Rows of cells; numbers are floats."""
-        return tuple(row for _, row in self._numbered)
+        return tuple(tuple(number_of(cell, self.comma) for cell in row) for _, row in self._cells)
 
     @cached_property
     def lines(self) -> tuple[int, ...]:
         """Line in the file, or row of the sheet, of each row."""
-        return tuple(line for line, _ in self._numbered)
+        return tuple(line for line, _ in self._cells)
 
 
 def read_grid(path: Path, form: FileForm = PLAIN) -> Grid:
@@ -110,17 +110,9 @@ def read_grid(path: Path, form: FileForm = PLAIN) -> Grid:
     separator = find_separator(line for _, line in filled())
 
     def each() -> NumberedRows:
-        rows = split_lines(path, filled(), separator)
-        return rows if separator == "," or form.decimal else without_thousands(path, rows)
+        return split_lines(path, filled(), separator)
 
-    comma = False
-    if separator != "," or form.decimal == ",":
-        comma = find_decimal_comma(path, (str(cell) for _, row in each() for cell in row), form.decimal)
-    if comma and separator == "," and not any(has_decimal_comma(str(cell)) for _, row in each() for cell in row):
-        raise InputError(
-            f"{path}: a decimal comma is stated, but commas separate the columns and no number has one in quotes; "
-            "state a decimal point, or separate the columns by semicolons."
-        )
+    comma = find_decimal_comma(path, each(), form.decimal, separator)
     said = f"encoding {encoding}", f"separated by {_SIGNS[separator]}", f"decimal {'comma' if comma else 'point'}"
     comments = tuple(found[1].strip() for found in islice(_COMMENT.finditer(data.decode("utf-8")), MOST_COMMENTS))
     return Grid(path, each, said, comma, comments)
@@ -136,12 +128,9 @@ def read_sheet(path: Path, form: FileForm = PLAIN) -> Grid:
         raise InputError(f"{path}: Excel files need openpyxl; install commonrail[excel], or export the sheet to CSV.")
     about = read_apart("commonrail.readers.xlsx_child", path, read_plain(path), sheet=form.sheet or None).about
     numbered = list(zip(about["lines"], map(tuple, about["rows"]), strict=True))
-    texts = [cell for _, row in numbered for cell in row if isinstance(cell, str)]
-    comma = find_decimal_comma(path, texts, form.decimal)
-    if not form.decimal:
-        _ = list(without_thousands(path, numbered))
+    comma = find_decimal_comma(path, iter(numbered), form.decimal)
     said: tuple[str, ...] = (f'sheet "{about["sheet"]}"',)
-    if any(isinstance(number_of(cell, comma), float) for cell in texts):
+    if any(isinstance(cell, str) and cell != number_of(cell, comma) for _, row in numbered for cell in row):
         said += (f"numbers written as texts, decimal {'comma' if comma else 'point'}",)
     return Grid(path, lambda: iter(numbered), said, comma, word="row")
 

@@ -19,7 +19,7 @@ import numpy as np
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import InputError
 from commonrail.base.units import FAST, compatible, convert, fits
-from commonrail.readers.columns import Table
+from commonrail.readers.columns import Table, is_heading, name_and_unit
 from commonrail.readers.grid import Grid, numbers_of
 from commonrail.readers.location import Place
 from commonrail.readers.quantity_matrix import kind_of, plain_unit, unit_in
@@ -208,7 +208,8 @@ def _points(grid: Grid, stated: dict[str, str]) -> tuple[dict[str, Floats], int]
         if numbers is None or not np.isfinite(numbers).any():
             continue
         units = unit_in(head)
-        kind = kind_of(units[0]) if units else _named(head, stated)
+        named = (one for one in _COLUMN_KINDS if stated.get(one) and is_heading(head, one.replace(" ", "_")))
+        kind = kind_of(units[0]) if units else next(named, "")
         if kind in _COLUMN_KINDS and kind not in found:
             values = np.array(numbers)
             if not np.isfinite(values).all():
@@ -216,13 +217,6 @@ def _points(grid: Grid, stated: dict[str, str]) -> tuple[dict[str, Floats], int]
             found[kind] = convert(values, stated.get(kind) or units[0], _SI[kind])
             start = i + 1
     return found, start
-
-
-def _named(head: str, stated: dict[str, str]) -> str:
-    """Kind of a row without a unit, of its first word, if a unit is stated for it."""
-    words = {"rail pressure": ("p", "rail"), "energising time": ("et", "ti", "energising")}
-    first = head.lower().replace("_", " ").split()[:1]
-    return next((kind for kind, known in words.items() if stated.get(kind) and first and first[0] in known), "")
 
 
 def _body(grid: Grid, start: int) -> tuple[list[Sequence[str]], IndexArray, Floats]:
@@ -247,19 +241,11 @@ def _body(grid: Grid, start: int) -> tuple[list[Sequence[str]], IndexArray, Floa
 
 def _one(grid: Grid, what: str, texts: Sequence[str], kinds: str, stated: dict[str, str]) -> str:
     """The unit of a kind that texts name, or that is stated."""
-    found = []
-    for text in texts:
-        for unit in _units_of(text):
-            if any(fits(unit, kind) for kind in kinds.split()) and unit not in found:
-                found.append(unit)
+    units = dict.fromkeys(plain_unit(name_and_unit(text)[1] or text) for text in texts)
+    found = [unit for unit in units if any(fits(unit, kind) for kind in kinds.split())]
     if stated.get(what):
         return stated[what]
     if len(found) == 1:
         return found[0]
     cure = "write it into the header" if not found else f"the header has {' and '.join(found)}; write one"
     raise InputError(f"{grid.path}: the {what} has no unit that is clear; {cure}, or state it.")
-
-
-def _units_of(text: str) -> list[str]:
-    inside = [part.partition("]")[0] for part in text.split("[")[1:]]
-    return [plain_unit(unit) for unit in (inside or [text])]

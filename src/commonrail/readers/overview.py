@@ -251,10 +251,10 @@ def _synthetic(grid: Grid) -> str:
 
 
 def _map(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
-    return _of_map(grid.path, find_map(grid, given), form, given)
+    return _of_map(find_map(grid, given), form, given)
 
 
-def _of_map(path: Path, found: FoundMap, form: FileForm, given: GivenUnits) -> Survey:
+def _of_map(found: FoundMap, form: FileForm, given: GivenUnits) -> Survey:
     facts = {
         name: f"{values.min():g} to {values.max():g} {found.units[name]}"
         + (f", {len(set(values.tolist()))} values" if name != "quantity" else f", {len(values)} points")
@@ -262,14 +262,14 @@ def _of_map(path: Path, found: FoundMap, form: FileForm, given: GivenUnits) -> S
     }
     facts |= {name.replace("_", " "): text for name, text in found.notes.items()}
     layout = "matrix" if found.form.startswith("a matrix") else "found"
-    block = {"kind": "quantities", "file": path.name, "layout": layout} | _form_keys(form)
+    block = {"kind": "quantities", "file": found.path.name, "layout": layout} | _form_keys(form)
     keys = ("rail_pressure_unit", "energising_time_unit", "quantity_unit")
     block |= {key: unit for key, unit in zip(keys, given.by_kind().values(), strict=True) if unit}
     repeats = len(found.quantity) > len(
         {*zip(found.rail_pressure.tolist(), found.energising_time.tolist(), strict=True)}
     )
     block |= {"repeated": "mean"} if repeats else {}
-    return Survey(path, f"a quantity map: {found.form}", facts, "; ".join(found.said), block, found)
+    return Survey(found.path, f"a quantity map: {found.form}", facts, "; ".join(found.said), block, found)
 
 
 def _traces(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
@@ -303,7 +303,7 @@ def _of_channels(path: Path, sheet: Sheet, given: GivenUnits) -> Survey:
     facts, no_map = {channel.name: channel.text() for channel in channels} | unread, ""
     if not isinstance(sheet, ChannelSheet | TableSheet):
         try:
-            found = _of_map(path, map_in(sheet, given), PLAIN, given)
+            found = _of_map(map_in(sheet, given), PLAIN, given)
             return Survey(path, found.taken_for, facts | found.facts, found.said, found.block, found.found)
         except InputError as error:
             no_map = str(error).removeprefix(f"{path}: ")

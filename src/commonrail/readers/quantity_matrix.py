@@ -16,12 +16,14 @@ import numpy as np
 
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import InputError
-from commonrail.base.units import compatible, convert, fits, is_everyday, same_scale
+from commonrail.base.units import convert, fits, is_everyday, same_scale
 from commonrail.readers.columns import (
     BAND,
     ChannelSheet,
     Column,
     Sheet,
+    Table,
+    find_column,
     find_headings,
     is_heading,
     name_and_unit,
@@ -33,7 +35,7 @@ from commonrail.readers.table_sheet import SAMPLE, TableSheet, find_header, join
 KINDS = {"rail pressure": ("Pa",), "energising time": ("s",), "quantity": ("m3", "kg")}
 FORM = "a table with a row for each point"
 SENSIBLE = {"rail pressure": (2e6, 400e6), "energising time": (5e-6, 20e-3)}  # SI
-_COLUMNS = [Column(kind.replace(" ", "_"), units) for kind, units in KINDS.items()]
+COLUMNS = [Column(kind.replace(" ", "_"), units) for kind, units in KINDS.items()]
 
 _BRACKETED = re.compile(r"[\[(]([^\[\]()]+)[\])]")
 _NUMBER = r"-?\d+(?:[.,]\d+)?"
@@ -63,10 +65,11 @@ class GivenUnits:
         return dict(zip(KINDS, (self.pressure, self.time, self.quantity), strict=True))
 
 
-@dataclass(frozen=True)
+@dataclass
 class FoundMap:
-    """Map found in a table, in the units of the file."""
+    """Map found in a table, in the units of the file: a `Sheet` whose quantity is in the `column` of that name."""
 
+    path: Path
     form: str  # what the table was taken for
     rail_pressure: Floats  # (n,) in `units`, as the next two
     energising_time: Floats
@@ -74,9 +77,10 @@ class FoundMap:
     units: dict[str, str]  # by the names of `KINDS`
     said: tuple[str, ...]  # what else was taken or omitted
     lines: IndexArray  # (n,): line of the file, or row of the sheet, of each point
-    notes: Mapping[str, str] = field(
-        default_factory=dict
-    )  # conditions of the bench above the map, by the keys of a study
+    notes: Mapping[str, str] = field(default_factory=dict)  # of the bench above the map, by the keys of a study
+    column: str = "quantity"
+
+    apart: bool = False
 
     @property
     def values(self) -> dict[str, Floats]:
@@ -84,9 +88,16 @@ class FoundMap:
         return dict(zip(KINDS, (self.rail_pressure, self.energising_time, self.quantity), strict=True))
 
     @property
-    def by_mass(self) -> bool:
-        """True if the quantities are masses."""
-        return compatible(self.units["quantity"], "kg")
+    def names(self) -> tuple[str, str, str]:
+        """Names of the columns."""
+        return "rail_pressure", "energising_time", self.column
+
+    def take(self, columns: Sequence[Column]) -> Table:
+        """Content of columns; see `Sheet.take`."""
+        kinds = dict(zip(self.names, KINDS, strict=True))
+        names = [self.names[find_column(self.path, self.names, column.name)] for column in columns]
+        numbers, units = ({name: one[kinds[name]] for name in names} for one in (self.values, self.units))
+        return Table(self.path, numbers, {}, units, self.lines)  # type: ignore[arg-type]
 
 
 class NearMap(InputError):
@@ -100,7 +111,7 @@ def find_map(grid: Grid, given: GivenUnits = GivenUnits()) -> FoundMap:
     """
     try:
         sheet = TableSheet(grid)
-        has_columns = len(find_headings(sheet, _COLUMNS)) == len(_COLUMNS)
+        has_columns = len(find_headings(sheet, COLUMNS)) == len(COLUMNS)
     except InputError:
         has_columns = False
     if not has_columns:
@@ -162,25 +173,22 @@ def _axis(grid: Grid) -> _Axis:
     """Axis across a matrix: a row of numbers above the others, or a header whose cells have a number and its unit."""
     first, start = find_header(grid.rows[:SAMPLE])
     names, units = join_heads(grid.rows[first:start]) if start else ([""], [])
-    places = [_PLACE.search(name) for name in names[1:]]
-    kinds = {kind_of(place[2]) if place else "" for place in places}
-    if len(places) > 1 and len(kinds) == 1 and kinds <= {"rail pressure", "energising time"}:
+    if heads := _heads(names[1:]):
         labels = [_PLACE.sub("", name).strip(" ,;:=@") for name in names[1:]]
         chosen, said = _quantity_columns(grid, labels)
-        read = [place for i, place in enumerate(places) if place and i in chosen]
         corner = f"{names[0]} [{units[0]}]" if units and units[0] else names[0]
         texts = [corner, *(units[i + 1] for i in chosen if units), *(labels[i] for i in chosen)]
-        values = [convert(float(place[1].replace(",", ".")), place[2], read[0][2]) for place in read]
-        return _Axis(values, [i + 1 for i in chosen], first, start, texts + _texts(grid.rows[:first]), read[0][2], said)
+        places, above = [heads[0][i] for i in chosen], _texts(grid.rows[:first])
+        return _Axis(places, [i + 1 for i in chosen], first, start, texts + above, heads[1], said)
     start = next((i for i, row in enumerate(grid.rows) if _is_numeric(row)), -1)
     if start < 0:
         raise InputError(f"{grid.path}: there are no rows of numbers.")
-    heads = [str(cell) for cell in grid.rows[start - 1][1:] if cell != ""] if start else []
-    if len({*heads}) > 1 and 2 * len(heads) > len(grid.rows[start]) - 1:
-        fault = NearMap if all(re.search(r"(?<!\w)\d", name_and_unit(head)[0]) for head in heads) else InputError
+    named = [str(cell) for cell in grid.rows[start - 1][1:] if cell != ""] if start else []
+    if len({*named}) > 1 and 2 * len(named) > len(grid.rows[start]) - 1:
+        fault = NearMap if all(re.search(r"(?<!\w)\d", name_and_unit(head)[0]) for head in named) else InputError
         raise fault(
             f"{grid.path}, {grid.word} {grid.lines[start - 1]}: no map is found: "
-            f'"{heads[0]}" and "{heads[1]}" are not places on an axis with units, such as "400 bar".'
+            f'"{named[0]}" and "{named[1]}" are not places on an axis with units, such as "400 bar".'
         )
     across = numbers_of(grid.rows[start][1:]) or []
     if not np.all(np.isfinite(across)):
@@ -223,9 +231,11 @@ def _matrix(grid: Grid, given: GivenUnits) -> FoundMap:
     body = list(zip(grid.lines[axis.start :], grid.rows[axis.start :], strict=True))
     last, cells = max(axis.columns, default=0), np.full((len(body), len(axis.columns)), np.nan)
     down = np.full(len(body), np.nan)
-    fault = NearMap if axis.unit else InputError
+    heads = _heads([str(row[0]) for _, row in body])
+    known = {kind_of(unit): unit for unit in (heads and heads[1], axis.unit) if unit}
+    fault = NearMap if known else InputError
     for i, (line, row) in enumerate(body):
-        numbers = numbers_of(row)
+        numbers = numbers_of((heads[0][i], *row[1:]) if heads else row)
         if numbers is None or (not axis.unit and len(numbers) > last + 1) or not np.isfinite(numbers[0]):
             text = next((f', and "{cell[:40]}" is none' for cell in row if isinstance(cell, str) and cell), "")
             raise fault(
@@ -237,7 +247,7 @@ def _matrix(grid: Grid, given: GivenUnits) -> FoundMap:
         cells[i, : len(filled)] = [numbers[column] for column in filled]
     if not cells.size:
         raise InputError(f"{grid.path}: no map is found: neither columns of pressure, time and quantity nor a matrix.")
-    units, order = _units(grid, axis, given, fault)
+    units, order = _units(grid, axis, given, known)
     turned = _pressures_across(grid, (down, np.array(axis.places)), units, order)
     one, other = np.repeat(down, len(axis.columns)), np.tile(axis.places, len(body))
     pressure, time = (other, one) if turned else (one, other)
@@ -268,20 +278,28 @@ def filled_points(
     if not filled.any():
         raise InputError(f"{path}: the map holds no quantity; all its cells are empty.")
     said = (*said, *_omitted(int(np.count_nonzero(~filled))))
-    return FoundMap(form, pressure[filled], time[filled], quantity[filled], units, said, lines[filled])
+    return FoundMap(path, form, pressure[filled], time[filled], quantity[filled], units, said, lines[filled])
 
 
-def _units(grid: Grid, axis: _Axis, given: GivenUnits, fault: type[InputError]) -> tuple[dict[str, str], list[str]]:
-    """Units by kind, and the kinds of the axes down and across where the file tells them."""
-    corner, across = axis.texts[0], kind_of(axis.unit) if axis.unit else ""
-    units = {kind: unit for kind, unit in given.by_kind().items() if unit}
+def _heads(cells: Sequence[str]) -> tuple[list[float], str] | None:
+    """Places on an axis that cells state with their unit, "400 bar", in the unit of the first; None for other cells."""
+    places = [_PLACE.search(cell) for cell in cells]
+    kinds = {kind_of(place[2]) if place else "" for place in places}
+    if len(places) < 2 or len(kinds) > 1 or not kinds <= {"rail pressure", "energising time"}:
+        return None
+    texts = [(place[1].replace(",", "."), place[2]) for place in places if place]
+    return [convert(float(number), unit, texts[0][1]) for number, unit in texts], texts[0][1]
+
+
+def _units(grid: Grid, axis: _Axis, given: GivenUnits, known: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
+    """Units by kind, and the kinds of the axes down and across where the file tells them; `known`: of their heads."""
+    units = {kind: unit for kind, unit in given.by_kind().items() if unit} | dict(known)
     stated = set(units)
-    if across:
-        units[across] = axis.unit
     for text in (*axis.texts, *grid.comments):
         for unit in unit_in(text):
             kind = kind_of(unit)
-            if kind not in {*stated, across} and text not in grid.comments and not _alike(units.get(kind, unit), unit):
+            is_free = kind not in stated and text not in grid.comments
+            if is_free and not same_scale(units.get(kind, unit), unit):
                 raise InputError(
                     f'{grid.path}: the units "{units[kind]}" and "{unit}" of the {kind} contradict each other in the '
                     "corner or above the numbers; keep the right one, or state it."
@@ -292,19 +310,16 @@ def _units(grid: Grid, axis: _Axis, given: GivenUnits, fault: type[InputError]) 
         named = [unit for text in axis.texts for unit in _BRACKETED.findall(text)]
         unknown = [unit for unit in named if not fits(plain := plain_unit(unit), plain)]
         among = f' ("{unknown[0]}" is not a known unit)' if unknown else ""
-        raise fault(
+        raise (NearMap if known else InputError)(
             f"{grid.path}: no unit of the {' and the '.join(missing)} is in the header or the corner{among}; write "
             'them as in "rail pressure [MPa] \\ energising time [us]" and "quantity [mm3]" above, or state them.'
         )
-    order = [kind_of(unit) for unit in unit_in(corner) if kind_of(unit) != "quantity"]
-    if across:
-        order = ["rail pressure" if across == "energising time" else "energising time", across]
+    order = [kind_of(unit) for unit in unit_in(axis.texts[0]) if kind_of(unit) != "quantity"]
+    if known:
+        first = next(iter(known))
+        order = [first, "energising time" if first == "rail pressure" else "rail pressure"]
+        order = order[::-1] if first == kind_of(axis.unit) else order
     return {kind: plain_unit(unit) for kind, unit in units.items()}, order
-
-
-def _alike(first: str, second: str) -> bool:
-    """Return whether two units are the same under different names."""
-    return same_scale(plain_unit(first), plain_unit(second))
 
 
 def _pressures_across(grid: Grid, axes: tuple[Floats, Floats], units: dict[str, str], order: list[str]) -> bool:
@@ -354,8 +369,8 @@ def find_column_map(file: Sheet, given: GivenUnits = GivenUnits()) -> FoundMap:
     Units that are `given` count before those of the file. Raises `InputError` if a column is missing or may be one of
     several, or a cell of it holds no number.
     """
-    names = find_headings(file, _COLUMNS)
-    for column, kind in zip(_COLUMNS, KINDS, strict=True):
+    names = find_headings(file, COLUMNS)
+    for column, kind in zip(COLUMNS, KINDS, strict=True):
         if column.name not in names:
             fitting = [name for name in file.names if BAND not in name and kind_of(unit_of(file, name)) == kind]
             raise InputError(

@@ -21,7 +21,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.units import fits, read_decimal
 from commonrail.physics.law import Domain
 from commonrail.readers.columns import LARGEST, PLAIN, Column, FileForm, Table, cell_place, find_column, name_and_unit
-from commonrail.readers.grid import MOST_COMMENTS, Grid, check_width, read_grid, read_sheet, width_of
+from commonrail.readers.grid import MOST_COMMENTS, Grid, check_width, read_grid, width_of
 from commonrail.readers.location import LONGEST_NAME, check_columns, read_bytes
 from commonrail.readers.text import (
     LONGEST_NUMBER,
@@ -56,16 +56,17 @@ class TableSheet:
         self.path, self.grid, self._most = grid.path, grid, most
         sample = [row for _, row in islice(grid.each(), SAMPLE)]
         self.first, self._start = find_header(sample)
-        if not self._start:
+        heads = sample[self.first : self._start] or _beside_preamble(sample)
+        if not heads:
             raise InputError(f"{self.path}: the table has no header row with the names of columns above its numbers.")
-        self.header, below = join_heads(sample[self.first : self._start])
+        self.header, below = join_heads(heads)
         _check_header(grid.path, self.header)
         named = [name_and_unit(cell) for cell in self.header]
         self.names = [name for name, _ in named]
         self._units = [below[i] or unit for i, (_, unit) in enumerate(named)] if below else [unit for _, unit in named]
         if not any(self._units):
             self._units = _axis_units(sample[: self.first], len(self.names))
-        self._width = max(map(width_of, sample[self.first : self._start]))
+        self._width = max(map(width_of, heads))
         above = tuple(cell for row in sample[: self.first] for cell in row if isinstance(cell, str) and cell)
         self.comments: Sequence[str] = (*grid.comments, *above)
 
@@ -139,18 +140,9 @@ def _read(text: str, comma: bool) -> float:
         return math.nan
 
 
-class CsvFile(TableSheet):
-    """Columns of a text, whose encoding, separator and decimal sign are detected unless the `form` states them."""
-
-    def __init__(self, path: Path, form: FileForm = PLAIN, *, most: int = MOST_ROWS) -> None:
-        super().__init__(read_grid(path, form), most)
-
-
-class WorkbookSheet(TableSheet):
-    """Columns of a sheet of a workbook (.xlsx, .xlsm); of the form only decimal sign and sheet count."""
-
-    def __init__(self, path: Path, form: FileForm = PLAIN) -> None:
-        super().__init__(read_sheet(path, form))
+def open_table(path: Path, form: FileForm = PLAIN) -> TableSheet:
+    """Columns of a text or of a sheet of a workbook, whose form is detected unless it is stated."""
+    return TableSheet(read_grid(path, form))
 
 
 class WrittenTable(TableSheet):
@@ -233,7 +225,7 @@ def _bare(cell: Cell) -> str:
     """Unit of a cell of a row of units, without brackets."""
     text = str(cell).strip()
     pair = text[:1] + text[-1:]
-    return text[1:-1].strip() if pair in ("[]", "()") else text
+    return text[1:-1].strip() if pair in ("[]", "()") else "" if text in ("-", "–") else text
 
 
 def join_heads(rows: Sequence[Sequence[Cell]]) -> tuple[list[str], list[str]]:
@@ -258,6 +250,18 @@ def _axis_units(rows: Sequence[Sequence[Cell]], count: int) -> list[str]:
             stated[match[1].lower()[0]] = str(row[1])
     across, down = stated.get("h", stated.get("x", "")), stated.get("v", stated.get("y", ""))
     return [across, *[down] * (count - 1)]
+
+
+def _beside_preamble(rows: Sequence[Sequence[Cell]]) -> list[list[str]]:
+    """Names and units of a time and a channel beside the settings of an instrument, "Source,CH1,,-0.0002,0.005"."""
+    settings = {str(row[0]): str(row[1]) for row in rows if len(row) > 1}
+    places = [
+        i for i in range(2, max(map(len, rows))) if all(is_number(cell) for row in rows for cell in row[i : i + 1])
+    ]
+    if "" not in settings or len(places) != 2:
+        return []
+    empty = [""] * places[0]
+    return [[*empty, "time", settings.get("Source", "value")], [*empty, "-", settings.get("Vertical Units", "-")]]
 
 
 def _check_header(path: Path, names: Sequence[str]) -> None:

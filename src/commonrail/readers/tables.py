@@ -22,7 +22,7 @@ from commonrail.readers.formats import format_of, refuse_unread
 from commonrail.readers.grid import read_grid
 from commonrail.readers.location import Place, located
 from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_map, map_in
-from commonrail.readers.table_sheet import CsvFile
+from commonrail.readers.table_sheet import open_table
 
 LEAST_SAMPLES = 4
 
@@ -79,6 +79,16 @@ def take_columns(sheet: Sheet, wanted: Sequence[Column], least: int = LEAST_SAMP
     return table
 
 
+def take_each(sheet: Sheet, time: Column, wanted: Sequence[Column]) -> list[Table]:
+    """Table of each of some columns with their times; the file is gone through once."""
+    each = {column.name: column for column in wanted}
+    if sheet.apart:
+        read = {name: take_columns(sheet, [time, column]) for name, column in each.items()}
+    else:
+        read = dict.fromkeys(each, take_columns(sheet, [time, *each.values()]))
+    return [read[column.name] for column in wanted]
+
+
 def has_columns(sheet: Sheet, columns: Sequence[Column]) -> list[Column]:
     """Those of some columns that an open file has, by whatever usual heading."""
     headings = find_headings(sheet, columns)
@@ -106,7 +116,7 @@ def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
         with part.blamed(f"fails on {path}"):
             return cast(Sheet, opener(path, form))
     refuse_unread(path)
-    return CsvFile(path, form)
+    return open_table(path, form)
 
 
 def read_found_map(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits()) -> FoundMap:
@@ -155,7 +165,9 @@ def _example(column: Column) -> str:
 
 def _unit(column: Column, written: str, at: Place) -> str:
     """Unit of a column, of what is written in the file and what is stated elsewhere."""
-    if written and column.stated and not same_scale(written, column.stated):
+    with located(at):
+        is_other = written and column.stated and not same_scale(written, column.stated)
+    if is_other:
         raise at.error(f'the file gives the unit "{written}", {column.stating} "{column.stated}"; keep one of them')
     if not (written or column.stated or column.otherwise):
         example = _example(column).split()[0]

@@ -12,7 +12,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from io import BytesIO
 from itertools import islice
 from pathlib import Path
-from typing import TypeVar
 
 from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
@@ -24,14 +23,12 @@ SAMPLE = 1000  # lines that tell the separator
 
 Cell = str | float
 NumberedRows = Iterator[tuple[int, Sequence[Cell]]]  # line of the file on which a row begins, and its cells
-Row = TypeVar("Row", bound=Sequence[Cell])
 
 _MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 _POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.A)
 _COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?", re.A)
 _QUOTED = re.compile(r'"[^"]*"')
 _GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+", re.A)
-_POINTED = re.compile(r"[+-]?(\d+\.\d*|\.\d+)([eE][+-]?\d+)?", re.A)
 _EMPTY = frozenset(("nan", "inf", "+inf", "-inf"))
 
 
@@ -112,24 +109,48 @@ def split_lines(path: Path, lines: Iterator[tuple[int, str]], separator: str, *,
         yield taken[0], row if plain else [cell.strip() for cell in row]
 
 
-def find_decimal_comma(path: Path, cells: Iterable[str], decimal: str) -> bool:
+def find_decimal_comma(path: Path, rows: NumberedRows, decimal: str, separator: str = "") -> bool:
     """Return whether the decimal sign is a comma: as it is stated, else as any number has it.
 
-    Raises `InputError` where numbers with points are among them.
+    Between commas it is a point unless stated. Raises `InputError` where numbers with points are among those with
+    commas, where no number has a stated comma between commas, and where points may separate thousands: three digits
+    follow each of them, as in 1.200, and other numbers, as 35, have none. Three decimals everywhere leave no such
+    number, and any as 0.35 shows that its point is a decimal sign.
     """
-    comma, pointed = decimal == ",", ""
-    for cell in cells:
-        if "," in cell:
-            comma = comma or (not decimal and bool(_COMMA.fullmatch(cell)))
-        elif not pointed and "." in cell and _POINT.fullmatch(cell):
-            pointed = cell
-    if comma and pointed:
+    if decimal == "." or (separator == "," and not decimal):
+        return False
+    has_comma, integer, pointed, grouped = False, "", "", (0, "")
+    for line, row in rows:
+        for cell in row:
+            if not isinstance(cell, str):
+                continue
+            if "," in cell:
+                has_comma = has_comma or has_decimal_comma(cell)
+            elif "." not in cell:
+                integer = integer or (cell if cell.isdecimal() else "")
+            elif _GROUPED.fullmatch(cell):
+                grouped = grouped if grouped[1] else (line, cell)
+            elif not pointed and _POINT.fullmatch(cell):
+                pointed = cell
+    among = pointed or grouped[1]
+    if (decimal or has_comma) and among:
         kind = "a decimal comma is stated" if decimal else "some numbers have a decimal comma"
         raise InputError(
-            f'{path}: {kind}, and "{pointed}" has a point; write all numbers with the same decimal sign, and '
+            f'{path}: {kind}, and "{among}" has a point; write all numbers with the same decimal sign, and '
             "thousands without a sign."
         )
-    return comma
+    if decimal and separator == "," and not has_comma:
+        raise InputError(
+            f"{path}: a decimal comma is stated, but commas separate the columns and no number has one in quotes; "
+            "state a decimal point, or separate the columns by semicolons."
+        )
+    if not has_comma and not decimal and grouped[1] and not pointed and integer:
+        raise InputError(
+            f'{path}, line {grouped[0]}: "{grouped[1]}" may be {grouped[1].replace(".", "")}, because three digits '
+            f'follow each point of the file and others, as "{integer}", have none; write thousands without a point, or '
+            "state that the decimal sign is a point."
+        )
+    return has_comma or bool(decimal)
 
 
 def has_decimal_comma(cell: str) -> bool:
@@ -152,28 +173,3 @@ def number_of(cell: Cell, comma: bool) -> Cell:
 def is_number(cell: Cell) -> bool:
     """Return whether a cell holds a number with either decimal sign, or a word for a missing one."""
     return not isinstance(cell, str) or not isinstance(number_of(cell, True), str) or cell.lower() in _EMPTY
-
-
-def without_thousands(path: Path, rows: Iterable[tuple[int, Row]]) -> Iterator[tuple[int, Row]]:
-    """Pass on lines and their cells; `InputError` at the end if points may separate thousands, as decimal commas go.
-
-    So it is where three digits follow each point, as in 1.200, and other numbers, as 35, have none: a text that writes
-    three decimals everywhere has no such number, and any as 0.35 shows that its point is a decimal sign.
-    """
-    is_open, grouped, integer = True, (0, ""), ""
-    for line, row in rows:
-        for cell in (cell.strip() for cell in row if isinstance(cell, str)) if is_open else ():
-            if "." not in cell:
-                integer = integer or (cell if cell.isdecimal() else "")
-            elif _GROUPED.fullmatch(cell):
-                grouped = grouped if grouped[1] else (line, cell)
-            elif _POINTED.fullmatch(cell):
-                is_open = False
-        yield line, row
-    line, cell = grouped
-    if is_open and cell and integer:
-        raise InputError(
-            f'{path}, line {line}: "{cell}" may be {cell.replace(".", "")}, because three digits follow each point of '
-            f'the file and others, as "{integer}", have none; write thousands without a point, or state that the '
-            "decimal sign is a point."
-        )

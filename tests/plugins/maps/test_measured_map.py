@@ -94,7 +94,7 @@ def test_points_without_a_quantity_are_omitted_and_said(tmp_path: Path) -> None:
 
 def test_masses_are_divided_by_the_density(tmp_path: Path) -> None:
     read = found(tmp_path, LONG.replace("mm3", "mg"))
-    assert read.by_mass
+    assert read.units["quantity"] == "mg"
     assert in_si(read, 800.0).volume[0] == pytest.approx(1.5e-6 / 800.0)
 
 

@@ -41,12 +41,13 @@ def inspect(
       commonrail inspect bench.xlsx --out data/quantity.csv
       commonrail inspect map.csv --encoding cp1252 --quantity-unit mm3
     """
+    from commonrail.readers.formats import format_of
     from commonrail.readers.overview import survey
     from commonrail.readers.quantity_matrix import GivenUnits
 
     check_file(out, "--out")
     form = read_form(encoding, decimal, sheet, [file])
-    if part := registry.find("inspectors", file.suffix.lower().removeprefix(".")):
+    if part := registry.find("inspectors", format_of(file)):
         _show({"file": str(file), **part.call(file)}, json)
         return
     given = GivenUnits(pressure_unit, time_unit, quantity_unit)

@@ -20,11 +20,11 @@ from commonrail.data.study_block import Context, PressureModel, TraceModel, driv
 from commonrail.engine.operating_point import LONGEST, Energising, OperatingPoint, Trace
 from commonrail.engine.record_filter import low_pass
 from commonrail.engine.status import check_point
-from commonrail.readers.columns import MOST_SHOWN, PLAIN, Column, Sheet, Table
+from commonrail.readers.columns import MOST_SHOWN, PLAIN, Column, name_and_unit
 from commonrail.readers.grid import read_grid
 from commonrail.readers.location import Place, located
 from commonrail.readers.operating_points import ColumnPattern, NamedPoint, find_traces
-from commonrail.readers.tables import take_columns
+from commonrail.readers.tables import take_each
 
 
 class ReadCurve(NamedTuple):
@@ -172,16 +172,6 @@ def _from_zero(drive: Trace, first: float, at: Place) -> Trace:
 _PRESSURES = ("rail_pressure", "cylinder_pressure", "return_pressure")
 
 
-def _tables(sheet: Sheet, time: Column, wanted: Sequence[Column]) -> list[Table]:
-    """Table of each of some columns with their times; the file is gone through once."""
-    each = {column.name: column for column in wanted}
-    if sheet.apart:
-        read = {name: take_columns(sheet, [time, column]) for name, column in each.items()}
-    else:
-        read = dict.fromkeys(each, take_columns(sheet, [time, *each.values()]))
-    return [read[column.name] for column in wanted]
-
-
 # Several injection curves of one file: columns named by their operating points, or with these in rows above them.
 
 
@@ -203,7 +193,7 @@ def named_columns(model: RateModel, context: Context) -> list[FoundCurve]:
     fit.
     """
     at = context.at
-    pattern = ColumnPattern(model.columns or "", stated_units(model), at / "columns")
+    pattern = ColumnPattern(name_and_unit(model.columns or "")[0], stated_units(model), at / "columns")
     sheet = context.sheet(model.file, at, model.form)
     points = [point for name in sheet.names if (point := pattern.read(name)) is not None]
     if not points:
@@ -215,7 +205,7 @@ def named_columns(model: RateModel, context: Context) -> list[FoundCurve]:
         raise (at / "columns").error(f"{len(points)} columns fit, and at most {MOST_CURVES} are read")
     time = Column(model.time, "s", model.time_unit, increasing=True)
     wanted = [Column(point.column, RATES, model.rate_unit, required=False) for point in points]
-    tables = _tables(sheet, time, wanted)
+    tables = take_each(sheet, time, wanted)
     samples = [
         within_window(samples_of(table, point.column, model, at), model, at)
         for table, point in zip(tables, points, strict=True)
@@ -253,7 +243,7 @@ def courses_at(curves: Sequence[FoundCurve], model: RateModel, context: Context)
                 names[i] = fitting[0]
         unit = drive_unit(context.injector) if key == "drive" else "Pa"
         time = Column(item.time or model.time, "s", item.time_unit or (model.time_unit if is_own else None), True)
-        tables = _tables(sheet, time, [Column(name, unit, item.unit) for name in names])
+        tables = take_each(sheet, time, [Column(name, unit, item.unit) for name in names])
         zero = model.time_zero if is_own else 0.0
         read = {
             name: (table.columns[time.name] - zero, table.columns[name])

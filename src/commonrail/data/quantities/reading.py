@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -14,7 +15,7 @@ from pydantic import Field, PlainValidator
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.base.hooks import note
-from commonrail.base.units import convert, parse, to_text
+from commonrail.base.units import parse, to_text
 from commonrail.data.noise import NOISE, Noise
 from commonrail.data.quantities.baselines import SisterModel
 from commonrail.data.repeats import averaged, groups_of
@@ -24,13 +25,11 @@ from commonrail.engine.status import check_point
 from commonrail.physics.law import Domain
 from commonrail.readers.columns import PLAIN, Column, FileForm, FormModel, Table
 from commonrail.readers.location import Place, located
-from commonrail.readers.quantity_matrix import FoundMap, GivenUnits
+from commonrail.readers.quantity_matrix import COLUMNS, GivenUnits
 from commonrail.readers.tables import has_columns, open_sheet, read_found_map, take_columns
 from commonrail.readers.toml import FileModel, Unit, fault
 
 # Quantity map found in a file, a matrix or a table with other names, as the columns that a map is read from.
-
-_SI = {"rail pressure": "Pa", "energising time": "s"}
 
 
 def found_table(path: Path, form: FileForm, given: GivenUnits, quantity: str, *, matrix: bool) -> Table:
@@ -40,11 +39,11 @@ def found_table(path: Path, form: FileForm, given: GivenUnits, quantity: str, *,
     `matrix` only a matrix is taken. Raises `InputError` if the file cannot be read, no map is found in it, or a
     number makes no sense.
     """
-    found = read_found_map(path, form, given)
+    found = replace(read_found_map(path, form, given), column=quantity)
     if matrix and not found.form.startswith("a matrix"):
         raise InputError(f'{path}: this is {found.form} and no matrix; state layout = "found".')
     note(f"{path}: read as {found.form}; {'; '.join(found.said)}.")
-    return _table(path, found, quantity)
+    return take_columns(found, [*COLUMNS[:2], Column(quantity, ("m3", "kg"), domain=Domain.NON_NEGATIVE)], 1)
 
 
 def map_columns(
@@ -67,25 +66,6 @@ def map_columns(
     if fault:
         raise fault
     return take_columns(sheet, wanted, least)
-
-
-def _table(path: Path, found: FoundMap, quantity: str) -> Table:
-    units = {kind: _SI.get(kind, "kg" if found.by_mass else "m3") for kind in found.units}
-    names = {"rail pressure": "rail_pressure", "energising time": "energising_time", "quantity": quantity}
-    with np.errstate(over="ignore"):
-        columns = {names[kind]: convert(v, found.units[kind], units[kind]) for kind, v in found.values.items()}
-    table = Table(
-        path,
-        columns,
-        {},
-        {names[kind]: unit for kind, unit in found.units.items()},
-        found.lines,
-        units={names[kind]: unit for kind, unit in units.items()},
-    )
-    outside = np.flatnonzero(~(np.isfinite(columns[quantity]) & Domain.NON_NEGATIVE.admits(columns[quantity])))
-    if len(outside):
-        raise table.place(quantity, int(outside[0])).error(f"the value must be {Domain.NON_NEGATIVE.value}")
-    return table
 
 
 Pressure = Annotated[float, Unit("Pa")]

@@ -31,7 +31,7 @@ from commonrail.plugins.features.targets import FeatureData
 from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table
 from commonrail.readers.columns import unit_of as unit_in
 from commonrail.readers.operating_points import named_points
-from commonrail.readers.tables import open_sheet, take_columns
+from commonrail.readers.tables import open_sheet, take_each
 from commonrail.runs.folder import read_fit, read_run
 from commonrail.runs.traces import TIME
 
@@ -68,10 +68,7 @@ def read_rates(path: Path, columns: RateColumns, energisings: Sequence[Energisin
         raise InputError(f"{path}: there are {len(names)} rates, and at most {MOST_SHOTS} are read; name those wanted.")
     time = Column(columns.time, "s", columns.time_unit, increasing=True)
     rates = [Column(name, tuple(RATE_UNITS), columns.rate_unit) for name in names]
-    if sheet.apart:
-        tables = [take_columns(sheet, [time, rate]) for rate in rates]
-    else:
-        tables = [take_columns(sheet, [time, *rates])] * len(rates)
+    tables = take_each(sheet, time, rates)
     if len({table.units[name] for name, table in zip(names, tables, strict=True)}) > 1:
         raise InputError(f"{path}: some rates are by mass and some by volume; name those of one kind.")
     own = _energised(path, names, tuple(energisings))

@@ -69,8 +69,10 @@ def names_of(table: Table) -> list[str]:
 
 
 def find_column(table: Table, name: str, what: str) -> int:
-    """Index of a column in the header; see `commonrail.readers.columns.find_column`."""
-    return sheet.find_column(table.path, names_of(table), name, what)
+    """Index of a column in the header, also by a usual heading; see `commonrail.readers.columns.find_column`."""
+    names = names_of(table)
+    usual = [] if name in names else [heading for heading in names if sheet.is_heading(heading, name)]
+    return sheet.find_column(table.path, names, usual[0] if len(usual) == 1 else name, what)
 
 
 @dataclass(frozen=True)

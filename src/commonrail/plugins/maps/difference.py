@@ -9,12 +9,11 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.units import convert
 from commonrail.data.quantities.data import rms
 from commonrail.plugins.maps.response import respond
 from commonrail.plugins.maps.run import InjectionMap
-from commonrail.readers.quantity_matrix import FoundMap
-from commonrail.readers.tables import read_found_map
+from commonrail.readers.quantity_matrix import COLUMNS, FoundMap
+from commonrail.readers.tables import read_found_map, take_columns
 
 SMALL = 3e-9  # below it errors are judged in mm³, above it in percent [m³]
 
@@ -77,9 +76,6 @@ def read_measured_map(path: Path, density: float) -> MeasuredMap:
 
 def in_si(found: FoundMap, density: float) -> MeasuredMap:
     """Map in SI units; masses are divided by a density [kg/m³]."""
-    units = found.units
-    rail = convert(found.rail_pressure, units["rail pressure"], "Pa")
-    time = convert(found.energising_time, units["energising time"], "s")
-    if found.by_mass:
-        return MeasuredMap(rail, time, convert(found.quantity, units["quantity"], "kg") / density)
-    return MeasuredMap(rail, time, convert(found.quantity, units["quantity"], "m3"))
+    table = take_columns(found, COLUMNS, 1)
+    rail, time, quantity = table.columns.values()
+    return MeasuredMap(rail, time, quantity / density if table.units["quantity"] == "kg" else quantity)

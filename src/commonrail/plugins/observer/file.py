@@ -23,7 +23,7 @@ from commonrail.plugins.observer.disturbance import Disturbance
 from commonrail.plugins.observer.kalman import Alarm, Belief, StepTest
 from commonrail.plugins.observer.study import FURTHER, InjectionTrain, ObserverSettings
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table
-from commonrail.readers.tables import open_sheet, take_columns
+from commonrail.readers.tables import open_sheet, take_columns, take_each
 
 SLOWEST = 20e3  # rate of a log: the lowest one of the table of accuracies [1/s]
 FIGURES = ("quantity", "opening", "closing")
@@ -272,16 +272,13 @@ def read_log(path: Path, columns: LogColumns) -> Log:
     wanted = [Column(columns.pressure, "Pa", columns.pressure_unit, domain=Domain.POSITIVE, stating="--pressure-unit")]
     if columns.energisings is None:
         wanted.append(Column(columns.command, COMMAND_UNITS, otherwise="1"))
-    if sheet.apart:
-        tables = [take_columns(sheet, [time, column]) for column in wanted]
-    else:
-        tables = [take_columns(sheet, [time, *wanted])] * len(wanted)
+    tables = take_each(sheet, time, wanted)
     clock, pressure = tables[0].columns[columns.time], tables[0].columns[columns.pressure]
     further, volume = {}, False
     for name, heading in columns.further.items():
         unit = ("kg/s", "m3/s") if name == "return" else FURTHER[name]
         column = Column(heading, unit, columns.units.get(name), stating=f"--{name}-unit")
-        table = take_columns(open_sheet(path, columns.form), [time, column])  # it may be the command's column too
+        table = take_columns(sheet, [time, column])  # it may be the command's column too
         volume = volume or table.units[heading] == "m3/s"
         own, place = table.columns[columns.time], f'{path}, column "{heading}"'  # MDF has several clocks
         step = float(np.median(np.diff(own)))

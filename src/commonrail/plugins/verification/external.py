@@ -31,7 +31,7 @@ from commonrail.plugins.paper.bench import PAPER_OPTIMUM
 from commonrail.plugins.verification.closed_forms import Check, check
 from commonrail.readers.columns import Column
 from commonrail.readers.injector import load_injector
-from commonrail.readers.table_sheet import CsvFile
+from commonrail.readers.table_sheet import TableSheet, open_table
 
 INTERVAL = 3e-6  # of its samples [s]
 SHORT = 399e-6  # longest energising time of what counts as a short injection [s]
@@ -199,6 +199,6 @@ def _rates() -> dict[str, Floats]:
     return {name: 1e-6 * columns[name] for name in names}
 
 
-def _sheet(name: str) -> CsvFile:
+def _sheet(name: str) -> TableSheet:
     with resources.as_file(_FOLDER / name) as path:
-        return CsvFile(path)
+        return open_table(path)
