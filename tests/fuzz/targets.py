@@ -89,7 +89,7 @@ def _spoilt(random: Random, file: str, data: bytes) -> bytes:
     kind = file.rpartition(".")[2]
     if kind == "xlsx":
         return _spoilt_book(random, data)
-    if kind in ("parquet", "mat"):
+    if kind in ("parquet", "mat", "txt"):
         return random.choice(BYTES)(random, data)
     return spoilt_database(random, data) if kind == "sqlite" else mutated(random, file, data)
 
@@ -220,6 +220,17 @@ def _bench_files() -> list[Files]:
     return [{"map.xlsx": stream.getvalue()}, {"map.mat": other.getvalue()}]
 
 
+@cache
+def _tables() -> list[Files]:
+    """Texts as benches write them: units in heads, notes, two header rows, a scope, German signs and encodings."""
+    heads = "Gegendruck;50;bar\nMenge [mm³/Hub]\nti (µs);400 bar;800 bar\n200;0,5;1,2\n400;4,1;9,8\n"
+    rows = "Prüfpunkt;Raildruck [bar];Ansteuerdauer [µs];Soll [mm³]\nVL;1600;900;60,5\nLL;300;650;3,4\n"
+    scope = "Record Length,4\nVertical Units,V\nTIME,CH1\n0e-6,1\n1e-6,2\n2e-6,1\n3e-6,2\n"
+    wide = "rail;p;p\nt;a;b\n(ms);(bar);[mm3/ms]\n0;1;2\n1;3;4\n2;3;4\n3;3;4\n"
+    texts = [{"table.csv": text.encode()} for text in (heads, rows, scope, wide)]
+    return [*texts, {"table.txt": heads.encode("cp1252")}, {"table.txt": rows.encode("utf-16")}]
+
+
 def _folder(path: Path, *names: str) -> Files:
     return {name: (path / name).read_bytes() for name in names}
 
@@ -330,6 +341,7 @@ TARGETS = {
     "report": Target(_report, _runs, (".json", ".csv"), 6),
     "journal": Target(kept.read_journal, kept.runs, (".sqlite",), 6),
     "fleet": Target(kept.read_fleet, kept.fleets, ("fleet.toml", "study.toml", "s.csv", ".parquet"), 5),
+    "table": Target(_survey, _tables, (".csv", ".txt"), 10),
     "bench file": Target(_survey, _bench_files, (".xlsx", ".mat"), 2),  # starts a process each time
     "fleet journal": Target(kept.read_fleet_journal, kept.fleet_runs, (".sqlite",), 3),
 }

@@ -252,10 +252,8 @@ def same_scale(one: str, other: str) -> bool:
 
 def fits(unit: str, kind: str) -> bool:
     """Tell whether a text is a unit of the same kind of quantity as another; False for an unknown unit."""
-    try:
-        return compatible(unit, kind)
-    except InputError:
-        return False
+    one, other = _scale(unit), _scale(kind)
+    return one is not None and other is not None and one.kind == other.kind
 
 
 def to_text(value: float, unit: str, digits: int = 6) -> str:
