@@ -184,7 +184,12 @@ FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
         MAP,
         r"data\[1\]: The absolute tolerance must",
     ),
-    "missing column": (InputError, "", MAP.replace("quantity", "Q"), r'map\.csv: there is no column "quantity"'),
+    "missing column": (
+        InputError,
+        "",
+        MAP.replace("quantity [mm3]", "Flow"),
+        r'map\.csv: there is no column "quantity"',
+    ),
     "no rows": (
         InputError,
         "",

@@ -26,6 +26,7 @@ EXAMPLES = {
     "report": 20,
     "journal": 50,
     "fleet": 50,
+    "table": 60,
     "bench file": 15,
     "fleet journal": 30,
 }
@@ -69,7 +70,7 @@ def test_bytes_of_no_file(name: str) -> None:
     def run(data: bytes) -> None:
         with tempfile.TemporaryDirectory() as folder:
             refused = check(name, written(Path(folder), {**files, spoilt: data}))
-            # a text of whatever content is a table; to SQLite a file of a byte at most is a database that has just begun
+            # any text is a table; to SQLite a file of a byte at most is a database that has just begun
             assert refused or name == "table" or (name == "fleet journal" and len(data) < 2)
 
     run()

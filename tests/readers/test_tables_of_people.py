@@ -163,6 +163,8 @@ def test_a_mean_row_and_a_label_column_are_the_reason(tmp_path: Path, change: tu
     path = tmp_path / "a.csv"
     path.write_text("Menge [mm3]\n" + MAP.replace(*change), encoding="utf-8")
     assert change[1].split(";")[-2] in survey(path).facts["reason"]
+    path.write_text("Punkt;" + MAP.replace("\n", "\nP;", 3), encoding="utf-8")
+    assert "Punkt" in survey(path).facts["reason"]
 
 
 def test_merged_cells_are_filled_inside_their_range(tmp_path: Path) -> None:

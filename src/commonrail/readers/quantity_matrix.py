@@ -180,6 +180,8 @@ def _axis(grid: Grid) -> _Axis:
         texts = [corner, *(units[i + 1] for i in chosen if units), *(labels[i] for i in chosen)]
         places, above = [heads[0][i] for i in chosen], _texts(grid.rows[:first])
         return _Axis(places, [i + 1 for i in chosen], first, start, texts + above, heads[1], said)
+    if _heads(names[2:]):
+        raise NearMap(f'{grid.path}: the column "{names[0]}" is before that of the axis; remove columns of labels.')
     start = next((i for i, row in enumerate(grid.rows) if _is_numeric(row)), -1)
     if start < 0:
         raise InputError(f"{grid.path}: there are no rows of numbers.")
@@ -334,6 +336,8 @@ def _pressures_across(grid: Grid, axes: tuple[Floats, Floats], units: dict[str, 
         )
         for pressures, times in (axes, axes[::-1])
     ]
+    if sensible[0] == sensible[1] and len(order) == 1:
+        return order == ["energising time"]  # the name of the first column
     if sensible[0] == sensible[1]:
         raise InputError(
             f"{grid.path}: it is open which axis is the rail pressure; write both names with their units into the "
