@@ -153,3 +153,25 @@ def test_a_size_of_thousands_of_digits_in_a_dcm_is_refused(command: Command, tmp
     done = command("inspect", data)
     assert done.status == 2
     assert "line 2: a size has 5000 digits" in done.err
+
+
+def test_columns_that_are_not_read_are_listed_with_the_reason(command: Command, tmp_path: Path) -> None:
+    """A column of texts, one without a value, and a time that runs backwards."""
+    data = tmp_path / "rate.csv"
+    data.write_text("time [us],rate [mm3/ms],note,spare\n0,0,a,\n3,1,b,\n2,2,c,\n5,3,d,\n", encoding="utf-8")
+    record = command("inspect", data, "--json").record
+    assert "value 3" in record["time"]
+    assert all(record[name].startswith("not read") for name in ("note", "spare"))
+
+
+def test_a_formula_that_was_never_computed_is_no_gap(command: Command, tmp_path: Path) -> None:
+    """openpyxl and other programs write formulas without their values."""
+    openpyxl = pytest.importorskip("openpyxl", reason="the extra [excel] is not installed")
+    book = openpyxl.Workbook()
+    book.active.append(["p [bar]", "et [us]", "q [mm3]"])
+    for i in range(2, 6):
+        book.active.append([400.0 + 100.0 * i, 300.0, f"=A{i}/B{i}"])
+    book.save(tmp_path / "a.xlsx")
+    record = command("inspect", tmp_path / "a.xlsx", "--json").record
+    assert "formula" in record["q"]
+    assert command("inspect", tmp_path / "a.xlsx", "--out", tmp_path / "b.csv").status == 2

@@ -52,7 +52,16 @@ FACTORS: dict[str, dict[str, float]] = {
     "kg/m3": {"kg/m3": 1.0, "g/cm3": 1e3},
     "N": {"N": 1.0, "kN": 1e3, "mN": 1e-3},
     "N/m": {"N/m": 1.0, "N/mm": 1e3, "N/um": 1e6, "kN/mm": 1e6},
-    "Pa": {"Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "bar": 1e5, "mbar": 1e2},
+    "Pa": {
+        "Pa": 1.0,
+        "hPa": 1e2,
+        "kPa": 1e3,
+        "MPa": 1e6,
+        "GPa": 1e9,
+        "bar": 1e5,
+        "mbar": 1e2,
+        "psi": 6894.757293168361,
+    },
     "1/Pa": {"1/Pa": 1.0, "1/MPa": 1e-6, "1/bar": 1e-5},
     "m/Pa": {"m/Pa": 1.0, "um/MPa": 1e-12, "um/bar": 1e-11},
     "Pa s": {"Pa s": 1.0, "mPa s": 1e-3},
@@ -144,6 +153,8 @@ def read_decimal(text: str) -> float:
 _NUMBER = re.compile(r"([+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|inf(?:inity)?\b|nan\b))(.*)", re.S | re.A)
 # What quantities of a stroke are counted by: "mg/Hub", "mm3/Takt".
 _STROKE = re.compile(r"/(?:inj|injection|str|stk|shot|hub|takt|einspritzung|(?-i:H))\.?$", re.I)
+# Crank angle with its engine speed, a time.
+_CRANK = re.compile(r"deg ?(?:CA|CrA|KW|crk)? ?@ ?(\d+(?:\.\d+)?) ?(?:rpm|1/min|U/min|/min)", re.I)
 # Units as words and abbreviations of headings, in small letters.
 _WORDS = {
     **dict.fromkeys(("sec", "second", "seconds", "sek", "sekunde", "sekunden"), "s"),
@@ -154,6 +165,7 @@ _WORDS = {
     **dict.fromkeys(("percent", "prozent"), "%"),
     **dict.fromkeys(("celsius", "deg c", "grad c", "grad celsius"), "degC"),
     "bar": "bar",
+    "psi": "psi",
     "ccm": "cm3",
     "cc": "cm3",
     "cmm": "mm3",
@@ -336,6 +348,8 @@ def _of_table(text: str) -> Scale | None:
     if match := _GAUGE.fullmatch(text):
         scale = _of_table(match[1])
         return scale and scale._replace(offset=ATMOSPHERE if match[3] else 0.0)
+    if (match := _CRANK.fullmatch(text)) and float(match[1]) > 0.0:
+        return Scale("s", 1.0 / (6.0 * float(match[1])))  # 360 degrees a turn, 60 s a minute
     return FAST.get(text) or FAST.get(_WORDS.get(text.lower(), ""))
 
 

@@ -26,6 +26,9 @@ SHIPPED: dict[str, dict[str, str]] = {
         "mf4": "commonrail.plugins.formats.mdf:MdfFile",
         "mdf": "commonrail.plugins.formats.mdf:MdfFile",
         "lvm": "commonrail.plugins.formats.lvm:LvmFile",
+        "dcm": "commonrail.plugins.maps.ecu_file:MapFile",
+        "cdfx": "commonrail.plugins.maps.ecu_file:MapFile",
+        "table": "commonrail.plugins.maps.ecu_file:MapFile",
         "mat": "commonrail.plugins.formats.mat:MatFile",
         "parquet": "commonrail.plugins.formats.parquet:ParquetFile",
         "pq": "commonrail.plugins.formats.parquet:ParquetFile",
@@ -49,7 +52,6 @@ SHIPPED: dict[str, dict[str, str]] = {
     "workers": {"cluster": "commonrail.plugins.cluster:Cluster"},
     "pages": {"bench.html": "commonrail.plugins.page.page:page_of_run"},
     "live": {"page": "commonrail.plugins.page.live:live_chart"},
-    "inspectors": {"dcm": "commonrail.plugins.maps.dcm:facts_of"},
     "simulations": {
         "page": "commonrail.plugins.features.anatomy:anatomy_html",
         "figure": "commonrail.plugins.features.anatomy:anatomy_figure",

@@ -334,7 +334,7 @@ TIME = "time"  # name of the times of whatever channel
 
 
 class Channel(NamedTuple):
-    """A channel: its group, unit, the name of its times, its arrays, and what is wrong with it, if anything."""
+    """A channel: its group, unit, the name of its times, its arrays, its fault if it cannot be read, and a remark."""
 
     name: str
     group: str
@@ -343,6 +343,7 @@ class Channel(NamedTuple):
     time: Floats
     values: Floats
     fault: str
+    remark: str = ""  # samples that are omitted, and the like
 
 
 class ChannelSheet:
@@ -361,6 +362,10 @@ class ChannelSheet:
     def unit(self, name: str) -> str:
         """Unit of a channel, empty if the file has none."""
         return self._channels[name].unit
+
+    def remark(self, name: str) -> str:
+        """Remark on the content of a channel, empty if there is nothing to say."""
+        return self._channels[name].remark
 
     def take(self, columns: Sequence[Column]) -> Table:
         """Content of one channel and its times; see `Sheet.take`."""

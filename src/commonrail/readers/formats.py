@@ -20,6 +20,8 @@ _READABLE = {
     b"TDSm": "tdms",
     b"KONSERVIERUNG_FORMAT": "dcm",
 }
+# Bytes further behind of formats that are read: comments, or a head that is common to XML, come first.
+_READABLE_INSIDE = {b"\nKONSERVIERUNG_FORMAT": "dcm", b"<MSRSW": "cdfx", b"<tableData": "table"}
 _HDF5, _ZIP = b"\x89HDF\r\n\x1a\n", b"PK\x03\x04"
 # First bytes of formats that are not read, by their names.
 _UNREAD = {
@@ -36,7 +38,7 @@ _UNREAD = {
 # Bytes further behind by which a format is known.
 _INSIDE = {b"WAVEDESC": "LeCroy", b":WFM#": "Tektronix", b"<usi:tdm": "DIAdem", b"urn:schemas-microsoft-com": "XML"}
 # Binary formats without such bytes, by their endings.
-_ENDINGS = {"nc": "NetCDF", "xls": "old Excel", "ifl": "IFL", "tdx": "DIAdem", "tdms": "TDMS"}
+_ENDINGS = {"nc": "NetCDF", "xls": "old Excel", "ifl": "IFL", "tdx": "DIAdem"}
 _ALIASES = {"xlsm": "xlsx", "mdf": "mf4", "pq": "parquet"}
 _CURES = {
     **dict.fromkeys(("ZIP", "compressed"), "unpack it, and name the file in it"),
@@ -54,6 +56,7 @@ def format_of(path: Path) -> str:
     ending = path.suffix.lower().removeprefix(".")
     first = _first_bytes(path)
     known = next((name for start, name in _READABLE.items() if first.startswith(start)), "")
+    known = known or next((name for inside, name in _READABLE_INSIDE.items() if inside in first), "")
     if known or (first.startswith(_ZIP) and "xl/workbook.xml" in _members(path)):
         return known or "xlsx"
     if first.startswith(_HDF5, 512) and ending == "mat":

@@ -19,7 +19,7 @@ from commonrail.base.units import convert, fits, to_text
 from commonrail.readers.columns import PLAIN, TIME, ChannelSheet, Column, FileForm, Sheet, find_headings, unit_of
 from commonrail.readers.grid import Grid, TooManyCells, read_grid
 from commonrail.readers.operating_points import find_traces, pattern_of, point_of_name, unit_of_name
-from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, NearMap, find_map, map_in
+from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, HoldsOnlyMaps, NearMap, find_map, map_in
 from commonrail.readers.table_sheet import TableSheet
 from commonrail.readers.tables import is_grid, open_sheet
 
@@ -48,7 +48,9 @@ _TRIGGER = re.compile(r"trig|ttl|sync", re.I)
 _SET = re.compile(r"set|soll|cmd|nominal", re.I)
 # Columns that every test plan has, and no other file.
 _PLAN = [Column("test"), Column("rail_pressure", "Pa"), Column("energising_time", "s")]
-_SYNTHETIC = re.compile(r"\W*synth[eé]t", re.I)  # begin of a text by which a file says that nobody measured it
+# Begin of a text by which a file says that nobody measured it; the product's own maps say "simulated".
+_SYNTHETIC = re.compile(r"\W*(synth[eé]t|simulated by)", re.I)
+_CLOCKS = ("time", "t", "zeit")  # names of times
 
 
 class Channel(NamedTuple):
@@ -62,6 +64,7 @@ class Channel(NamedTuple):
     step: float | None = None  # median time between samples [s], of a channel with times of its own
     times: tuple[float, float] | None = None  # its first and last time [s]
     unit_by_name: bool = False  # the file states no unit, and the end of the name does
+    remark: str = ""  # omitted samples, times that do not increase
 
     @property
     def kind(self) -> str:
@@ -72,15 +75,15 @@ class Channel(NamedTuple):
         """One line on it."""
         unit = (self.unit or "no unit") + (" by its name" if self.unit_by_name else "")
         every = f", every {to_text(self.step, 's')}" if self.step else ""
-        meaning = f"; {_MEANINGS[self.kind]}" if self.kind else ""
-        return f"{self.size} values, {self.low:.6g} to {self.high:.6g} {unit}{every}{meaning}"
+        further = "".join(f"; {text}" for text in (_MEANINGS.get(self.kind), self.remark) if text)
+        return f"{self.size} values, {self.low:.6g} to {self.high:.6g} {unit}{every}{further}"
 
 
 def channels_of(sheet: Sheet) -> tuple[list[Channel], dict[str, str]]:
-    """Channels with numbers; what is wrong with others that have a unit, by their names."""
+    """Channels with numbers; why others are not read, by their names."""
     own_times = isinstance(sheet, ChannelSheet)
     found = []
-    unread: dict[str, str] = {}
+    unread: dict[str, str] = dict(getattr(sheet, "unread", {}))
     by_name = not any(unit_of(sheet, name) for name in sheet.names)
     for name in sheet.names:
         unit = unit_of_name(name) if by_name else unit_of(sheet, name)
@@ -89,20 +92,29 @@ def channels_of(sheet: Sheet) -> tuple[list[Channel], dict[str, str]]:
             table = sheet.take([Column(TIME, "s", increasing=True), *wanted] if own_times else wanted)
         except TooManyCells:
             raise
-        except InputError as error:  # of a column without a unit: texts, or nothing
-            unread |= {name: f"not read: {str(error).removeprefix(f'{sheet.path}: ')}"} if unit else {}
+        except InputError as error:
+            unread[name] = f"not read: {str(error).removeprefix(str(sheet.path)).lstrip(':, ')}"
             continue
         values = table.columns[name]
+        is_clock = not own_times and name.rpartition(".")[2].lower() in _CLOCKS
+        times = table.columns[TIME] if own_times else values if is_clock else np.empty(0)
         values = values[np.isfinite(values)]
-        if len(values):
-            ends = float(values.min()), float(values.max())
-            found.append(Channel(name, unit, len(values), *ends, unit_by_name=by_name and bool(unit)))
-            times = table.columns[TIME] if own_times else np.empty(0)
-            if len(times) > 1:
-                ends = float(times[0]), float(times[-1])
-                found[-1] = found[-1]._replace(step=float(np.median(np.diff(times))), times=ends)
+        if not len(values):
+            unread |= {name: "not read: it holds no number"} if name else {}
+            continue
+        remarks = [sheet.remark(name)] if isinstance(sheet, ChannelSheet) and sheet.remark(name) else []
+        if len(wrong := np.flatnonzero(np.diff(times) <= 0.0)):
+            remarks.append(f"its times repeat or run backwards {len(wrong)} times, first at value {wrong[0] + 2}")
+        ends = float(values.min()), float(values.max())
+        channel = Channel(name, unit, len(values), *ends, unit_by_name=by_name and bool(unit))
+        channel = channel._replace(remark="; ".join(remarks))
+        if own_times and len(times) > 1:
+            ends = float(times[0]), float(times[-1])
+            channel = channel._replace(step=float(np.median(np.diff(times))), times=ends)
+        found.append(channel)
     if not found:
-        reason = next(iter(unread.values()), "no column holds numbers below a header.")
+        with_units = (reason for name, reason in unread.items() if name in sheet.names and unit_of(sheet, name))
+        reason = next(with_units, "no column holds numbers below a header.")
         raise InputError(f"{sheet.path}: {reason.removeprefix('not read: ')}")
     return found, unread
 
@@ -120,7 +132,7 @@ def block_of(path: Path, channels: Sequence[Channel], own_times: bool) -> tuple[
     taken, time = "", rates[0]
     if not own_times:
         times = [c for c in channels if c.kind == "s"]
-        named = [c for c in times if c.name.rpartition(".")[2].lower() in ("time", "t", "zeit")] or times
+        named = [c for c in times if c.name.rpartition(".")[2].lower() in _CLOCKS] or times
         if len(named) != 1:
             what = "no column is a time" if not named else f"{_names(named)} may be the time"
             taken, base["time"] = f"; the times are not clear: {what}", UNKNOWN
@@ -218,7 +230,7 @@ def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits())
     if _is_plan(grid):
         taken = 'a test plan, for commonrail plan or a block with kind = "test plan"'
         return replace(_columns(grid, form, given), taken_for=taken, block={}, synthetic=_synthetic(grid))
-    reasons, taken = [], "a table, no quantity map and no trace"
+    reasons, taken, listed = [], "a table, no quantity map and no trace", dict[str, str]()
     for way in (_map, _traces, _columns):
         try:
             found = way(grid, form, given)
@@ -230,7 +242,8 @@ def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits())
             continue
         if found.block or not taken.startswith("a quantity map"):
             return replace(found, synthetic=_synthetic(grid))
-    facts = {"reason": reasons[0], "rows": str(len(grid.rows)), "first row": _shown(grid.rows[0])}
+        listed = found.facts
+    facts = listed | {"reason": reasons[0], "rows": str(len(grid.rows)), "first row": _shown(grid.rows[0])}
     return Survey(path, taken, facts, "; ".join(grid.said))
 
 
@@ -269,7 +282,7 @@ def _of_map(found: FoundMap, form: FileForm, given: GivenUnits) -> Survey:
         {*zip(found.rail_pressure.tolist(), found.energising_time.tolist(), strict=True)}
     )
     block |= {"repeated": "mean"} if repeats else {}
-    return Survey(found.path, f"a quantity map: {found.form}", facts, "; ".join(found.said), block, found)
+    return Survey(found.path, f"{found.kind}: {found.form}", facts, "; ".join(found.said), block, found)
 
 
 def _traces(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
@@ -298,7 +311,16 @@ def _columns(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
 
 
 def _of_channels(path: Path, sheet: Sheet, given: GivenUnits) -> Survey:
-    """Survey of a file with named channels."""
+    """Survey of a file with named channels, or with maps."""
+    if isinstance(sheet, HoldsOnlyMaps):
+        facts, mark = sheet.facts, synthetic_mark(sheet.comments)
+        try:
+            found = _of_map(map_in(sheet, given), PLAIN, given)
+        except InputError as error:
+            facts = facts | {"no map": str(error).removeprefix(f"{path}: ")}
+            return Survey(path, sheet.taken_for, facts, synthetic=mark)
+        taken = f"{sheet.taken_for}, and {found.taken_for}"
+        return replace(found, taken_for=taken, facts=facts | found.facts, synthetic=mark)
     channels, unread = channels_of(sheet)
     facts, no_map = {channel.name: channel.text() for channel in channels} | unread, ""
     if not isinstance(sheet, ChannelSheet | TableSheet):

@@ -1,20 +1,21 @@
 """Measured quantity maps as they come: a row for each point, or a matrix of pressures × energising times, either way.
 
-Units are taken from the header, the corner or the lines above the numbers, never from the size of the numbers; which
-axis of a matrix is which follows from where the units stand, and only if that is open from which way makes sense.
+A duration map, energising times over pressure and quantity as in control units, is read as the same points. Units are
+taken from the header, the corner or the lines above the numbers, never from the size of the numbers; which axis of a
+matrix is which follows from where the units are, and only if that is open from which way makes sense.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from commonrail.base.arrays import Floats, IndexArray
+from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.errors import InputError
 from commonrail.base.units import convert, fits, is_everyday, same_scale
 from commonrail.readers.columns import (
@@ -34,7 +35,17 @@ from commonrail.readers.table_sheet import SAMPLE, TableSheet, find_header, join
 
 KINDS = {"rail pressure": ("Pa",), "energising time": ("s",), "quantity": ("m3", "kg")}
 FORM = "a table with a row for each point"
-SENSIBLE = {"rail pressure": (2e6, 400e6), "energising time": (5e-6, 20e-3)}  # SI
+SENSIBLE = {"rail pressure": (2e6, 400e6), "energising time": (5e-6, 20e-3), "quantity": (-1e-9, 100e-6)}  # SI
+LARGEST_FLOW = 1e-3  # quantity over energising time of any injector [m³/s], chosen
+_DENSITY = 830.0  # of fuel, to judge masses [kg/m³]
+Order = tuple[str, str]  # kinds of a matrix's axes, down and across; its cells are the third one
+ORDERS: list[Order] = [
+    order for axis in ("energising time", "quantity") for order in (("rail pressure", axis), (axis, "rail pressure"))
+]
+# Sentence of maps that the product writes: cells from this time on are extrapolated.
+LONGEST_SIMULATED = "longest simulated energising time: {:g} us"
+_LONGEST = re.compile(LONGEST_SIMULATED.format(0).replace("0", r"(\d[\d.]*)"))
+_NOT_SIMULATED = ("unreachable", "as before")  # in a column "state" of such a map
 COLUMNS = [Column(kind.replace(" ", "_"), units) for kind, units in KINDS.items()]
 
 _BRACKETED = re.compile(r"[\[(]([^\[\]()]+)[\])]")
@@ -79,8 +90,14 @@ class FoundMap:
     lines: IndexArray  # (n,): line of the file, or row of the sheet, of each point
     notes: Mapping[str, str] = field(default_factory=dict)  # of the bench above the map, by the keys of a study
     column: str = "quantity"
+    durations: bool = False  # the file states energising times over quantities
 
     apart: bool = False
+
+    @property
+    def kind(self) -> str:
+        """Kind of map, in words."""
+        return "a duration map" if self.durations else "a quantity map"
 
     @property
     def values(self) -> dict[str, Floats]:
@@ -144,7 +161,8 @@ def bench_notes(grid: Grid, head: int) -> dict[str, str]:
 def unit_in(text: str) -> list[str]:
     """Units that a text names, in its order."""
     found = [unit for unit in _BRACKETED.findall(text) if kind_of(unit)]
-    return found or [unit for unit in (name_and_unit(text)[1], text) if kind_of(unit)][:1]
+    found = found or [unit for unit in (name_and_unit(text)[1], text) if kind_of(unit)][:1]
+    return found or [unit for part in text.split("\\") if kind_of(unit := part.strip())]
 
 
 def kind_of(unit: str) -> str:
@@ -223,10 +241,6 @@ def _is_numeric(row: Sequence[str | float]) -> bool:
     return numbers is not None and int(np.isfinite(numbers).sum()) >= 2
 
 
-def _omitted(empty: int) -> list[str]:
-    return [f"{empty} without a quantity omitted"] if empty else []
-
-
 def _matrix(grid: Grid, given: GivenUnits) -> FoundMap:
     """Matrix whose first row and first column are its axes."""
     axis = _axis(grid)
@@ -249,52 +263,151 @@ def _matrix(grid: Grid, given: GivenUnits) -> FoundMap:
         cells[i, : len(filled)] = [numbers[column] for column in filled]
     if not cells.size:
         raise InputError(f"{grid.path}: no map is found: neither columns of pressure, time and quantity nor a matrix.")
-    units, order = _units(grid, axis, given, known)
-    turned = _pressures_across(grid, (down, np.array(axis.places)), units, order)
-    one, other = np.repeat(down, len(axis.columns)), np.tile(axis.places, len(body))
-    pressure, time = (other, one) if turned else (one, other)
-    points = pressure, time, cells.ravel(), np.repeat([line for line, _ in body], len(axis.columns))
+    units, orders, likely = _units(grid, axis, given, known)
+    lines = np.repeat([line for line, _ in body], len(axis.columns))
     said = (*grid.said, axis.said) if axis.said else grid.said
-    found = filled_points(grid.path, matrix_form("across" if turned else "down"), points, units, said)
+    matrix = Matrix(down, np.array(axis.places), cells, lines)
+    found = map_of_matrix(grid.path, matrix, units, orders, said, (*axis.texts, *grid.comments), likely)
     return replace(found, notes=bench_notes(grid, axis.head))
 
 
-def matrix_form(way: str) -> str:
-    """Form of a matrix whose rail pressures run `way`, "down" or "across"."""
-    return f"a matrix with rail pressures {way} and energising times {'across' if way == 'down' else 'down'}"
+class Matrix(NamedTuple):
+    """Axes down (n,) and across (m,), cells (n, m), and the line or number of each cell (n m,)."""
+
+    down: Floats
+    across: Floats
+    cells: Floats
+    lines: IndexArray
+
+
+def map_of_matrix(
+    path: Path,
+    matrix: Matrix,
+    units: dict[str, str],
+    orders: Sequence[Order],
+    said: Sequence[str] = (),
+    texts: Iterable[str] = (),
+    likely: Sequence[Order] = (),
+) -> FoundMap:
+    """Map of a matrix of quantities or of energising times.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    matrix : Matrix
+    units : dict of str to str
+        By the names of `KINDS`.
+    orders : sequence of Order
+        Those of `ORDERS` that the file admits; of several, the numbers must make sense of one alone.
+    said : sequence of str
+        What was detected of the file.
+    texts : iterable of str
+        Texts of the file, which may state the longest simulated energising time.
+    likely : sequence of Order
+        The order that is taken where the numbers tell none.
+
+    Raises
+    ------
+    InputError
+        If it is open which axis is which, or no cell has a number.
+    """
+    if len(orders) > 1:
+        sensible = [order for order in orders if _is_sensible(matrix, units, order)]
+        orders = sensible if len(sensible) == 1 else likely
+    if len(orders) != 1:
+        raise InputError(
+            f"{path}: it is open which axis is the rail pressure; write both names with their units into the "
+            'corner, that of the rows first, as in "rail pressure [MPa] \\ energising time [us]".'
+        )
+    kinds = orders[0]
+    way = ("down", "across") if kinds[0] == "rail pressure" else ("across", "down")
+    durations = "quantity" in kinds
+    form = f"a matrix with rail pressures {way[0]} and {'quantities' if durations else 'energising times'} {way[1]}"
+    return filled_points(path, form, _by_kind(matrix, kinds), matrix.lines, units, said, durations, texts)
+
+
+def _by_kind(matrix: Matrix, order: Order) -> dict[str, Floats]:
+    """Values (n m,) of the cells by the names of `KINDS`."""
+    down, across = np.repeat(matrix.down, len(matrix.across)), np.tile(matrix.across, len(matrix.down))
+    values = {order[0]: down, order[1]: across}
+    return {kind: values.get(kind, matrix.cells.ravel()) for kind in KINDS}
+
+
+def _is_sensible(matrix: Matrix, units: dict[str, str], order: Order) -> bool:
+    """Return whether pressures, times, quantities and the mean flows are of the size that injectors have."""
+    si = {}
+    for kind, values in _by_kind(matrix, order).items():
+        unit = next(si for si in KINDS[kind] if fits(units[kind], si))
+        with np.errstate(over="ignore"):
+            si[kind] = convert(values, units[kind], unit) / (_DENSITY if unit == "kg" else 1.0)
+    filled = np.isfinite(si["quantity"]) & (si["energising time"] > 0.0)
+    pressure, time, quantity = (values[filled] for values in si.values())
+    ranges = zip(SENSIBLE.values(), (pressure, time, quantity), strict=True)
+    if not filled.any() or not all(np.all((low <= values) & (values <= high)) for (low, high), values in ranges):
+        return False
+    # of a duration map: the higher the pressure, the shorter the time of a quantity
+    falls = "quantity" not in order or np.sum((pressure - pressure.mean()) * time) <= 0.0
+    return bool(falls and np.all(quantity <= LARGEST_FLOW * time))
 
 
 def filled_points(
     path: Path,
     form: str,
-    points: tuple[Floats, Floats, Floats, IndexArray],
+    values: dict[str, Floats],
+    lines: IndexArray,
     units: dict[str, str],
     said: Sequence[str],
+    durations: bool = False,
+    texts: Iterable[str] = (),
 ) -> FoundMap:
-    """Map of the points whose quantity is not NaN; `InputError` if there is none.
+    """Map of the points that hold numbers; `InputError` if there is none.
 
-    `points` are rail pressures, energising times and quantities (n,) in `units`, and the line of each.
+    `values` (n,) in `units` are by the names of `KINDS`, with the line of each. Of `durations`, cells without pressure,
+    quantity or time are omitted, those whose time is that of another quantity at their pressure, and those from the
+    longest simulated time on that the `texts` of the product's own maps state.
     """
-    pressure, time, quantity, lines = points
-    filled = np.isfinite(quantity)
+    pressure, time, quantity = values.values()
+    filled = np.isfinite(quantity) & np.isfinite(time)
+    said = [*said]
+
+    def omit(which: Bools, reason: str) -> None:
+        nonlocal filled
+        if count := np.count_nonzero(filled & which):
+            said.append(f"{count} {reason} omitted")
+        filled = filled & ~which
+
+    if empty := np.count_nonzero(~filled):
+        said.append(f"{empty} without a {'energising time' if durations else 'quantity'} omitted")
+    if durations:
+        omit((pressure <= 0.0) | (time <= 0.0) | (quantity <= 0.0), "of zero pressure, quantity or energising time")
+        longest = min((float(match[1]) for text in texts if (match := _LONGEST.search(text))), default=np.inf)
+        omit(convert(time, units["energising time"], "us") >= longest * (1.0 - 1e-9), "extrapolated")
+        pairs = np.stack([pressure, time])[:, filled]
+        places, counts = np.unique(pairs, axis=1, return_inverse=True, return_counts=True)[1:]
+        repeated = np.zeros(len(filled), bool)
+        repeated[filled] = counts[places.ravel()] > 1
+        omit(repeated, "with the energising time of another quantity at their pressure")
     if not filled.any():
         raise InputError(f"{path}: the map holds no quantity; all its cells are empty.")
-    said = (*said, *_omitted(int(np.count_nonzero(~filled))))
-    return FoundMap(path, form, pressure[filled], time[filled], quantity[filled], units, said, lines[filled])
+    points = (pressure[filled], time[filled], quantity[filled])
+    return FoundMap(path, form, *points, units, tuple(said), lines[filled], durations=durations)
 
 
 def _heads(cells: Sequence[str]) -> tuple[list[float], str] | None:
     """Places on an axis that cells state with their unit, "400 bar", in the unit of the first; None for other cells."""
     places = [_PLACE.search(cell) for cell in cells]
     kinds = {kind_of(place[2]) if place else "" for place in places}
-    if len(places) < 2 or len(kinds) > 1 or not kinds <= {"rail pressure", "energising time"}:
+    if len(places) < 2 or len(kinds) > 1 or "" in kinds:
         return None
     texts = [(place[1].replace(",", "."), place[2]) for place in places if place]
     return [convert(float(number), unit, texts[0][1]) for number, unit in texts], texts[0][1]
 
 
-def _units(grid: Grid, axis: _Axis, given: GivenUnits, known: Mapping[str, str]) -> tuple[dict[str, str], list[str]]:
-    """Units by kind, and the kinds of the axes down and across where the file tells them; `known`: of their heads."""
+def _units(
+    grid: Grid, axis: _Axis, given: GivenUnits, known: Mapping[str, str]
+) -> tuple[dict[str, str], list[Order], list[Order]]:
+    """Units by kind, admitted orders of the axes, and the likely one of them; `known`: units of heads by kind."""
     units = {kind: unit for kind, unit in given.by_kind().items() if unit} | dict(known)
     stated = set(units)
     for text in (*axis.texts, *grid.comments):
@@ -307,43 +420,27 @@ def _units(grid: Grid, axis: _Axis, given: GivenUnits, known: Mapping[str, str])
                     "corner or above the numbers; keep the right one, or state it."
                 )
             units.setdefault(kind, unit)
+    kinds = list(dict.fromkeys(kind_of(unit) for unit in unit_in(axis.texts[0])))
     missing = [kind for kind in KINDS if kind not in units]
     if missing:
         named = [unit for text in axis.texts for unit in _BRACKETED.findall(text)]
         unknown = [unit for unit in named if not fits(plain := plain_unit(unit), plain)]
         among = f' ("{unknown[0]}" is not a known unit)' if unknown else ""
-        raise (NearMap if known else InputError)(
+        raise (NearMap if known or len(kinds) > 1 else InputError)(
             f"{grid.path}: no unit of the {' and the '.join(missing)} is in the header or the corner{among}; write "
             'them as in "rail pressure [MPa] \\ energising time [us]" and "quantity [mm3]" above, or state them.'
         )
-    order = [kind_of(unit) for unit in unit_in(axis.texts[0]) if kind_of(unit) != "quantity"]
-    if known:
-        first = next(iter(known))
-        order = [first, "energising time" if first == "rail pressure" else "rail pressure"]
-        order = order[::-1] if first == kind_of(axis.unit) else order
-    return {kind: plain_unit(unit) for kind, unit in units.items()}, order
-
-
-def _pressures_across(grid: Grid, axes: tuple[Floats, Floats], units: dict[str, str], order: list[str]) -> bool:
-    """True if the rail pressures are in the first row: by the corner (down, then across), else by what makes sense."""
-    if len(order) == 2:
-        return order == ["energising time", "rail pressure"]
-    sensible = [
-        all(
-            SENSIBLE[kind][0] <= value <= SENSIBLE[kind][1]
-            for kind, axis, si in (("rail pressure", pressures, "Pa"), ("energising time", times, "s"))
-            for value in convert(axis, units[kind], si).tolist()
-        )
-        for pressures, times in (axes, axes[::-1])
-    ]
-    if sensible[0] == sensible[1] and len(order) == 1:
-        return order == ["energising time"]  # the name of the first column
-    if sensible[0] == sensible[1]:
-        raise InputError(
-            f"{grid.path}: it is open which axis is the rail pressure; write both names with their units into the "
-            'corner, that of the rows first, as in "rail pressure [MPa] \\ energising time [us]".'
-        )
-    return sensible[1]
+    if len(kinds) > 2 or (known and "energising time" in kinds):  # the unit of the cells is there too
+        kinds = [kind for kind in kinds if kind != "quantity"]
+    orders = [order for order in ORDERS if list(order) == kinds] or ORDERS
+    if known:  # in one or both directions
+        ends = [(i, kind) for kind in known for i in (0, 1) if (kind == kind_of(axis.unit)) == bool(i)]
+        orders = [order for order in ORDERS if all(order[i] == kind for i, kind in ends)]
+        if "energising time" in kinds and "energising time" not in known:
+            orders = [order for order in orders if "energising time" in order]
+    # a corner with one unit names the rows, unless the numbers tell
+    by_name = [order for order in orders if kinds == [order[0]] and order[0] != "quantity"]
+    return {kind: plain_unit(unit) for kind, unit in units.items()}, orders, (by_name or (orders if known else []))[:1]
 
 
 # Quantity map in the columns of a file with named and typed columns, found by their units whatever their names.
@@ -355,6 +452,15 @@ class HoldsMap(Protocol):
 
     def quantity_map(self, given: GivenUnits) -> FoundMap:
         """Quantity map of the file; `InputError` if it has none."""
+
+
+@runtime_checkable
+class HoldsOnlyMaps(HoldsMap, Protocol):
+    """File with maps and no columns: its kind in words, each map by its label, and comments."""
+
+    taken_for: str
+    facts: dict[str, str]
+    comments: Sequence[str]
 
 
 def map_in(sheet: Sheet, given: GivenUnits = GivenUnits()) -> FoundMap:
@@ -385,12 +491,35 @@ def find_column_map(file: Sheet, given: GivenUnits = GivenUnits()) -> FoundMap:
     units = {kind: unit or unit_of(file, name) for kind, unit, name in zip(KINDS, stated, names.values(), strict=True)}
     if lacking := [kind for kind, unit in units.items() if kind_of(unit) != kind]:
         raise NearMap(f"{file.path}: no unit of the {' and the '.join(lacking)} is in the header; write or state it.")
-    wanted = [Column(name, "1", required=kind != "quantity") for kind, name in zip(KINDS, names.values(), strict=True)]
-    table = file.take(wanted)
-    pressure, time, quantity = (table.columns[name] for name in names.values())
+    wanted = [Column(name, "1", required=i == 0) for i, name in enumerate(names.values())]
+    states = [Column("state")] if "state" in file.names else []  # of a map that the product has written
+    table = file.take([*wanted, *states])
+    values = {kind: table.columns[name] for kind, name in zip(KINDS, names.values(), strict=True)}
+    durations = _is_grid_of_quantities(values)
+    if not durations and np.isnan(time := values["energising time"]).any():
+        raise table.place(names["energising_time"], int(np.argmax(np.isnan(time)))).error(
+            "the cell is empty, and a number is expected"
+        )
     said = ["columns " + ", ".join(f'"{name}"' for name in names.values())]
+    others = [f'"{name}"' for name in file.names if name not in names.values() and name and BAND not in name]
+    said += [f"not used: {', '.join(others[:12])}"] if others else []
+    simulated = np.array([text not in _NOT_SIMULATED for text in table.texts.get("state", [""] * len(table.rows))])
+    if not simulated.all():
+        said.append(f"{np.count_nonzero(~simulated)} not simulated omitted")
+        values = {kind: column[simulated] for kind, column in values.items()}
     plain = {kind: plain_unit(unit) for kind, unit in units.items()}
-    return filled_points(file.path, FORM, (pressure, time, quantity, table.rows), plain, said)
+    return filled_points(file.path, FORM, values, table.rows[simulated], plain, said, durations, table.comments)
+
+
+def _is_grid_of_quantities(values: dict[str, Floats]) -> bool:
+    """Return whether rows hold each of several quantities once at each of several pressures, as a duration map does."""
+
+    def is_product(kind: str) -> bool:
+        pairs = np.stack([values["rail pressure"], values[kind]])
+        sizes = [len(np.unique(axis)) for axis in pairs]
+        return min(sizes) > 1 and len(np.unique(pairs, axis=1).T) == pairs.shape[1] == sizes[0] * sizes[1]
+
+    return is_product("quantity") and not is_product("energising time")
 
 
 def _shown(names: Sequence[str]) -> str:

@@ -17,6 +17,7 @@ from commonrail.readers.location import MOST_COLUMNS, Shape
 
 MOST_ROWS = 1_048_576  # of a sheet, by the format
 MOST_TEXT = 20_000_000  # characters of all cells
+UNCOMPUTED = "formula never computed: save in Excel"  # in place of the value that the workbook lacks
 MOST_MERGED = 10_000  # ranges of merged cells that are filled
 
 
@@ -33,7 +34,9 @@ def read(path: Path, data: bytes, save: Save, sheet: str | None) -> dict[str, An
         raise InputError(f'{path}: there is no sheet "{sheet}"{nearest(sheet, book.sheetnames)}; it has {known}.')
     for name in book.sheetnames if sheet is None else [sheet]:
         try:
-            rows, lines = _cells(path, book[name])
+            rows, lines = _cells(path, book[name], None)
+            if any("" in row or len(row) < len(rows[0]) for row in rows):  # gaps, or formulas that nobody computed
+                rows, lines = _cells(path, book[name], load_workbook(BytesIO(data), read_only=True)[name])
         except (InputError, MemoryError):
             raise
         except Exception as error:  # a sheet is parsed when its rows are asked for
@@ -43,7 +46,8 @@ def read(path: Path, data: bytes, save: Save, sheet: str | None) -> dict[str, An
     raise InputError(f"{path}: {'all sheets are' if sheet is None else 'the sheet is'} empty.")
 
 
-def _cells(path: Path, sheet: Any) -> tuple[list[list[str | float]], list[int]]:
+def _cells(path: Path, sheet: Any, formulas: Any) -> tuple[list[list[str | float]], list[int]]:
+    """Rows and their numbers; a cell that is empty but in the sheet with `formulas`, if given, is `UNCOMPUTED`."""
     rows: list[list[str | float]] = []
     lines: list[int] = []
     merged = _merged(sheet)
@@ -52,7 +56,14 @@ def _cells(path: Path, sheet: Any) -> tuple[list[list[str | float]], list[int]]:
         return rows, lines
     # What a sheet says of its size may be less than it holds, and openpyxl would read no more than that.
     sheet.reset_dimensions()
-    for number, row in enumerate(sheet.iter_rows(values_only=True), start=1):
+    each = sheet.iter_rows(values_only=True)
+    if formulas is not None:
+        formulas.reset_dimensions()
+        pairs = zip(each, formulas.iter_rows(values_only=True), strict=False)
+        each = (
+            [UNCOMPUTED if v is None and f is not None else v for v, f in zip(*pair, strict=False)] for pair in pairs
+        )
+    for number, row in enumerate(each, start=1):
         if number > MOST_ROWS:
             raise InputError(f"{path}: the sheet has more than the {MOST_ROWS} rows that a sheet can have.")
         if row[MOST_COLUMNS:].count(None) == len(row[MOST_COLUMNS:]):

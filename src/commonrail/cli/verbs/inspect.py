@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @verb
 def inspect(
-    file: Annotated[Path, Argument(metavar="FILE", help="CSV, Excel, MDF, LabVIEW (.lvm), MAT, Parquet or DCM file.")],
+    file: Annotated[Path, Argument(metavar="FILE", help="CSV, Excel, MDF, TDMS, LabVIEW, MAT, Parquet, DCM file ...")],
     *,
     sheet: SheetName = None,
     encoding: Encoding = None,

@@ -20,9 +20,9 @@ from commonrail.readers.quantity_matrix import (
     KINDS,
     FoundMap,
     GivenUnits,
-    filled_points,
+    Matrix,
     kind_of,
-    matrix_form,
+    map_of_matrix,
     plain_unit,
 )
 
@@ -54,12 +54,14 @@ class MatFile:
         about, arrays = read_apart(f"{__name__}_child", path, data)
         self.arrays: dict[str, NDArray[Any]] = {name: arrays[str(i)] for i, name in enumerate(about["names"])}
         self._texts: dict[str, str] = about["texts"]
+        self.unread: dict[str, str] = {name: f"not read: {reason}" for name, reason in about["unread"].items()}
         count = sum(array.shape[1] if array.ndim == 2 else 1 for array in self.arrays.values())
         check_columns(str(path), count, MOST_NAMES)
         self._columns = dict(_columns(self.arrays))
         self.names = list(self._columns)
         if not self.names:
-            raise InputError(f"{path}: the file has no variable with numbers.")
+            reasons = [f'; "{name}": {reason}' for name, reason in list(about["unread"].items())[:4]]
+            raise InputError(f"{path}: the file has no variable with numbers{''.join(reasons)}.")
 
     def unit(self, name: str) -> str:
         """Unit of a variable, empty if the file has none."""
@@ -111,43 +113,48 @@ def find_mat_map(file: MatFile, given: GivenUnits = GivenUnits()) -> FoundMap:
     is missing.
     """
     stated = given.by_kind()
-    names = {kind: _variable(file, kind, 2 if kind == "quantity" else 1) for kind in KINDS}
+    is_inverse = _fitting(file, "energising time", 2) and not _fitting(file, "quantity", 2)
+    cells, axis = ("energising time", "quantity")[:: 1 if is_inverse else -1]
+    names = {kind: _variable(file, kind, 2 if kind == cells else 1) for kind in KINDS}
     units = {kind: stated[kind] or plain_unit(file.unit(name)) for kind, name in names.items()}
-    missing = [f'{kind} ("{names[kind]}")' for kind, unit in units.items() if not unit]
+    missing = [f'{kind} ("{names[kind]}")' for kind in KINDS if not units[kind]]
     if missing:
         raise InputError(
             f"{file.path}: no unit of the {' and the '.join(missing)} is in the file; state it, or add a text such as "
             f'{names["quantity"]}_unit = "mm3".'
         )
-    rail, time, cells = (np.asarray(file.arrays[names[kind]], np.float64) for kind in KINDS)
-    if cells.shape == (len(rail), len(time)):
-        way = "down"
-    elif cells.shape == (len(time), len(rail)):
-        way, cells = "across", cells.T
-    else:
+    rail, other, values = (np.asarray(file.arrays[names[kind]], np.float64) for kind in ("rail pressure", axis, cells))
+    if values.shape == (len(other), len(rail)) != (len(rail), len(other)):
+        values = values.T
+    if values.shape != (len(rail), len(other)):
         raise InputError(
-            f'{file.path}: "{names["quantity"]}" is {cells.shape[0]} × {cells.shape[1]}, and there are '
-            f"{counted(len(rail), 'rail pressure')} and {counted(len(time), 'energising time')}."
+            f'{file.path}: "{names[cells]}" is {values.shape[0]} × {values.shape[1]}, and there are '
+            f"{counted(len(rail), 'rail pressure')} and {counted(len(other), axis)}."
         )
-    said = [f'variables "{names["rail pressure"]}", "{names["energising time"]}" and "{names["quantity"]}"']
-    points = np.repeat(rail, len(time)), np.tile(time, len(rail)), cells.ravel(), np.arange(1, cells.size + 1)
-    return filled_points(file.path, matrix_form(way), points, units, said)
+    said = ["variables " + ", ".join(f'"{name}"' for name in names.values())]
+    matrix = Matrix(rail, other, values, np.arange(1, values.size + 1))
+    return map_of_matrix(file.path, matrix, units, [("rail pressure", axis)], said)
 
 
 def _variable(file: MatFile, kind: str, dimensions: int) -> str:
     """The variable that holds a kind: the only one with such a unit, else the one with a usual name."""
-    fitting = [name for name, array in file.arrays.items() if array.ndim == dimensions]
-    found = [name for name in fitting if (unit := file.unit(name)) and kind_of(unit) == kind]
-    if len(found) != 1:
-        found = _named(found or fitting, kind)
+    found = _fitting(file, kind, dimensions)
     if len(found) == 1:
         return found[0]
+    fitting = [name for name, array in file.arrays.items() if array.ndim == dimensions]
     shown = ", ".join(f'"{name}"' for name in (found or fitting)[:12]) or "none"
     word = "matrices" if dimensions == 2 else "vectors"
     raise InputError(
         f"{file.path}: it is open which variable holds the {kind}; of the {word} {shown}, name one "
         f'"{_NAMES[kind][0]}" or give it the unit of one.'
     )
+
+
+def _fitting(file: MatFile, kind: str, dimensions: int) -> list[str]:
+    """Variables that hold a kind by their unit, else by their name."""
+    fitting = [name for name, array in file.arrays.items() if array.ndim == dimensions]
+    found = [name for name in fitting if (unit := file.unit(name)) and kind_of(unit) == kind]
+    return found if len(found) == 1 else _named(found or fitting, kind)
 
 
 def _named(names: Sequence[str], kind: str) -> list[str]:

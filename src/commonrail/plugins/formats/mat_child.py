@@ -1,6 +1,6 @@
 """Reader of MAT files for `guarded`: version 5 to 7 by SciPy, version 7.3, which is HDF5, by h5py.
 
-Numbers, texts and structures; all else (cells, objects, sparse and complex numbers) is omitted.
+Numbers, texts and structures; all else (cells, objects, sparse and complex numbers) is named with the reason.
 """
 
 from __future__ import annotations
@@ -25,20 +25,38 @@ LARGEST_CHUNK = 100_000_000  # [bytes] of HDF5; it is unpacked whole, whatever i
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MAT5 = (b"\x00\x01IM", b"\x01\x00MI")  # version and byte order at the end of the head
 
-Variables = Iterator[tuple[str, NDArray[Any] | str]]
+_TABLE = 'an object, which no other program reads; write S = table2struct(T, "ToScalar", true) and save S in MATLAB'
+_REFUSED = {
+    "table": f"it is a table, {_TABLE}",
+    "timetable": f"it is a timetable, {_TABLE.replace('(T', '(timetable2table(T)')}",
+    "string": "it is a string, an object, which no other program reads; save char(S) in MATLAB",
+    "cell": "it is a cell array; write a matrix of numbers, as cell2mat does",
+}
+_COMPLEX = "its numbers are complex; save their real parts"
+_SPARSE = "it is a sparse matrix; save full(S)"
+
+
+class _Refused(str):
+    """Reason why a variable is not read."""
+
+
+Variables = Iterator[tuple[str, NDArray[Any] | str | _Refused]]
 
 
 def read(path: Path, data: bytes, save: Save) -> dict[str, Any]:
-    """Names of the variables with numbers, in the order of their arrays "0", "1" …, and texts by name."""
+    """Names of the variables with numbers, in the order of their arrays "0", "1" …, texts, and reasons by name."""
     if not (is_hdf5 := _HDF5 in (data[:8], data[512:520])) and data[124:128] not in _MAT5:
         raise InputError(f"{path}: this is no MAT file of version 5 or later; save it with -v7 in MATLAB.")
     names: dict[str, None] = {}
     texts: dict[str, str] = {}
+    unread: dict[str, str] = {}
     try:
         for count, (name, value) in enumerate((_of_hdf5 if is_hdf5 else _of_mat5)(path, data)):
             if count >= MOST_VARIABLES:
                 raise InputError(f"{path}: there are more than the {MOST_VARIABLES} variables that are read.")
-            if isinstance(value, str):
+            if isinstance(value, _Refused):
+                unread[name] = value
+            elif isinstance(value, str):
                 texts[name] = value
             elif value.size and name not in names:
                 save(str(len(names)), np.squeeze(value) if value.size > 1 else value.reshape(-1))
@@ -47,7 +65,7 @@ def read(path: Path, data: bytes, save: Save) -> dict[str, Any]:
         raise
     except Exception as error:  # SciPy and h5py raise a dozen types for damaged files
         raise InputError(f"{path}: this is no MAT file that can be read ({type(error).__name__}).") from error
-    return {"names": list(names), "texts": texts}
+    return {"names": list(names), "texts": texts, "unread": unread}
 
 
 def _check_count(path: Path, name: str, count: int) -> None:
@@ -64,8 +82,8 @@ def _of_mat5(path: Path, data: bytes) -> Variables:
 def _flat(path: Path, name: str, value: Any, depth: int) -> Variables:
     """Variable itself, or the fields of a structure or of each of a list of them."""
     if type(value) is not np.ndarray:  # subclasses are objects and functions of MATLAB
-        return
-    if value.dtype.names:
+        yield name, _refusal(str(getattr(value, "classname", "")) or type(value).__name__)
+    elif value.dtype.names:
         for i, each in enumerate(value.ravel(order="F") if depth < DEEPEST else ()):
             here = name if value.size == 1 else f"{name}({i + 1})"
             for field in value.dtype.names:
@@ -75,6 +93,17 @@ def _flat(path: Path, name: str, value: Any, depth: int) -> Variables:
     elif value.dtype.kind in "biuf":
         _check_count(path, name, value.size)
         yield name, value
+    elif value.size:
+        yield name, {"c": _Refused(_COMPLEX), "U": _Refused("it holds texts")}.get(value.dtype.kind, _refusal("cell"))
+
+
+def _refusal(kind: str) -> _Refused:
+    """Reason why a variable of a class of MATLAB is not read."""
+    kind = kind.removesuffix("_matrix").removesuffix("_array")
+    sparse = kind in ("csc", "csr", "coo")
+    return _Refused(
+        _SPARSE if sparse else _REFUSED.get(kind, f"it is of the class {kind[:40]}; save its numbers alone")
+    )
 
 
 def _of_hdf5(path: Path, data: bytes) -> Variables:
@@ -82,8 +111,18 @@ def _of_hdf5(path: Path, data: bytes) -> Variables:
 
     with h5py.File(BytesIO(data), "r") as file:
         for name, item in _in_hdf5(file, "", 0):
+            kind = bytes(item.attrs.get("MATLAB_class", b"")).decode("ascii", "replace")
             if isinstance(item, h5py.Group):
-                yield name, np.empty(0)  # counts as a variable: links may lead in circles
+                # counts as a variable: links may lead in circles
+                yield name, _Refused(_SPARSE) if "MATLAB_sparse" in item.attrs else np.empty(0)
+                continue
+            if "MATLAB_object_decode" in item.attrs or kind in _REFUSED:
+                yield name, _refusal(kind)
+                continue
+            if "MATLAB_empty" in item.attrs:
+                continue  # it holds the sizes of an empty array
+            if item.dtype.names:
+                yield name, _Refused(_COMPLEX)
                 continue
             if item.size is None or item.external or item.is_virtual or not item.size or item.dtype.kind not in "biuf":
                 continue
@@ -95,8 +134,7 @@ def _of_hdf5(path: Path, data: bytes) -> Variables:
                     f'{LARGEST_CHUNK / 1e6:.0f} MB are read; save it with "-v7" in MATLAB.'
                 )
             array = np.asarray(item[()]).T  # MATLAB keeps columns together
-            is_text = item.attrs.get("MATLAB_class") == b"char"
-            yield name, "".join(map(chr, array.reshape(-1, order="F").tolist())) if is_text else array
+            yield name, "".join(map(chr, array.reshape(-1, order="F").tolist())) if kind == "char" else array
 
 
 def _in_hdf5(group: Any, inside: str, depth: int) -> Iterator[tuple[str, Any]]:
@@ -108,5 +146,5 @@ def _in_hdf5(group: Any, inside: str, depth: int) -> Iterator[tuple[str, Any]]:
             continue  # MATLAB's own, and links, which may lead to other files
         item = group[name]
         yield f"{inside}{name}", item
-        if isinstance(item, h5py.Group) and depth < DEEPEST:
+        if isinstance(item, h5py.Group) and depth < DEEPEST and "MATLAB_sparse" not in item.attrs:
             yield from _in_hdf5(item, f"{inside}{name}.", depth + 1)

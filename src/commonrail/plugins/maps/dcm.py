@@ -20,16 +20,22 @@ import numpy as np
 from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.base.output import replacing, write_text
-from commonrail.base.units import fits, read_decimal
-from commonrail.plugins.maps.table import Axis, MapTable, is_turned
+from commonrail.base.units import read_decimal
+from commonrail.plugins.maps.table import Axis, MapTable
 from commonrail.readers.location import read_bytes
 
 NUMBERS = 6  # in a line
 LARGEST = 20_000_000  # [bytes]
 MOST_VALUES = 1_000_000
 MOST_DECIMALS = 15  # of a value that is written: those of a double near 1
+MOST_COMMENTS = 1000  # that are kept
 MOST_MAPS = 10_000  # of a file; chosen: a control unit has some thousand
 _FORMAT = "KONSERVIERUNG_FORMAT"
+# Lines of maps that are no tables of numbers over numbers.
+_FOREIGN = dict.fromkeys(("ST_TX/X", "ST_TX/Y"), "its support points are texts") | {
+    "TEXT": "its values are texts",
+    "VAR": "it is a variant of several",
+}
 _SIGNS = str.maketrans({"µ": "u", "³": "3", "²": "2", "×": "x", "°": "deg", "−": "-", '"': "'"})
 
 
@@ -117,35 +123,42 @@ def _plain(text: str) -> str:
     return decomposed.encode("ascii", "ignore").decode("ascii")
 
 
-def read_dcm(path: Path) -> list[MapTable]:
-    """Maps of a DCM 2.0 file: KENNFELD, FESTKENNFELD and GRUPPENKENNFELD; whatever else it holds is passed over.
+def read_dcm(path: Path, foreign: dict[str, str] | None = None, comments: list[str] | None = None) -> list[MapTable]:
+    """Maps of a DCM 2.0 file: KENNFELD, FESTKENNFELD and GRUPPENKENNFELD; single values and curves are passed over.
 
-    A file that is no UTF-8 is read as Latin-1. InputError if it is not DCM, or a map in it is damaged; the message
-    names the line.
+    Maps that are not tables of numbers over increasing numbers, or share a label, are passed over too; `foreign` takes
+    the reasons by their labels, `comments` the comment lines. A file that is no UTF-8 is read as Latin-1.
+
+    InputError if it is not DCM, or a map in it is damaged; the message names the line.
     """
     text, _ = _decoded(read_bytes(path, LARGEST))
-    lines = enumerate(text.split("\n"), start=1)
-    content = ((n, line.strip()) for n, line in lines if line.strip() and line.strip()[0] not in "*!.")
+    lines = [(n, line) for n, raw in enumerate(text.split("\n"), start=1) if (line := raw.strip())]
+    if comments is not None:
+        comments += [line[1:].strip() for _, line in lines if line[0] == "*"][:MOST_COMMENTS]
+    foreign = {} if foreign is None else foreign
+    content = ((n, line) for n, line in lines if line[0] not in "*!.")
     first = next(content, (1, ""))
     if not re.fullmatch(rf"{_FORMAT}\s+2\.\d", first[1]):
-        raise InputError(f"{path}, line {first[0]}: a DCM file begins with {_FORMAT} 2.0; this one does not.")
-    found: list[MapTable] = []
-    starts: dict[str, int] = {}  # line of each label
+        cure = "; export it as DCM 2.0" if first[1].startswith(_FORMAT) else ""
+        raise InputError(
+            f'{path}, line {first[0]}: a DCM file begins with {_FORMAT} 2.0, and this one with "{first[1][:40]}"{cure}.'
+        )
+    tables: dict[str, MapTable] = {}
     for number, line in content:
         words = line.split()
         if re.fullmatch(r"(FEST|GRUPPEN)?KENNFELD", words[0]):
-            if len(found) == MOST_MAPS:
+            if len(tables) + len(foreign) == MOST_MAPS:
                 raise InputError(f"{path}, line {number}: there are more than the {MOST_MAPS} maps that are read.")
-            found.append(_read_map(path, number, words, content))
-            if starts.setdefault(found[-1].label, number) != number:
-                before = starts[found[-1].label]
-                raise InputError(
-                    f"{path}, line {number}: the map {found[-1].label} stands in line {before} already; rename one."
-                )
-    return found
+            table = _read_map(path, number, words, content)
+            if isinstance(table, str):
+                foreign[words[1]] = f"{table}, line {number}"
+            elif tables.setdefault(table.label, table) is not table:
+                foreign[table.label] = f"its label is repeated, line {number}"
+    return [table for label, table in tables.items() if label not in foreign]
 
 
-def _read_map(path: Path, start: int, words: Sequence[str], content: Iterable[tuple[int, str]]) -> MapTable:
+def _read_map(path: Path, start: int, words: Sequence[str], content: Iterable[tuple[int, str]]) -> MapTable | str:
+    """Map from the lines up to its END, or the reason why it is not a table of numbers over numbers."""
     if len(words) != 4 or not all(word.isascii() and word.isdecimal() for word in words[2:]):
         raise InputError(f"{path}, line {start}: expected {words[0]} NAME NX NY.")
     if max(map(len, words[2:])) > len(str(MOST_VALUES)):  # Python reads no number of thousands of digits
@@ -158,11 +171,19 @@ def _read_map(path: Path, start: int, words: Sequence[str], content: Iterable[tu
     decimals = 0
     counts = {"ST/X": nx, "ST/Y": ny, "WERT": nx * ny}
     numbers: dict[str, list[float]] = {word: [] for word in counts}
+    foreign = ""
     for number, line in content:
         word, rest = [*line.split(None, 1), ""][:2]  # at whatever space, a no-break one too
         if word == "END":
-            return replace(_checked(path, start, words[1], (nx, ny), (texts, numbers)), decimals=decimals)
-        if word in numbers:
+            if foreign:
+                return foreign
+            table = _checked(path, start, words[1], (nx, ny), (texts, numbers))
+            if any(np.any(np.diff(axis.values) <= 0.0) for axis in (table.x, table.y)):
+                return "its support points do not increase"
+            return replace(table, decimals=decimals)
+        if word in _FOREIGN:
+            foreign = _FOREIGN[word]
+        elif word in numbers:
             numbers[word] += _floats(path, number, rest)
             if word == "WERT":
                 places = (-int(Decimal(text).as_tuple().exponent) for text in rest.split())
@@ -198,32 +219,6 @@ def _checked(path: Path, start: int, label: str, size: tuple[int, int], found: t
                 f"{count} are expected for {nx} × {ny}."
             )
     x, y = (Axis(axis, texts.get(f"EINHEIT_{axis}", ""), np.array(numbers[f"ST/{axis}"])) for axis in "XY")
-    for axis in (x, y):
-        if np.any(np.diff(axis.values) <= 0.0):
-            raise InputError(f"{path}, line {start}: the {axis.name} axis of {label} does not increase strictly.")
     values = np.array(numbers["WERT"]).reshape(ny, nx)
     states = tuple(("",) * nx for _ in range(ny))
     return MapTable(label, texts.get("LANGNAME", ""), "value", texts.get("EINHEIT_W", ""), x, y, values, states)
-
-
-def map_of_dcm(path: Path) -> MapTable:
-    """First map of a DCM file over rail pressure and quantity, the first of those of times if there is one.
-
-    InputError if no map has such axes.
-    """
-    found = [table for table in read_dcm(path) if is_turned(table) is not None]
-    if not found:
-        raise InputError(f"{path}: no map in it has an axis of pressure and one of quantity, with their units.")
-    return next((table for table in found if fits(table.unit, "s")), found[0])
-
-
-def facts_of(file: Path) -> dict[str, str]:
-    """Size, axes and unit of each map of a DCM file by its label, for `inspect`; InputError if it holds none."""
-    maps = read_dcm(file)
-    if not maps:
-        raise InputError(f"{file}: there is no map in this DCM file; single values and curves are passed over.")
-    facts = {"taken for": "calibration data, DCM 2"}
-    for m in maps:
-        (ny, nx), axes = m.values.shape, f"{m.x.unit or 'no unit'} × {m.y.unit or 'no unit'}"
-        facts[m.label] = f"{nx} × {ny} over {axes}, values in {m.unit or 'no unit'}"
-    return facts

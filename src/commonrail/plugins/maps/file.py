@@ -127,19 +127,25 @@ def _write_xlsx(path: Path, tables: Sequence[MapTable]) -> None:
     from openpyxl import Workbook
 
     book = Workbook()
-    notes = book.active
-    notes.title = "notes"
+    last = book.active
+    last.title = "notes"
     for table in tables:
         for line in (f"{table.label}: {table.title}", *table.notes):
-            notes.append([neutralised(line)])
-        layers = [(layer.name, numbers(layer.values)) for layer in table.layers]
-        for what, cells in ((table.name, numbers(table.values)), ("states", table.states), *layers):
+            last.append([neutralised(line)])
+        parts = [(table.name, table.unit, numbers(table.values)), ("states", "", table.states)]
+        parts += [(layer.name, layer.unit, numbers(layer.values)) for layer in table.layers]
+        for what, unit, cells in parts:
             sheet = book.create_sheet(_sheet_name(what, [s.title for s in book.worksheets]))
-            corner = f"{table.y.name} [{table.y.unit}] \\ {table.x.name} [{table.x.unit}]"
-            sheet.append([corner, *table.x.values.tolist()])
+            title = f"{what} [{unit}]" if unit else what
+            notes = filter(None, (*table.notes[:1], "; ".join(table.notes[1:])))
+            sheet.append([title, *map(neutralised, notes)])
+            sheet.append(
+                [f"{table.y.name} [{table.y.unit}] \\ {table.x.name} [{table.x.unit}]", *table.x.values.tolist()]
+            )
             for place, row in zip(table.y.values.tolist(), cells, strict=True):
                 sheet.append([place, *row])
-            sheet.freeze_panes = "B2"
+            sheet.freeze_panes = "B3"
+    book.move_sheet(last, len(book.worksheets))  # a reader takes the first sheet
     with replacing(path, "wb") as stream:
         book.save(stream)
 

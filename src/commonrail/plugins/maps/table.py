@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.base.arrays import Floats
+from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import InputError
 from commonrail.base.units import compatible, convert, fits
+from commonrail.engine.operating_point import RAIL_PRESSURES
 from commonrail.physics.injector import Injector
 from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.compensation import Compensation
@@ -19,6 +20,7 @@ from commonrail.plugins.maps.response import Conditions, density_at
 from commonrail.plugins.maps.run import Edges, InjectionMap
 from commonrail.plugins.maps.sweep import Sweep
 from commonrail.readers.columns import BAND
+from commonrail.readers.quantity_matrix import LONGEST_SIMULATED
 
 LONGEST_LABEL = 128
 _LABEL = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\[\d+\])?(\.[A-Za-z_][A-Za-z0-9_]*(\[\d+\])?)*")
@@ -161,6 +163,25 @@ def units_of(like: MapTable) -> MapUnits:
     return MapUnits(x.unit, y.unit, like.unit, max(like.decimals, fewest))
 
 
+def simulated_columns(like: MapTable, conditions: Conditions) -> Bools:
+    """Mask (n,) of the pressures of a map that can be simulated: those above the cylinder pressure."""
+    pressure, _ = axes_of(like, 1.0)
+    return np.asarray(pressure > max(conditions.cylinder_pressure, RAIL_PRESSURES.low))
+
+
+def with_columns_of(table: MapTable, like: MapTable, conditions: Conditions) -> MapTable:
+    """Table over the simulated pressures of another map, completed by that map's values at its other pressures."""
+    which = simulated_columns(like, conditions)
+    axis, before = (like.y, like.values.T) if is_turned(like) else (like.x, like.values)
+    values, states = before.copy(), np.full(before.shape, "as before", object)
+    values[:, which], states[:, which] = table.values, np.array(table.states, object)
+    layers = tuple(layer._replace(values=np.full(before.shape, np.nan)) for layer in table.layers)
+    for layer, edges in zip(layers, table.layers, strict=True):
+        layer.values[:, which] = edges.values
+    x = table.x._replace(values=axis.values)
+    return replace(table, x=x, values=values, states=tuple(map(tuple, states.tolist())), layers=layers)
+
+
 def shaped_like(table: MapTable, like: MapTable) -> MapTable:
     """Table with the title of another map, and its axes as they are written, in its order."""
     if is_turned(like):
@@ -283,7 +304,8 @@ def notes_of(found: InjectionMap) -> tuple[str, ...]:
     """Model, conditions and rules of a map, a line each."""
     rules = (
         f"several energising times: the {found.rules.several.value}; "
-        f"unreachable quantities: {_BEYOND[found.rules.beyond.value]}"
+        f"unreachable quantities: {_BEYOND[found.rules.beyond.value]}; "
+        + LONGEST_SIMULATED.format(found.axes.energising_time[-1] * 1e6)
     )
     bands = [f"bands of measured quantities: {found.bands.estimator}"] if found.bands else []
     return (*_conditions(found.injector, found.conditions), rules, *bands)

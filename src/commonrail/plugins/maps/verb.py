@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.errors import CommonrailError, InputError
 from commonrail.base.output import write_text
+from commonrail.base.text import counted
 from commonrail.base.units import fits, parse
 from commonrail.cli.console import print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
@@ -82,9 +83,9 @@ def map_(
     axes: Annotated[
         Path | None,
         Option(
-            metavar="FILE.dcm",
-            help="DCM file whose first map of times gives pressures, quantities, units, label and number format; a DCM "
-            "file of --out is that file with new times.",
+            metavar="FILE",
+            help="DCM, CDFX or .table file whose first map of times gives pressures, quantities, units, label and "
+            "number format; a DCM file of --out is that DCM file with new times.",
         ),
     ] = None,
     cylinder_pressure: CylinderPressure = None,
@@ -100,7 +101,8 @@ def map_(
         Option(help="Bands of 50 % and 90 % about the map of a run. [default: draws, if a map was fitted]"),
     ] = None,
     measured: Annotated[
-        Path | None, Option(metavar="FILE", help="Measured map that the model is compared with, CSV or Excel.")
+        Path | None,
+        Option(metavar="FILE", help="Measured map that the model is compared with, of a format of inspect."),
     ] = None,
     out: Annotated[
         tuple[Path, ...],
@@ -136,14 +138,14 @@ def map_(
       commonrail map cri2-16 --cylinder-pressure 0.5MPa --out et.dcm --label InjVlv_tiET_MAP --report map.html
       commonrail map runs/a cri2-16 --rail-pressure 20:160:20MPa --quantity 1,2,5,10,20,50mm3 --report change.html
     """
-    from commonrail.plugins.maps.dcm import map_of_dcm
     from commonrail.plugins.maps.difference import compare_with, read_measured_map
+    from commonrail.plugins.maps.ecu_file import read_axes
     from commonrail.plugins.maps.file import check_map_file, map_record, write_map_file
     from commonrail.plugins.maps.inverse import Rules
     from commonrail.plugins.maps.page import map_html, map_lines, map_tables
     from commonrail.plugins.maps.response import density_at
     from commonrail.plugins.maps.run import injection_map
-    from commonrail.plugins.maps.table import check_label, quantity_table
+    from commonrail.plugins.maps.table import check_label, quantity_table, simulated_columns
 
     _refuse_unused(out, quantity_out)
     if axes is not None:
@@ -155,7 +157,7 @@ def map_(
     check_distinct(*out, *quantity_out, report)
     if len(models) > 2 or (len(models) == 2 and measured is not None):
         raise InputError("Give one or two models, or one model and --measured.")
-    like = None if axes is None else map_of_dcm(axes)
+    like = None if axes is None else read_axes(axes)
     units = {path: _units(path, (pressure_unit, quantity_unit, time_unit), like) for path in (*out, *quantity_out)}
     kept = like.label if like is not None and fits(like.unit, "s") else INVERSE
     check_label(label or kept), check_label(quantity_label)
@@ -170,6 +172,8 @@ def map_(
     rules = Rules(several, unreachable)
     found = {model.label: injection_map(model.injector, wanted, conditions, rules, say) for model in named}
     first = found[named[0].label] = _with_bands(found[named[0].label], fit, bands)
+    if like is not None and not (columns := simulated_columns(like, conditions)).all():
+        say(f"at or below the cylinder pressure {counted(int((~columns).sum()), 'column')} of {axes} kept as before")
     for path in out:
         _write_inverse(path, first, label, units[path], (axes, like))
     for path in quantity_out:
@@ -206,17 +210,18 @@ def _refuse_beside_axes(axes: Path) -> None:
 def _write_inverse(
     path: Path, found: InjectionMap, label: str | None, units: MapUnits, file: tuple[Path | None, MapTable | None]
 ) -> None:
-    """Write the inverse, in the shape of a map of times in a DCM file where there is one."""
+    """Write the inverse, in the shape of the map of times that gave the axes, if there is one."""
     from commonrail.plugins.maps.dcm import write_into_dcm
     from commonrail.plugins.maps.file import write_map_file
-    from commonrail.plugins.maps.table import inverse_table, shaped_like
+    from commonrail.plugins.maps.table import inverse_table, shaped_like, with_columns_of
 
     axes, like = file
     if axes is None or like is None or not fits(like.unit, "s"):
         write_map_file(path, [inverse_table(found, label or INVERSE, units)])
         return
-    table = shaped_like(inverse_table(found, label or like.label, units), like)
-    if path.suffix.lower() == ".dcm":
+    table = with_columns_of(inverse_table(found, label or like.label, units), like, found.conditions)
+    table = shaped_like(table, like)
+    if path.suffix.lower() == axes.suffix.lower() == ".dcm":
         write_into_dcm(path, axes, like.label, table)
     else:
         write_map_file(path, [table])
@@ -285,13 +290,14 @@ def _axes(
     from commonrail.plugins.maps.axes import MapAxes
     from commonrail.plugins.maps.response import density_at
     from commonrail.plugins.maps.run import usual_axes
-    from commonrail.plugins.maps.table import axes_of
+    from commonrail.plugins.maps.table import axes_of, simulated_columns
 
     usual = usual_axes(injector)
     pressure, wanted, time = usual.rail_pressure, usual.quantity, usual.energising_time
     density = density_at(injector, conditions)
     if like is not None:
         pressure, wanted = axes_of(like, density)
+        pressure = pressure[simulated_columns(like, conditions)]
     if texts[0] is not None:
         pressure = read_axis(texts[0], "Pa", "--rail-pressure", increasing=True)
     if texts[1] is not None:

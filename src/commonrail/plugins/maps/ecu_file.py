@@ -1,0 +1,222 @@
+"""Maps in files of control units, DCM, CDFX and TunerStudio tables: axes of a new map, and data of a study."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from decimal import Decimal
+from html import unescape
+from io import BytesIO
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+
+from commonrail.base.errors import InputError
+from commonrail.base.input import read_plain
+from commonrail.base.units import fits
+from commonrail.plugins.maps.dcm import LARGEST, MOST_DECIMALS, MOST_MAPS, MOST_VALUES, read_dcm
+from commonrail.plugins.maps.table import Axis, MapTable, is_turned
+from commonrail.readers.columns import PLAIN, Column, FileForm, Table, name_and_unit
+from commonrail.readers.quantity_matrix import (
+    KINDS,
+    ORDERS,
+    FoundMap,
+    GivenUnits,
+    Matrix,
+    kind_of,
+    map_of_matrix,
+    plain_unit,
+)
+
+
+class EcuMaps(NamedTuple):
+    """Maps of a file by their labels, reasons why others are not read, and the comments of the file."""
+
+    kind: str
+    tables: dict[str, MapTable]
+    foreign: dict[str, str]
+    comments: list[str]
+
+    def add(self, texts: Sequence[str], axes: Sequence[tuple[str, list[str]]], rows: Sequence[Sequence[str]]) -> None:
+        """Add a map from texts: label, title and unit; units and support points of x and y; rows of values."""
+        label, title, unit = texts
+        if len(self.tables) + len(self.foreign) == MOST_MAPS:
+            raise ValueError(f"there are more than {MOST_MAPS} maps")
+        try:
+            x, y = (Axis(name, of, np.array(v, np.float64)) for name, (of, v) in zip("XY", axes, strict=True))
+            values = np.array(rows, np.float64)
+        except ValueError:
+            self.foreign[label] = "it is not a table of numbers over two axes"
+            return
+        increase = all(len(axis.values) and np.all(np.diff(axis.values) > 0.0) for axis in (x, y))
+        if values.shape != (len(y.values), len(x.values)) or not (increase and np.isfinite(values).all()):
+            self.foreign[label] = "its support points do not increase, or are not those of its values"
+            return
+        decimals = max(-int(Decimal(cell).as_tuple().exponent) for row in rows for cell in row)
+        states = tuple(("",) * len(x.values) for _ in rows)
+        decimals = min(max(decimals, 0), MOST_DECIMALS)
+        table = MapTable(label, title, "value", unit, x, y, values, states, decimals=decimals)
+        if self.tables.setdefault(label, table) is not table:
+            self.foreign[label] = "its label is repeated"
+
+
+def read_ecu_maps(path: Path) -> EcuMaps:
+    """Maps of a DCM or CDFX file or of a table of TunerStudio; `InputError` if it cannot be read."""
+    data = read_plain(path, LARGEST)
+    if not data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
+        maps = EcuMaps("DCM 2", {}, {}, [])
+        maps.tables.update({table.label: table for table in read_dcm(path, maps.foreign, maps.comments)})
+        return maps
+    if b"<!ENTITY" in data or b"\0" in data:  # entities may grow without end
+        raise InputError(f"{path}: XML with entities or in UTF-16 is not read; save it as plain UTF-8.")
+    try:
+        return _read_table(path, data) if b"<tableData" in data else _read_cdfx(path, data)
+    except (ElementTree.ParseError, LookupError, StopIteration, ValueError) as error:
+        raise InputError(f"{path}: this is no CDFX file or table of TunerStudio that can be read ({error}).") from error
+
+
+def _elements(path: Path, data: bytes, wanted: str) -> Iterator[ElementTree.Element]:
+    """Elements of a name, without their name space; what others hold is dropped."""
+    count = 0
+    for event, element in ElementTree.iterparse(BytesIO(data), ("start", "end")):
+        count += event == "start"
+        if count > MOST_VALUES:
+            raise InputError(f"{path}: the file has more than the {MOST_VALUES} elements that are read.")
+        element.tag = element.tag.rpartition("}")[2]
+        if event == "end" and element.tag == wanted:
+            yield element
+            element.clear()
+
+
+def _read_cdfx(path: Path, data: bytes) -> EcuMaps:
+    """Maps of ASAM CDF 2.0; the support points of one may be an instance of their own."""
+    note = re.search(rb"<LONG-NAME>([^<]{1,4000})</LONG-NAME>", data)
+    maps = EcuMaps("CDF 2", {}, {}, _split_notes(note[1] if note else b""))
+    shared = {
+        _text(instance, "SHORT-NAME"): [v.text or "" for v in instance.iter("V")]
+        for instance in _elements(path, data, "SW-INSTANCE")
+        if _text(instance, "CATEGORY") in ("COM_AXIS", "RES_AXIS", "AXIS_PTS")
+    }
+    for instance in _elements(path, data, "SW-INSTANCE"):
+        if _text(instance, "CATEGORY") == "MAP":
+            axes = [
+                (
+                    _text(axis, "UNIT-DISPLAY-NAME"),
+                    [v.text or "" for v in axis.iter("V")] or shared.get(_text(axis, "SW-INSTANCE-REF"), []),
+                )
+                for axis in instance.iter("SW-AXIS-CONT")
+            ]
+            rows = [[v.text or "" for v in group.findall("V")] for group in instance.iter("VG")]
+            texts = [_text(instance, n) for n in ("SHORT-NAME", "LONG-NAME", "SW-VALUE-CONT/UNIT-DISPLAY-NAME")]
+            maps.add(texts, axes, rows)
+    return maps
+
+
+def _read_table(path: Path, data: bytes) -> EcuMaps:
+    """Map of a table of TunerStudio; its axes have units only where their names state them."""
+    root = next(_elements(path, data, "table"))
+    comment = b"".join(re.findall(rb"<!--([^<]{1,4000})-->", data)[:1])
+    maps = EcuMaps("TunerStudio", {}, {}, _split_notes(comment))
+    places = [root.find("xAxis"), root.find("yAxis")]
+    axes = [(name_and_unit(p.get("name", ""))[1], (p.text or "").split()) for p in places if p is not None]
+    cells = (root.findtext("zValues") or "").split()
+    width = len(axes[0][1]) or 1
+    # what the product writes there: label, title and unit of the values
+    told = re.search(r"written by commonrail: (\S+); (.*?); values: \w+ \[([^\]]*)\]", "; ".join(maps.comments))
+    texts = told.groups() if told else (path.stem, "", "")
+    maps.add(texts, axes, [cells[i : i + width] for i in range(0, len(cells), width)])
+    return maps
+
+
+def _split_notes(text: bytes) -> list[str]:
+    return unescape(text.decode("utf-8", "replace").strip()).split("; ")
+
+
+def _text(element: ElementTree.Element, name: str) -> str:
+    return " ".join((element.findtext(name) or "").split())
+
+
+def read_axes(path: Path) -> MapTable:
+    """First map of a file over rail pressure and quantity, the first of those of times if there is one.
+
+    InputError if no map has such axes.
+    """
+    maps = read_ecu_maps(path)
+    fitting = [
+        table for label, table in maps.tables.items() if label not in maps.foreign and is_turned(table) is not None
+    ]
+    if not fitting:
+        passed = "".join(f"; {label} is not read: {reason}" for label, reason in list(maps.foreign.items())[:4])
+        raise InputError(f"{path}: no map in it has an axis of pressure and one of quantity, with their units{passed}.")
+    return next((table for table in fitting if fits(table.unit, "s")), fitting[0])
+
+
+class MapFile:
+    """File of a control unit, a `Sheet` that holds maps and no columns.
+
+    Attributes
+    ----------
+    taken_for : str
+    facts : dict of str to str
+        Size, axes and unit of each map by its label, or why it is not read.
+    comments : sequence of str
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or holds no map.
+    """
+
+    apart = True
+    names: Sequence[str] = ()
+
+    def __init__(self, path: Path, form: FileForm = PLAIN) -> None:
+        self.path = path
+        maps = read_ecu_maps(path)
+        if not (maps.tables or maps.foreign):
+            raise InputError(f"{path}: there is no map in this file; single values and curves are passed over.")
+        self._tables = [table for label, table in maps.tables.items() if label not in maps.foreign]
+        self.comments = maps.comments
+        self.taken_for = f"calibration data, {maps.kind}"
+        self.facts = {
+            m.label: f"{len(m.x.values)} × {len(m.y.values)} over {m.x.unit or 'no unit'} × {m.y.unit or 'no unit'}, "
+            f"values in {m.unit or 'no unit'}"
+            for m in self._tables
+        } | {label: f"not read: {reason}" for label, reason in maps.foreign.items()}
+
+    def take(self, columns: Sequence[Column]) -> Table:
+        """Refused: the file has no columns."""
+        raise InputError(f'{self.path}: this file holds maps and no columns; read it with layout = "found".')
+
+    def quantity_map(self, given: GivenUnits) -> FoundMap:
+        """First duration map of the file, else its first quantity map.
+
+        Units that the file does not have are those `given`. Raises `InputError` if it has none.
+        """
+        stated = given.by_kind()
+        candidates: list[tuple[bool, int, list[str], list[str], MapTable]] = []
+        for table in self._tables:
+            units = [table.y.unit, table.x.unit, table.unit]
+            kinds = [kind_of(unit) for unit in units]
+            missing = [kind for kind in KINDS if kind not in kinds]
+            if kinds.count("") == len(missing) and all(map(stated.get, missing)) and kinds[2] != "rail pressure":
+                kinds = [kind or (missing[0] if len(missing) == 1 else "") for kind in kinds]
+                candidates.append((kinds[2] == "quantity", len(candidates), kinds, units, table))
+        if not candidates:
+            raise InputError(
+                f"{self.path}: no map in it has rail pressures, quantities and energising times with their units; "
+                "state those that are missing, a crank angle with its speed, as degCA@2000rpm."
+            )
+        _, _, kinds, units, table = min(candidates)
+        by_kind = dict(zip(kinds, map(plain_unit, units), strict=True))
+        matrix = Matrix(table.y.values, table.x.values, table.values, np.arange(1, table.values.size + 1))
+        return map_of_matrix(
+            self.path,
+            matrix,
+            {kind: stated[kind] or by_kind[kind] for kind in KINDS},
+            [(kinds[0], kinds[1])] if all(kinds) else ORDERS,
+            [f"map {table.label}"],
+            self.comments,
+        )
