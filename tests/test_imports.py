@@ -90,7 +90,19 @@ def test_the_version_is_the_one_in_pyproject() -> None:
 
 
 # Modules that take long to import and serve few functions: these import them, no module does at its top.
-LAZY = ("arviz_stats", "asammdf", "distributed", "emcee", "h5py", "matplotlib", "openpyxl", "pandas", "pyarrow", "rich")
+LAZY = (
+    "arviz_stats",
+    "asammdf",
+    "distributed",
+    "emcee",
+    "h5py",
+    "matplotlib",
+    "nptdms",
+    "openpyxl",
+    "pandas",
+    "pyarrow",
+    "rich",
+)
 LAZY += ("scipy.stats", "tomlkit", "xarray")
 # Plates are drawn by Matplotlib, and each reader of a child process exists for one library: whoever asks for these
 # modules needs them.
@@ -99,6 +111,7 @@ AT_THE_TOP = {
     "plugins/formats/mat_child.py": {"scipy"},
     "plugins/formats/mdf_child.py": {"asammdf"},
     "plugins/formats/parquet_child.py": {"pyarrow"},
+    "plugins/formats/tdms_child.py": {"nptdms"},
     "readers/xlsx_child.py": {"openpyxl"},
     "plugins/paper/plates.py": {"matplotlib"},
 }

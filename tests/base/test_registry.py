@@ -20,12 +20,12 @@ from tests.distribution import distribution
 def plugin(tmp_path: Path) -> Iterator[None]:
     """Distribution with a reader that works, two whose modules cannot be imported and one that does not exist."""
     modules = {
-        "example_tdms": "SHEET = 'sheet of TDMS'\n",
+        "example_tpc": "SHEET = 'sheet of TPC'\n",
         "example_broken": "raise OSError('no driver')\n",
         "example_leaves": "import sys\nsys.exit(7)\n",
     }
     parts = (
-        "[commonrail.readers]\ntdms = example_tdms:SHEET\nbroken = example_broken:SHEET\nabsent = example_tdms:OTHER\n"
+        "[commonrail.readers]\ntpc = example_tpc:SHEET\nbroken = example_broken:SHEET\nabsent = example_tpc:OTHER\n"
         "leaves = example_leaves:SHEET\n"
     )
     with distribution(tmp_path, modules, parts):
@@ -34,10 +34,10 @@ def plugin(tmp_path: Path) -> Iterator[None]:
 
 @pytest.mark.usefixtures("plugin")
 def test_a_part_of_an_installed_package_is_loaded_by_its_name() -> None:
-    entry = registry.find("readers", "tdms")
+    entry = registry.find("readers", "tpc")
     assert entry is not None
-    assert (entry.distribution, entry.version, entry.load()) == ("example-plugin", "1.2", "sheet of TDMS")
-    assert "tdms" in registry.entries("readers")
+    assert (entry.distribution, entry.version, entry.load()) == ("example-plugin", "1.2", "sheet of TPC")
+    assert "tpc" in registry.entries("readers")
 
 
 @pytest.mark.usefixtures("plugin")
@@ -52,12 +52,12 @@ def test_a_broken_plug_in_is_named_with_its_reason(name: str, reason: str) -> No
 def test_a_reader_that_fails_on_a_file_is_named_with_it(tmp_path: Path) -> None:
     modules = {"example_fails": "def SHEET(path, form): return 1 / 0\n"}
     (tmp_path / "site").mkdir()
-    parts = "[commonrail.readers]\ntdms = example_fails:SHEET\n"
-    said = r'example-plugin 1\.2: "tdms".*fails on .*bench\.tdms \(ZeroDivision'
+    parts = "[commonrail.readers]\nnc = example_fails:SHEET\n"
+    said = r'example-plugin 1\.2: "nc".*fails on .*bench\.nc \(ZeroDivision'
     with distribution(tmp_path / "site", modules, parts), pytest.raises(PluginError, match=said):
-        open_sheet(tmp_path / "bench.tdms")
-    with pytest.raises(InputError, match="TDMS files are not read"):
-        open_sheet(tmp_path / "bench.tdms")
+        open_sheet(tmp_path / "bench.nc")
+    with pytest.raises(InputError, match="NetCDF files are not read"):
+        open_sheet(tmp_path / "bench.nc")
 
 
 def test_a_name_that_nobody_registers_has_no_part() -> None:
@@ -68,21 +68,21 @@ def test_a_part_that_another_one_displaces_is_named(tmp_path: Path) -> None:
     """One of the name of a shipped part, and the second of two packages with one name."""
     for folder in ("a", "b"):
         (tmp_path / folder).mkdir()
-    parts = "[commonrail.readers]\ntdms = {0}:OPEN\n[commonrail.verbs]\nsimulate = {0}:OPEN\n"
+    parts = "[commonrail.readers]\ntpc = {0}:OPEN\n[commonrail.verbs]\nsimulate = {0}:OPEN\n"
     said = r'plug-in {0} 1\.2: "{1}" of commonrail.{2} is not used, because {3} has a part of the same name; [^.]*\.$'
     with (
         distribution(tmp_path / "b", {"two": "OPEN = 2\n"}, parts.format("two"), "one-two"),
         distribution(tmp_path / "a", {"one": "OPEN = 1\n"}, parts.format("one"), "one-one"),
     ):
-        with pytest.warns(RuntimeWarning, match=said.format("one-two", "tdms", "readers", "one-one")):
-            found = registry.find("readers", "tdms")
+        with pytest.warns(RuntimeWarning, match=said.format("one-two", "tpc", "readers", "one-one")):
+            found = registry.find("readers", "tpc")
         assert found is not None
         assert (found.distribution, found.load()) == ("one-one", 1)
         assert registry.find("verbs", "simulate") == registry.shipped("verbs")["simulate"]
         first, second = sorted(entry.distribution for entry in registry.unused("verbs"))
         assert (first, second) == ("one-one", "one-two")
         broken = {plugin.distribution: " ".join(plugin.broken) for plugin in installed_plugins()}
-        assert '"tdms" of commonrail.readers is not used, because one-one' in broken["one-two"]
+        assert '"tpc" of commonrail.readers is not used, because one-one' in broken["one-two"]
         assert '"simulate" of commonrail.verbs is not used, because commonrail' in broken["one-one"]
 
 

@@ -160,6 +160,17 @@ def mdf_record() -> bytes:
     return _mdf(change)
 
 
+def tdms_count(values: int) -> bytes:
+    """TDMS: a channel that is said to have so many values."""
+    from nptdms import ChannelObject, TdmsWriter
+
+    stream = BytesIO()
+    with TdmsWriter(stream) as writer:
+        writer.write_segment([ChannelObject("g", "ROI", np.zeros(30), {"wf_increment": 1e-5})])
+    index = struct.pack("<IIQ", 10, 1, 30)  # doubles, one dimension, number
+    return stream.getvalue().replace(index, struct.pack("<IIQ", 10, 1, values))
+
+
 BOMBS: dict[str, Callable[[], bytes]] = {
     "long_row.csv": lambda: thousands(16_000, 900_000),
     "rectangle.csv": lambda: thousands(900, 900_000),
@@ -174,6 +185,8 @@ BOMBS: dict[str, Callable[[], bytes]] = {
     "attributes.xlsx": lambda: xlsx([b"<row " + b" ".join(b'a%d="1"' % i for i in range(500_000)) + b"/>"]),
     "names.mat": lambda: mat5_names(49_000_000),
     "chunk.mat": lambda: mat73_chunk(500_000_000),
+    "depth.cdfx": lambda: b"<a>" * 6_000_000,
+    "count.tdms": lambda: tdms_count(2**50),
     "loop.mf4": mdf_loop,
     "record.mf4": mdf_record,
 }

@@ -121,7 +121,7 @@ def mutated(random: Random, name: str, data: bytes) -> bytes:
     if random.random() < 0.02:
         return noise(random)
     text = data.decode("utf-8")
-    changes = {"toml": TOML, "csv": CSV, "json": JSON}[name.rpartition(".")[2]]
+    changes = {"toml": TOML, "json": JSON}.get(name.rpartition(".")[2], CSV)
     for _ in range(random.choice((1, 1, 1, 2, 3, 6))):
         if len(text) < LARGEST:  # a table repeated twenty times, twice, would fill the memory before anybody reads it
             text = random.choice(changes)(random, text)

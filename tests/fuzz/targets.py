@@ -9,6 +9,7 @@ from functools import cache
 from io import SEEK_END, BytesIO, StringIO
 from pathlib import Path
 from random import Random
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 from zipfile import ZipFile, ZipInfo
 
@@ -25,6 +26,7 @@ from commonrail.engine.plan import candidate_matrix, make_job, prepare
 from commonrail.engine.time_step import longest_step, medium_of
 from commonrail.physics.injector import Injector, parameter_paths
 from commonrail.plugins.family.injector_type import load_type
+from commonrail.plugins.maps.file import write_map_file
 from commonrail.plugins.paper.bench_file import load_truth
 from commonrail.plugins.tolerance.file import load_tolerances
 from commonrail.readers.injector import load_injector
@@ -36,6 +38,7 @@ from tests.fuzz import kept
 from tests.fuzz.database import spoilt_database
 from tests.fuzz.mutation import BYTES, mutated
 from tests.plugins.compare.samples import compared_maps, compared_rates, compared_traces
+from tests.plugins.maps.tables import table
 from tests.report.analysis_samples import sensitivity_record, tolerance_record
 from tests.report.reproduction_sample import record as reproduction_record
 from tests.report.samples import map_record, rate_record, rate_traces
@@ -89,7 +92,7 @@ def _spoilt(random: Random, file: str, data: bytes) -> bytes:
     kind = file.rpartition(".")[2]
     if kind == "xlsx":
         return _spoilt_book(random, data)
-    if kind in ("parquet", "mat", "txt"):
+    if kind in ("parquet", "mat", "tdms", "txt"):
         return random.choice(BYTES)(random, data)
     return spoilt_database(random, data) if kind == "sqlite" else mutated(random, file, data)
 
@@ -217,7 +220,30 @@ def _bench_files() -> list[Files]:
     book.save(stream)
     units = {"p_unit": "bar", "et_unit": "us", "q_unit": "mm3"}
     savemat(other, {"p": [800.0, 1200.0], "et": [300.0, 500.0], "q": [[10.0, 25.0], [15.0, 40.0]], **units})
-    return [{"map.xlsx": stream.getvalue()}, {"map.mat": other.getvalue()}]
+    return [{"map.xlsx": stream.getvalue()}, {"map.mat": other.getvalue()}, {"rate.tdms": _tdms()}]
+
+
+def _tdms() -> bytes:
+    """Two waveforms, and a group with its own times."""
+    from nptdms import ChannelObject, TdmsWriter
+
+    stream, samples = BytesIO(), np.linspace(0.0, 40.0, 30)
+    wave = {"wf_increment": 1e-5, "wf_start_offset": 0.0}
+    with TdmsWriter(stream) as writer:
+        for unit, name in (("mm3/ms", "ROI"), ("bar", "p")):
+            writer.write_segment([ChannelObject("EVI", name, samples, wave | {"unit_string": unit})])
+        writer.write_segment([ChannelObject("slow", name, samples, {}) for name in ("time", "T")])
+    return stream.getvalue()
+
+
+@cache
+def _ecu_files() -> list[Files]:
+    """A map in each format of control units."""
+    with TemporaryDirectory() as place:
+        paths = [Path(place) / f"map{ending}" for ending in (".dcm", ".cdfx", ".table")]
+        for path in paths:
+            write_map_file(path, [table()])
+        return [{path.name: path.read_bytes()} for path in paths]
 
 
 @cache
@@ -342,6 +368,7 @@ TARGETS = {
     "journal": Target(kept.read_journal, kept.runs, (".sqlite",), 6),
     "fleet": Target(kept.read_fleet, kept.fleets, ("fleet.toml", "study.toml", "s.csv", ".parquet"), 5),
     "table": Target(_survey, _tables, (".csv", ".txt"), 10),
-    "bench file": Target(_survey, _bench_files, (".xlsx", ".mat"), 2),  # starts a process each time
+    "bench file": Target(_survey, _bench_files, (".xlsx", ".mat", ".tdms"), 3),  # starts a process each time
+    "control unit": Target(_survey, _ecu_files, (".dcm", ".cdfx", ".table"), 6),
     "fleet journal": Target(kept.read_fleet_journal, kept.fleet_runs, (".sqlite",), 3),
 }

@@ -28,6 +28,7 @@ EXAMPLES = {
     "fleet": 50,
     "table": 60,
     "bench file": 15,
+    "control unit": 60,
     "fleet journal": 30,
 }
 

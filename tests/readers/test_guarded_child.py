@@ -13,7 +13,7 @@ from commonrail.base.errors import InputError
 from commonrail.plugins.formats import lvm
 from commonrail.plugins.formats.lvm import LvmFile
 from commonrail.plugins.formats.mat import MatFile
-from commonrail.plugins.formats.mdf import MdfFile
+from commonrail.plugins.formats.records import MdfFile
 from commonrail.readers import guarded, xlsx_child
 from commonrail.readers.columns import Column
 from commonrail.readers.grid import read_grid

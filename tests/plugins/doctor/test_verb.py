@@ -44,7 +44,7 @@ def test_a_broken_package_is_named_in_a_sentence_and_the_others_are_listed(comma
         "example_lost": "PATH = 'no-such-file.toml'\nSIX = 6\n",
     }
     parts = (
-        "[commonrail.readers]\ntdms = example_broken:SHEET\n"
+        "[commonrail.readers]\ntpc = example_broken:SHEET\n"
         "[commonrail.injectors]\nlost = example_lost:PATH\n"
         "[commonrail.optimisers]\nsix = example_lost:SIX\n"
         "[commonrail.data]\nsix = example_lost:SIX\n"
@@ -53,7 +53,7 @@ def test_a_broken_package_is_named_in_a_sentence_and_the_others_are_listed(comma
         (fact,) = run.plugin_facts()
         listed = command("catalogue", "injectors")
     assert fact.name == "plug-in example-plugin"
-    for reason in ('"tdms" of commonrail.readers cannot be loaded', '"lost" of commonrail.injectors gives no file'):
+    for reason in ('"tpc" of commonrail.readers cannot be loaded', '"lost" of commonrail.injectors gives no file'):
         assert reason in fact.verdict
     assert fact.verdict.count('"six"') == 2
     assert "cri2-16" in listed.out

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import InputError
-from commonrail.plugins.formats.mdf import MdfFile
+from commonrail.plugins.formats.records import MdfFile
 from commonrail.readers.columns import Column, Table
+from commonrail.readers.overview import channels_of
 from commonrail.readers.tables import read_columns
 from tests.child_in_process import read_in_process
 
@@ -86,8 +87,41 @@ def test_linear_rules_are_applied_and_formulas_are_not_evaluated(tmp_path: Path)
     linear = written(tmp_path / "a.mf4", ("g", [signal(raw, conversion={"a": 0.5, "b": 1.0})]))
     np.testing.assert_allclose(read(linear).columns["ROI"], (0.5 * raw + 1.0) * 1e-6, rtol=1e-12)
     formula = written(tmp_path / "b.mf4", ("g", [signal(raw, conversion={"formula": "X1*2"})]))
-    with pytest.raises(InputError, match='channel "ROI": its values are converted by a formula or to texts'):
+    with pytest.raises(InputError, match='channel "ROI": its values are converted by a formula'):
         read(formula)
+
+
+CODES = np.array([0] * 40 + [1] * 60, np.uint8)
+GAPS = np.array([12000] * 99 + [65535], np.uint16)
+
+
+@pytest.mark.usefixtures("in_process")
+@pytest.mark.parametrize("version", ["3.30", "4.10"])
+def test_codes_of_texts_are_numbers_of_a_switch_or_gaps(tmp_path: Path, version: str) -> None:
+    """A trigger that is off or on, a number with one code for none, gears, and raw frames of a bus."""
+    from asammdf.blocks.conversion_utils import from_dict
+
+    switch = from_dict({"val_0": 0, "text_0": "off", "val_1": 1, "text_1": "on"})
+    gear = from_dict(
+        {f"{key}_{i}": value for i, name in enumerate("PND") for key, value in (("val", i), ("text", name))}
+    )
+    none = {"val_0": 65535, "text_0": "SNA"} | ({"default_addr": {"a": 0.1, "b": 0.0}} if version > "4" else {})
+    channels = [("TTL", CODES, switch), ("p", GAPS, from_dict(none)), ("gear", CODES % 3 + CODES // 1, gear)]
+    record = asammdf.MDF(version=version)
+    record.append([asammdf.Signal(values, TIME, "bar", name, conversion=rule) for name, values, rule in channels])
+    if version > "4":
+        frames = np.core.records.fromarrays(
+            [np.zeros((100, 8), np.uint8)], dtype=[("CAN_DataFrame.DataBytes", "u1", (8,))]
+        )
+        record.append([asammdf.Signal(frames, TIME, name="CAN_DataFrame")])
+    path = record.save(tmp_path / "a", overwrite=True)
+    record.close()
+    found, unread = channels_of(MdfFile(Path(path)))
+    assert {c.name: (c.size, c.low, c.high) for c in found if not c.name.startswith("CAN")} == {
+        "TTL": (100, 0.0, 1.0),
+        "p": (99, *(2 * (1200.0 if version > "4" else 12000.0,))),
+    }
+    assert set(unread) >= {"gear"} | ({"CAN_DataFrame"} if version > "4" else set())
 
 
 @pytest.mark.usefixtures("in_process")
@@ -118,7 +152,7 @@ def test_a_damaged_record_is_one_sentence(tmp_path: Path) -> None:
 def test_a_channel_beyond_the_limit_is_refused_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     long, short = signal(RATE), signal(RATE[:5], "p", "bar", TIME[:5])
     path = written(tmp_path / "a.mf4", ("fast", [long]), ("slow", [short]))
-    monkeypatch.setattr("commonrail.plugins.formats.mdf_child.MOST_SAMPLES", 50)
+    monkeypatch.setattr("commonrail.plugins.formats.records.MOST_SAMPLES", 50)
     with pytest.raises(InputError, match='channel "ROI": there are 100 samples, and at most 50 are read; cut the'):
         read(path)
     pressure = read_columns(path, [Column("time", "s", increasing=True), Column("p", "Pa")])

@@ -1,1 +1,1 @@
-"""Measuring systems' formats: MDF, MAT, LabVIEW and Parquet as sources of columns."""
+"""Measuring systems' formats: MDF, TDMS, MAT, LabVIEW and Parquet as sources of columns."""
