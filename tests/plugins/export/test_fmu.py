@@ -16,6 +16,8 @@ import pytest
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.physics.variants import unread_parameters
+from commonrail.plugins.export.fmu import write_fmu
+from commonrail.plugins.export.object_files import target_named
 from commonrail.readers.injector import load_injector
 from tests.conftest import DRAWN
 from tests.plugins.export.test_library import ROUNDING
@@ -278,3 +280,19 @@ def test_ten_thousand_instances_leave_no_memory_behind(binary, fmu):
     gc.collect()
     # an instance holds 53 kB; Python itself may keep some objects more
     assert held() - before < 10 * 53_000
+
+
+def test_flat_names_are_the_same_model(own, fmu, tmp_path):
+    """Importers may make buses of names with points."""
+    from fmpy.validation import validate_fmu
+
+    for fmi in (2, 3):
+        path = tmp_path / f"flat{fmi}.fmu"
+        write_fmu(load_injector(DRAWN), path, [target_named(own)], fmi, flat=True)
+        assert validate_fmu(str(path)) == []
+    start = {"boundary__rail_pressure": 160e6, "energising_1__duration": 700e-6}
+    flat, structured = run(tmp_path / "flat2.fmu", start=start), run(fmu)
+    assert flat.tobytes() == structured.tobytes()
+    names = [variable.name for variable in fmpy.read_model_description(str(path)).modelVariables]
+    assert len({*names}) == len(names)
+    assert not any(sign in name for name in names for sign in ".[]")

@@ -89,9 +89,19 @@ _INPUT_KIND = Kind("Real", "input", "continuous")
 _OUTPUT = Kind("Real", "output", "continuous")
 
 
-def variables(injector: Injector) -> list[Variable]:
-    """All variables of an injector's FMU, parameters first."""
-    return [*_parameters(injector), *_plan(), *_inputs(injector), *_outputs(injector)]
+def variables(injector: Injector, flat: bool = False) -> list[Variable]:
+    """All variables of an injector's FMU, parameters first.
+
+    Names are structured, ``energising[1].start``, or `flat`, ``energising_1__start``: importers may make buses of
+    structured ones.
+    """
+    listed = [*_parameters(injector), *_plan(), *_inputs(injector), *_outputs(injector)]
+    return [variable._replace(name=flat_name(variable.name)) for variable in listed] if flat else listed
+
+
+def flat_name(name: str) -> str:
+    """Name of a variable without points and brackets."""
+    return name.replace("[", "_").replace("]", "").replace(".", "__")  # valve_lift is an output, valve.lift a parameter
 
 
 def _parameters(injector: Injector) -> list[Variable]:
@@ -180,7 +190,8 @@ def describe2(model: Model, listed: Sequence[Variable], token: str, sources: Seq
     `sources` are the C files to be compiled where there is no binary.
     """
     root = Xml.Element(
-        "fmiModelDescription", {"fmiVersion": "2.0", "guid": token, **_about(model), "numberOfEventIndicators": "0"}
+        "fmiModelDescription",
+        {"fmiVersion": "2.0", "guid": token, **_about(model, listed), "numberOfEventIndicators": "0"},
     )
     simulation = Xml.SubElement(
         root,
@@ -210,7 +221,9 @@ def describe2(model: Model, listed: Sequence[Variable], token: str, sources: Seq
 
 def describe3(model: Model, listed: Sequence[Variable], token: str, sources: Sequence[str]) -> str:
     """Text of modelDescription.xml of FMI 3.0, as `describe2`; its `sources` are in `build_description`."""
-    root = Xml.Element("fmiModelDescription", {"fmiVersion": "3.0", "instantiationToken": token, **_about(model)})
+    root = Xml.Element(
+        "fmiModelDescription", {"fmiVersion": "3.0", "instantiationToken": token, **_about(model, listed)}
+    )
     Xml.SubElement(
         root,
         "CoSimulation",
@@ -235,8 +248,9 @@ def describe3(model: Model, listed: Sequence[Variable], token: str, sources: Seq
     return _written(root)
 
 
-def _about(model: Model) -> dict[str, str]:
+def _about(model: Model, listed: Sequence[Variable]) -> dict[str, str]:
     """Attributes that name the model and its maker."""
+    is_flat = all(variable.name == flat_name(variable.name) for variable in listed)
     return {
         "modelName": model.injector.name,
         "description": model.injector.title,
@@ -246,7 +260,7 @@ def _about(model: Model) -> dict[str, str]:
         "author": "commonrail",
         "generationTool": f"commonrail {version('commonrail')}",
         "generationDateAndTime": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        "variableNamingConvention": "structured",
+        "variableNamingConvention": "flat" if is_flat else "structured",
     }
 
 
@@ -327,10 +341,11 @@ def terminals(listed: Sequence[Variable]) -> str:
         ("fuel_line", (("pressure", "boundary.rail_pressure"), ("flow", "inlet_flow")), "inlet of the feed pipe"),
         ("coil", (("drive", "boundary.drive"), ("current", "coil_current")), "coil of the solenoid"),
     ):
-        if names.isdisjoint(variable for _, variable in members):
+        if names.isdisjoint(text for _, variable in members for text in (variable, flat_name(variable))):
             continue
         terminal = Xml.SubElement(table, "Terminal", name=name, matchingRule="bus", description=description)
         for member, variable in members:
+            variable = variable if variable in names else flat_name(variable)
             if variable not in names:
                 continue
             Xml.SubElement(

@@ -81,14 +81,17 @@ class Instance(NamedTuple):
 
 
 @lasting(ALL_ENTRIES)
-def write_fmu(injector: Injector, out: Path, targets: Sequence[Target], fmi: int = 2) -> tuple[str, ...]:
+def write_fmu(
+    injector: Injector, out: Path, targets: Sequence[Target], fmi: int = 2, flat: bool = False
+) -> tuple[str, ...]:
     """Write an injector as an FMU for co-simulation; returns the names of its files.
 
-    Its values are the start values. Binaries are those of the target platforms, `fmi` is the version of the standard, 2
-    or 3. ConfigurationError if the standard knows no such platform, there is no compiler for one, or it fails.
+    Its values are the start values, its names `flat` or not as in `variables`. Binaries are those of the target
+    platforms, `fmi` is the version of the standard, 2 or 3. ConfigurationError if the standard knows no such platform,
+    there is no compiler for one, or it fails.
     """
     tools_of(targets, fmi)
-    model, listed = model_of(injector), variables(injector)
+    model, listed = model_of(injector), variables(injector, flat)
     return write_instance(
         Instance(model, listed, _injector_texts(injector), documentation_page(model, listed)), out, targets, fmi
     )

@@ -11,7 +11,7 @@ import click
 from commonrail.base.errors import InputError
 from commonrail.cli.console import print_json, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import Json, Settings, check_file, check_folder, with_overrides
+from commonrail.cli.options import Json, Settings, check_file, check_folder, refuse_unused, with_overrides
 
 if TYPE_CHECKING:
     from commonrail.physics.injector import Injector
@@ -23,6 +23,16 @@ class Form(StrEnum):
 
     LIBRARY = "library"
     FMU = "fmu"
+
+
+class Names(StrEnum):
+    """Names of an FMU's variables."""
+
+    STRUCTURED = "structured"
+    """energising[1].start, which importers may show as buses."""
+
+    FLAT = "flat"
+    """energising_1__start."""
 
 
 @verb
@@ -45,6 +55,9 @@ def export(
     ] = None,
     set_: Settings = (),
     fmi: Annotated[int, Option(help="Version of the FMI standard, 2 or 3.")] = 2,
+    names: Annotated[
+        Names, Option(help="Names of the FMU's variables; flat ones where an importer makes buses of points.")
+    ] = Names.STRUCTURED,
     json: Json = False,
 ) -> None:
     """Write a model as a C library or an FMU.
@@ -65,16 +78,18 @@ def export(
     injector = with_overrides(named.injector, set_)
     targets = _targets(platforms)
     place = out or Path(named.label.replace("/", "-") + (".fmu" if form is Form.FMU else ""))
+    refuse_unused({"names": (form is Form.FMU, "an FMU"), "fmi": (form is Form.FMU, "an FMU")})
     if form is Form.FMU:
         check_fmi(fmi)
         check_file(place, "--out")
-        written = [f"{place}/{name}" for name in write_fmu(injector, place, targets, fmi)]
+        written = [f"{place}/{name}" for name in write_fmu(injector, place, targets, fmi, names is Names.FLAT)]
     else:
         check_folder(place)
         written = [str(path) for path in write_library(injector, place, targets).files]
     if json:
-        names = [target.name for target in targets]
-        print_json({"kind": "export", "form": form.value, "out": str(place), "platforms": names, "files": written})
+        platform_names = [target.name for target in targets]
+        record = {"kind": "export", "form": form.value, "out": str(place), "platforms": platform_names}
+        print_json(record | {"files": written})
         return
     for line in written:
         click.echo(line)
