@@ -56,7 +56,7 @@ class TableSheet:
         self.path, self.grid, self._most = grid.path, grid, most
         sample = [row for _, row in islice(grid.each(), SAMPLE)]
         self.first, self._start = find_header(sample)
-        heads = sample[self.first : self._start] or _beside_preamble(sample)
+        heads = sample[self.first : self._start] or _columns_after_settings(sample)
         if not heads:
             raise InputError(f"{self.path}: the table has no header row with the names of columns above its numbers.")
         self.header, below = join_heads(heads)
@@ -252,8 +252,8 @@ def _axis_units(rows: Sequence[Sequence[Cell]], count: int) -> list[str]:
     return [across, *[down] * (count - 1)]
 
 
-def _beside_preamble(rows: Sequence[Sequence[Cell]]) -> list[list[str]]:
-    """Names and units of a time and a channel beside the settings of an instrument, "Source,CH1,,-0.0002,0.005"."""
+def _columns_after_settings(rows: Sequence[Sequence[Cell]]) -> list[list[str]]:
+    """Names and units of a time and a channel in lines with settings of an instrument, "Source,CH1,,-2e-4,5e-3"."""
     settings = {str(row[0]): str(row[1]) for row in rows if len(row) > 1}
     places = [
         i for i in range(2, max(map(len, rows))) if all(is_number(cell) for row in rows for cell in row[i : i + 1])

@@ -88,7 +88,7 @@ def _merged(sheet: Any) -> list[tuple[int, int, int, int]]:
 
 
 def _fill(rows: list[list[str | float]], lines: list[int], merged: list[tuple[int, int, int, int]]) -> None:
-    """Write the value of merged cells into all of them; a title alone in its row is not repeated beside itself."""
+    """Write the value of merged cells into all of them; a title alone in its row is not repeated."""
     at = {line: row for line, row in zip(lines, rows, strict=True)}
     for left, top, right, bottom in merged:
         row = at.get(top, [])
