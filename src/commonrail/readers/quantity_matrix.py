@@ -193,22 +193,22 @@ def _axis(grid: Grid) -> _Axis:
     names, units = join_heads(grid.rows[first:start]) if start else ([""], [])
     if heads := _heads(names[1:]):
         labels = [_PLACE.sub("", name).strip(" ,;:=@") for name in names[1:]]
-        chosen, said = _quantity_columns(grid, labels)
+        indices, said = _quantity_columns(grid, labels)
         corner = f"{names[0]} [{units[0]}]" if units and units[0] else names[0]
-        texts = [corner, *(units[i + 1] for i in chosen if units), *(labels[i] for i in chosen)]
-        places, above = [heads[0][i] for i in chosen], _texts(grid.rows[:first])
-        return _Axis(places, [i + 1 for i in chosen], first, start, texts + above, heads[1], said)
+        texts = [corner, *(units[i + 1] for i in indices if units), *(labels[i] for i in indices)]
+        places, above = [heads[0][i] for i in indices], _texts(grid.rows[:first])
+        return _Axis(places, [i + 1 for i in indices], first, start, texts + above, heads[1], said)
     if _heads(names[2:]):
         raise NearMap(f'{grid.path}: the column "{names[0]}" is before that of the axis; remove columns of labels.')
     start = next((i for i, row in enumerate(grid.rows) if _is_numeric(row)), -1)
     if start < 0:
         raise InputError(f"{grid.path}: there are no rows of numbers.")
-    named = [str(cell) for cell in grid.rows[start - 1][1:] if cell != ""] if start else []
-    if len({*named}) > 1 and 2 * len(named) > len(grid.rows[start]) - 1:
-        fault = NearMap if all(re.search(r"(?<!\w)\d", name_and_unit(head)[0]) for head in named) else InputError
+    above_axis = [str(cell) for cell in grid.rows[start - 1][1:] if cell != ""] if start else []
+    if len({*above_axis}) > 1 and 2 * len(above_axis) > len(grid.rows[start]) - 1:
+        fault = NearMap if all(re.search(r"(?<!\w)\d", name_and_unit(head)[0]) for head in above_axis) else InputError
         raise fault(
             f"{grid.path}, {grid.word} {grid.lines[start - 1]}: no map is found: "
-            f'"{named[0]}" and "{named[1]}" are not places on an axis with units, such as "400 bar".'
+            f'"{above_axis[0]}" and "{above_axis[1]}" are not places on an axis with units, such as "400 bar".'
         )
     across = numbers_of(grid.rows[start][1:]) or []
     if not np.all(np.isfinite(across)):
@@ -225,8 +225,8 @@ def _quantity_columns(grid: Grid, labels: Sequence[str]) -> tuple[list[int], str
         shown = " and ".join(f'"{label}"' for label in kinds[:4])
         raise NearMap(f"{grid.path}: the columns hold {shown} at each place; keep those of the injected quantity.")
     others = [label for label in kinds if len(kinds) > 1 and label != usual[0]]
-    chosen = [i for i, label in enumerate(labels) if label not in others]
-    return chosen, f"not read: {', '.join(others)}" if others else ""
+    indices = [i for i, label in enumerate(labels) if label not in others]
+    return indices, f"not read: {', '.join(others)}" if others else ""
 
 
 def _texts(rows: Sequence[Sequence[str | float]]) -> list[str]:

@@ -300,8 +300,8 @@ def _part_of_map(found: FoundMap | None, most: int) -> dict[str, list[str]]:
         return {}
     axes = found.rail_pressure, found.energising_time
     for stride in range(2, len(found.quantity) + 1):
-        chosen = [np.unique(axis)[::stride] for axis in axes]
-        count = np.count_nonzero(np.isin(axes[0], chosen[0]) & np.isin(axes[1], chosen[1]))
+        values = [np.unique(axis)[::stride] for axis in axes]
+        count = np.count_nonzero(np.isin(axes[0], values[0]) & np.isin(axes[1], values[1]))
         if 0 < count <= most:
             break
     else:
@@ -310,8 +310,8 @@ def _part_of_map(found: FoundMap | None, most: int) -> dict[str, list[str]]:
     units = found.units["rail pressure"], found.units["energising time"]
     keys = "rail_pressure", "energising_time"
     return {
-        key: [f"{value!r} {unit}" for value in values.tolist()]
-        for key, values, unit in zip(keys, chosen, units, strict=True)
+        key: [f"{value!r} {unit}" for value in axis.tolist()]
+        for key, axis, unit in zip(keys, values, units, strict=True)
     }
 
 
