@@ -50,6 +50,7 @@ CONSTANTS = {
     "_PER_100_MPA": "1/Pa",
     "RESIDUAL_LIFT": "m",
     "TINY_GAP": "m",
+    "TINY_PATH": "m",
     "CATALOGUE_PRESSURE": "Pa",
     "ROUNDED": "m/s",
     "MU0": "T m/A",

@@ -33,6 +33,7 @@ from commonrail.physics.model import (
     Setting,
     Waves,
     ambient,
+    ambient_density,
     contact_period,
     lag_fraction,
     seat_contact,
@@ -76,7 +77,7 @@ class Coefficients(NamedTuple):
     needle: direct_needle.Coefficients
     needle_seat: needle_seat.Coefficients
     accumulation: needle_seat.AccumulationParameters
-    sac: needle_seat.SacParameters
+    sac: needle_seat.SacCoefficients
     nozzle: nozzle.Coefficients
     cylinder: Ambient
     delays: Delays
@@ -111,7 +112,7 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
         needle=direct_needle.coefficients(p.needle),
         needle_seat=needle_seat.coefficients(p.needle_seat, viscosity),
         accumulation=p.accumulation,
-        sac=p.sac,
+        sac=needle_seat.sac_coefficients(p.sac),
         nozzle=nozzle.coefficients(p.nozzle, at.rail, viscosity),
         cylinder=ambient(f, at.cylinder),
         delays=Delays(
@@ -223,7 +224,20 @@ def fill_sac(c: Coefficients, s: State, u: Inputs, upstream: float, discharge: f
     rise = max(rise, 0.0) if cavity else rise
     mass = here.mass + at.dt * (late.mass_flow - weight * late.slope * rise - outflow)
     inflow = seat.mass_flow - 0.5 * seat.slope * rise  # of mid-step, whatever the weight
-    return limit_sac(c, s, u, upstream, SacFlows(inflow, inflow, mass), at)
+    limited = limit_sac(c, s, u, upstream, SacFlows(inflow, inflow, mass), at)
+    mass = not_past_cylinder(c, here, u.cylinder, limited.mass, at)
+    return SacFlows(limited.seat, limited.seat - (mass - here.mass) * (1.0 / at.dt), mass)
+
+
+@physics
+def not_past_cylinder(c: Coefficients, here: Contents, cylinder: float, mass: float, geometry: StepGeometry) -> float:
+    """A SAC that empties stops at cylinder pressure: its volume counts late, and the flow would pass it.
+
+    `cylinder`: pressure [Pa]; `mass`: not yet limited [kg].
+    """
+    rest = ambient_density(c.cylinder, cylinder) * geometry.after.sac
+    emptying = here.pressure >= cylinder and geometry.after.sac <= geometry.before.sac
+    return max(mass, min(rest, here.mass)) if emptying else mass
 
 
 class DirectLaws(NamedTuple):

@@ -87,7 +87,7 @@ class Coefficients(NamedTuple):
     plunger_needle: plunger_needle.Coefficients
     needle_seat: needle_seat.Coefficients
     accumulation: needle_seat.AccumulationParameters
-    sac: needle_seat.SacParameters
+    sac: needle_seat.SacCoefficients
     nozzle: nozzle.Coefficients
     source: Ambient
     cylinder: Ambient
@@ -268,7 +268,7 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
         plunger_needle=plunger_needle.coefficients(p.plunger_needle, at.dt),
         needle_seat=needle_seat.coefficients(p.needle_seat, viscosity),
         accumulation=p.accumulation,
-        sac=p.sac,
+        sac=needle_seat.sac_coefficients(p.sac),
         nozzle=nozzle.coefficients(p.nozzle, at.rail, viscosity),
         source=ambient(f, at.rail),
         cylinder=ambient(f, at.cylinder),

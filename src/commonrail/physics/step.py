@@ -8,11 +8,13 @@ conserved to rounding. Waves are means over a step. The variants (chain or rigid
 volume, kind of drive) are handed in as functions.
 
 Each volume is filled in three parts: the balance dm/dt = Σ q at t_n, its linearisation in the volume's own
-pressure, q = q_n + s (p − p_n), and the implicit mean over the step, p − p_n = δ of `mean_departure_of`.
+pressure, q = q_n + s (p − p_n), and the implicit mean over the step, p − p_n = δ of `mean_departure_of`. The nozzle's
+flow out of the SAC is not linearised (`fill_sac`).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -102,6 +104,10 @@ def draw_nothing(c: Coefficients, s: State, drawn: float) -> Contents:
 def draw_from_rail(c: Coefficients, s: State, drawn: float) -> Contents:
     """Rail after `drawn` [kg] have left it; the pump delivers nothing during an injection."""
     return contents(c.fuel, s.rail.mass - drawn, c.rail.volume)
+
+
+# Unit of volume of `fill_sac`, in parts of a cubic metre: its products stay normal numbers in single precision.
+PARTS = 1e9
 
 
 class StepGeometry(NamedTuple):
@@ -200,26 +206,53 @@ def magnetise(c: Any, s: Any, u: Inputs, gap: AirGap, drive_law: DriveLaw, dt: f
 
 @physics
 def fill_sac(c: Any, s: Any, u: Inputs, upstream: float, discharge: float, geometry: StepGeometry) -> SacFlows:
-    """SAC, Eq. (3) in mass: dm/dt = q_seat − q_nozzle, both by Eq. (4).
+    """SAC, Eq. (3) in mass: dm/dt = q_seat − q_nozzle, by Eq. (4), the nozzle's late flow not linearised.
+
+    The end of the step has the pressure at which the nozzle passes q, q |q| + 2 q_h q = 2 ρ (c_d A)² (p − p_cylinder),
+    so that the balance is a quadratic in q. Its solution is smooth where a needle lands and the SAC empties, and where
+    a needle rises and fuel fills the cavity in it.
 
     `upstream`: pressure in the accumulation volume [Pa]; `discharge`: discharge coefficient of the nozzle [1].
     """
-    here, before, dt = s.sac, s.accumulation.fuel.density, geometry.dt
-    # balance at t_n, and its slopes in the SAC's pressure: −s_seat of the inflow, s_nozzle of the outflow
-    seat_gap = seat_cda2(c, upstream, here.pressure, middle(geometry.old.tip, geometry.new.tip))
-    seat = orifice(seat_gap, before, c.needle_seat.offset)
-    spray = orifice(nozzle_cda2(c, here.pressure, u.cylinder, discharge), here.density, c.nozzle.offset)
-    balance = Flow(seat.mass_flow - spray.mass_flow, seat.slope + spray.slope)
-    # implicit mean over the step
-    departure = mean_departure_of(here, balance, geometry.before.sac, geometry.after.sac, dt)
-    inflow = seat.mass_flow - seat.slope * departure
-    outflow = spray.mass_flow + spray.slope * departure
+    here, store, area, dt = s.sac, s.accumulation.fuel.density, c.needle_seat.area, geometry.dt
+    opened = needle_seat.opening_between(geometry.old.tip, geometry.new.tip)
+    volume = PARTS * (c.sac.volume + area * opened.mean)
+    # what a needle displaces before it lands in this step acts as from the start: the earlier, the more of it
+    landed = 1.0 - opened.share if geometry.new.tip < geometry.old.tip else 0.0
+    displaced = here.density * (geometry.before.sac - geometry.after.sac)
+    early_rise = here.stiffness * displaced * landed * c.sac.per_volume
+    pressure = here.pressure + early_rise
+    gap = seat_cda2(c, upstream, pressure, opened.mean)
+    seat = jet(gap.cda2_dp, store, c.needle_seat.offset)
+    through = nozzle_cda2(c, pressure, u.cylinder, discharge)
+    spray = jet(through.cda2_dp, here.density, c.nozzle.offset)
+    # a cavity fills as fuel in tension would, from a pressure that much lower
+    tension = c.fuel.p1 * c.fuel.inverse_reference_density
+    cavity = here.stiffness == 0.0
+    stiffness = PARTS * (tension if cavity else here.stiffness)
+    lacking = volume * (tension * here.density - c.fuel.p1 - here.pressure) if cavity else 0.0
+    # weight of the step's end in its mean: the more, the stiffer the SAC
+    gain, slope, growing = dt * stiffness, store * gap.cda2, here.density * through.cda2
+    soft, stiff = volume * spray.root * seat.root, gain * (slope * spray.root + growing * seat.root)
+    weight = (3.0 * soft + stiff) / (6.0 * soft + stiff)
+    room = volume * seat.root + gain * weight * slope
+    early = spray.mass_flow - weight * spray.mass_flow
+    supply = lacking + stiffness * displaced - volume * early_rise + gain * (seat.mass_flow - early)
+    balance = 2.0 * (room * here.density * through.cda2_dp + growing * seat.root * supply)
+    half = room * c.nozzle.offset + gain * weight * growing * seat.root
+    size = half + math.sqrt(half * half + room * abs(balance))
+    per_both = 1.0 / (room * size)  # one division for two quotients
+    late = balance * room * per_both
+    late = max(late, spray.mass_flow) if cavity else late
+    rise = (supply - gain * weight * late) * size * per_both
+    inflow = seat.mass_flow - weight * slope * (max(rise, 0.0) if cavity else rise)
+    outflow = early + weight * late
     return limit_sac(c, s, u, upstream, SacFlows(inflow, outflow, here.mass + dt * (inflow - outflow)), geometry)
 
 
 @physics
 def limit_sac(c: Any, s: Any, u: Inputs, upstream: float, flows: SacFlows, geometry: StepGeometry) -> SacFlows:
-    """SAC within the limits of the linearisation: what is cut off is taken from the flow that was too large.
+    """SAC within the limit of the linearisation: what is cut off is taken from the flow through the seat.
 
     `upstream`: pressure in the accumulation volume [Pa]; `flows`: not yet limited; the nozzle's is what remains.
     """
@@ -227,8 +260,7 @@ def limit_sac(c: Any, s: Any, u: Inputs, upstream: float, flows: SacFlows, geome
     limited = _not_past_accumulation(here, upstream, before, flows.mass, geometry.after.sac)
     per_step = 1.0 / geometry.dt  # the same for all lanes: divided once
     inflow = flows.seat - (flows.mass - limited) * per_step
-    mass = _not_past_cylinder(c, here, u.cylinder, limited, geometry)
-    return SacFlows(inflow, inflow - (mass - here.mass) * per_step, mass)
+    return SacFlows(inflow, inflow - (limited - here.mass) * per_step, limited)
 
 
 @physics
@@ -245,17 +277,6 @@ def _not_past_accumulation(here: Contents, upstream: float, density: float, mass
     alike = density * volume
     below, above = min(mass, max(alike, here.mass)), max(mass, min(alike, here.mass))
     return below if here.pressure <= upstream else above
-
-
-@physics
-def _not_past_cylinder(c: Any, here: Contents, cylinder: float, mass: float, geometry: StepGeometry) -> float:
-    """A SAC that empties stops at cylinder pressure; the linearised root of Eq. (4) would pass it.
-
-    `cylinder`: pressure [Pa]; `mass`: not yet limited [kg].
-    """
-    rest = ambient_density(c.cylinder, cylinder) * geometry.after.sac
-    emptying = here.pressure >= cylinder and geometry.after.sac <= geometry.before.sac
-    return max(mass, min(rest, here.mass)) if emptying else mass
 
 
 @physics

@@ -9,6 +9,8 @@ from commonrail.physics.elementary import cosine, sine
 from commonrail.physics.flow import Contents, laminar_offset, pipe_area
 from commonrail.physics.law import Domain, Q, physics
 
+TINY_PATH = 1e-20  # what counts as no path of the needle [m]
+
 
 class AccumulationParameters(NamedTuple):
     """Drawing of the accumulation volume around the needle, fed by the pipe."""
@@ -29,14 +31,47 @@ class SacParameters(NamedTuple):
     volume: Annotated[float, Q("m3", "SAC volume, needle on its seat", usual=(0.01e-9, 50e-9))]
 
 
+class SacCoefficients(NamedTuple):
+    """SAC volume with the needle on its seat [m³], and its inverse [1/m³]."""
+
+    volume: float
+    per_volume: float
+
+
 @physics
-def sac_volume(p: SacParameters, seat_area: float, tip_lift: float) -> float:
+def sac_coefficients(p: SacParameters) -> SacCoefficients:
+    """Volume of the SAC [m³] and its inverse [1/m³]."""
+    return SacCoefficients(p.volume, 1.0 / p.volume)
+
+
+@physics
+def sac_volume(c: SacCoefficients, seat_area: float, tip_lift: float) -> float:
     """SAC volume V of Eq. (3) [m³].
 
     `seat_area`: area inside the seat line [m²]; `tip_lift`: lift of the needle's tip [m]; below zero it is elastic
     flattening of the seat and does not shrink the SAC.
     """
-    return p.volume + seat_area * max(tip_lift, 0.0)
+    return c.volume + seat_area * max(tip_lift, 0.0)
+
+
+class Opening(NamedTuple):
+    """Mean of max(z, 0) over a step [m], z being the lift, and the share of the step in which the seat is open [1]."""
+
+    mean: float
+    share: float
+
+
+@physics
+def opening_between(before: float, after: float) -> Opening:
+    """Mean opening [m] over a step, and the share of the step in which the seat is open [1], on a straight path.
+
+    Both are smooth in the lifts, wherever in the step the needle meets its seat.
+
+    `before`, `after`: lift of the needle's tip at both ends of the step [m].
+    """
+    both = max(before, 0.0) + max(after, 0.0)
+    share = both / max(abs(before) + abs(after), TINY_PATH)
+    return Opening(0.5 * both * share, share)
 
 
 class Parameters(NamedTuple):
