@@ -13,7 +13,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help demo quick test test-generic test-busy test-lowest line-coverage coverage lint style format verify fuzz soak attack fleet disk kernels bench docs docs-images docs-notebooks clean
+.PHONY: help demo quick test test-generic test-busy test-lowest line-coverage coverage judge lint style format verify fuzz soak attack fleet disk kernels bench docs docs-images docs-notebooks clean
 
 # Two processes; one that has nothing left to do takes over tests of the other, so that fixtures are seldom made twice.
 PROCESSES := -m pytest -q -n 2 --dist worksteal
@@ -73,6 +73,10 @@ line-coverage: $(VENV)/.dev ## run the physics as plain Python and measure what 
 coverage: $(VENV)/.dev ## fit 400 virtual benches of each kind and count the stated intervals that hold the truth (an hour)
 	$(BIN)/python -m tools.coverage
 	$(BIN)/python -m tools.coverage_written
+
+judge: $(VENV)/.dev ## calibrate studies that are right, wrong, and of foreign injectors, and count the titles (an hour)
+	$(BIN)/python -m tools.judge_trial foreign runs/judged
+	$(BIN)/python -m tools.judge_trial studies runs/judged
 
 lint: style ## format, lint, types, direction of imports
 	$(BIN)/mypy
