@@ -207,7 +207,7 @@ def judge_study(seed: int, folder: Path) -> Record:
         d["name"]: 100.0 * d["J_relative"]["best"] if d["kind"] == "rate" else d["figures"]["best"]["rms_large_percent"]
         for d in record["data"]
     }
-    row = {
+    return {
         "seed": seed,
         "injector": bench.study.injector.name,
         "data": [d["name"] for d in record["data"]],
@@ -223,13 +223,16 @@ def judge_study(seed: int, folder: Path) -> Record:
         "errors": max(off.values(), default=None),
         "unseen": float(100.0 * np.abs(apart).max()),
     }
-    row["named"] = bool(certainty["withdrawn"]) or any(t["found"] for t in row["tests"])
-    return row
 
 
 def is_harmful(row: Record) -> bool:
     """True if values or predictions are worse than they are said to be."""
     return (row["errors"] or 0.0) > ERRORS or row["unseen"] > PERCENT
+
+
+def is_named(row: Record) -> bool:
+    """True if a statistical test found something, and the title is not the best one."""
+    return bool(row["level"] != LEVELS[0] and any(test["found"] for test in row["tests"]))
 
 
 # Tables.
@@ -273,7 +276,7 @@ def studies_table(rows: Sequence[Record]) -> str:
         errors, unseen = np.array([r["errors"] or 0.0 for r in group]), np.array([r["unseen"] for r in group])
         lines.append(
             f"| {name} | {len(group)} | {' | '.join(str(count[level]) for level in LEVELS)} | "
-            f"{sum(r['named'] for r in group)} | {np.median(errors):.1f} {errors.max():.1f} | "
+            f"{sum(is_named(r) for r in group)} | {np.median(errors):.1f} {errors.max():.1f} | "
             f"{np.median(unseen):.2f} {unseen.max():.2f} |"
         )
     return "\n".join(lines)

@@ -16,6 +16,7 @@ from commonrail.calibration.search import Progress
 from commonrail.cli import console as progress
 from commonrail.cli import fit
 from commonrail.cli.console import COMPILING
+from commonrail.report.fit.rules import CARE, TITLES
 from tests.report.samples import map_record, rate_record
 
 STATES = [
@@ -101,7 +102,7 @@ def test_a_terminal_ends_in_the_verdict_and_what_to_do(
     commands = [line for line in lines if line.startswith("  commonrail ")]
     assert 1 <= len(commands) <= 3
     assert max(len(line) for line in lines if line not in commands) <= 80
-    assert any(line.startswith("┃ Usable with care") for line in lines)
+    assert any(line.startswith(f"┃ {TITLES[CARE]}") for line in lines)
 
 
 WIDE = Table("Title", ("name", "a", "b"), ((Cell("first"), Cell("1" * 40), Cell("2" * 40)),), "A note. " * 20)

@@ -14,14 +14,15 @@ def sound() -> dict[str, Any]:
     """Converged fit of measured data, every parameter pinned, with data that were held back."""
     record = map_record() | {"convergence": {"converged": True, "sentence": "converged: all agree"}}
     record["parameters"] = [p | {"verdict": "pinned", "at_bound": False} for p in record["parameters"]]
+    for data in record["data"]:
+        data["figures"]["best"]["rms_large_percent"] = 2.0
     return record
 
 
 def test_a_sound_fit_leads_to_its_use() -> None:
     found = verdict(sound(), "runs/a b")
-    assert (found.level, found.title) == ("good", "Nothing found against using this result")
+    assert (found.level, found.reasons, found.notes) == ("good", [], [])
     assert [step.command for step in found.steps] == ["commonrail map 'runs/a b' --time-step 1us --out map.dcm"]
-    assert "The search has converged." in found.reasons
 
 
 def test_the_map_for_the_control_unit_has_the_pressures_of_the_data() -> None:
@@ -61,7 +62,6 @@ def test_of_several_pressures_the_map_takes_the_most_frequent_and_says_so() -> N
     [
         ({"status": "interrupted"}, "bad", "was stopped before its end", "commonrail resume runs/a"),
         ({"objective": {"start": 1.0, "best": None}}, "bad", "No candidate could be simulated", ""),
-        ({"objective": {"start": 1.0, "best": 1.0}}, "bad", "did not fall", ""),
         (
             {"convergence": {"converged": False, "sentence": "not converged: 1 of 3 ends agree"}},
             "care",
@@ -71,7 +71,7 @@ def test_of_several_pressures_the_map_takes_the_most_frequent_and_says_so() -> N
         (
             {"warnings": [{"code": "shift", "subject": "s", "sentence": "t"}]},
             "bad",
-            "1 implausible finding,",
+            "t",
             "calibrate",
         ),
     ],
@@ -95,13 +95,13 @@ def test_resume_is_for_a_search_that_was_cut_short() -> None:
     many = verdict(record | {"certainty": known | {"starts": 32}}, "r").steps
     assert not any("--starts" in step.command for step in many)  # they would cost minutes and end as these did
     assert verdict(record | {"certainty": known | {"settled": True}}, "r").level == "good"
-    assert verdict(record | {"certainty": known | {"settled": True, "agreeing": 2}}, "r").level == "care"
-    assert verdict(record | {"certainty": known | {"settled": True, "gain": 30.0}}, "r").level == "care"
+    assert verdict(record | {"certainty": known | {"settled": True, "agreeing": 2}}, "r").notes
+    assert verdict(record | {"certainty": known | {"settled": True, "gain": 30.0}}, "r").notes
 
 
-def test_weights_that_favour_some_data_make_no_fit_unusable() -> None:
+def test_weights_that_favour_some_data_leave_the_title_as_it_is() -> None:
     weights = {"code": "share", "subject": "map", "sentence": "it makes 0.4 % of J"}
-    assert verdict(sound() | {"warnings": [weights]}, "r").level == "care"
+    assert verdict(sound() | {"warnings": [weights]}, "r").level == "good"
     assert verdict(sound() | {"warnings": [weights, weights | {"code": "shift"}]}, "r").level == "bad"
 
 
@@ -112,11 +112,12 @@ def test_parameters_at_a_bound_and_those_not_pinned_are_named() -> None:
     found = verdict(record, "runs/a")
     assert found.level == "care"
     assert "At a bound: plunger_needle.k1." in found.reasons
-    assert "The data do not pin down 1 of 3 parameters: plunger_needle.k2." in found.reasons
+    assert "The data do not pin down 1 of 3 parameters: plunger_needle.k2." in found.notes
     assert found.steps[0].command == "commonrail calibrate runs/a/study.toml"  # the bounds before what rests on them
     assert found.steps[0].text.startswith("Widen the bounds of plunger_needle.k1 ")
     assert found.steps[1].command == "commonrail certainty runs/a"
-    assert (found.levels["parameters"], found.levels["search"], found.levels["unseen"]) == ("care", "good", "good")
+    levels = {tile.head: tile.level for tile in tiles(record)}
+    assert (levels["parameters"], levels["search"], levels["unseen"]) == ("care", "good", "good")
 
 
 @pytest.mark.parametrize("starts", [1, 8])
@@ -146,7 +147,7 @@ def test_a_gain_that_noise_explains_is_no_reason() -> None:
     record = sound()
     for gain, said in ((7.7, False), (7.9, True)):
         record["certainty"] = {"starts": 1, "level": 0.95, "gain": gain, "parameters": []}
-        assert any("2 ln L" in reason for reason in verdict(record, "r").reasons) is said
+        assert any("2 ln L" in note for note in verdict(record, "r").notes) is said
 
 
 @pytest.mark.parametrize("at_bound", [False, True])
@@ -181,18 +182,18 @@ def test_the_plan_of_one_operating_point_asks_for_the_range_of_the_bench() -> No
     assert "commonrail next r --points 3 --out plan.csv" in [step.command for step in verdict(record, "r").steps]
 
 
-def test_synthetic_data_and_none_that_were_held_back_ask_for_care() -> None:
+def test_synthetic_data_and_none_that_were_held_back_are_noted() -> None:
     record = rate_record() | {"convergence": {"converged": True, "sentence": ""}}
     record["data"] = record["data"][:1]
-    reasons = " ".join(verdict(record, "runs/a").reasons)
-    assert "EVI 160 MPa is synthetic" in reasons
-    assert "No data were held back" in reasons
+    found = verdict(record, "runs/a")
+    assert len(found.notes) == 3  # that parameters are not pinned is the third
+    assert "EVI 160 MPa is synthetic" in " ".join(found.notes)
 
 
 def test_a_trivial_model_that_is_as_good_is_told() -> None:
     record = sound()
     record["data"][1]["baselines"] = [{"beaten": False}]
-    assert "On map at 80 MPa a trivial model is as good or better." in verdict(record, "runs/a").reasons
+    assert "On map at 80 MPa a trivial model is as good or better." in verdict(record, "runs/a").notes
 
 
 def test_a_trivial_model_that_predicts_held_out_rows_better_is_told() -> None:
@@ -201,8 +202,8 @@ def test_a_trivial_model_that_predicts_held_out_rows_better_is_told() -> None:
         {"name": "map", "by": by, "baselines": [{"beaten": False}]} for by in ("rail_pressure", "energising_time")
     ]
     found = verdict(record | {"refits": {"left_out": left_out}}, "runs/a")
-    assert found.level == "care"
-    assert found.reasons == ["On held out rows of map a trivial model is as good or better."]
+    assert found.level == "good"
+    assert found.notes == ["On held out rows of map a trivial model is as good or better."]
 
 
 def test_held_back_data_at_which_the_model_does_not_run_are_no_praise() -> None:
@@ -225,7 +226,7 @@ def test_held_back_data_at_which_the_model_does_not_run_are_no_praise() -> None:
         (7, 7, False, False),
     ],
 )
-def test_bands_that_hold_too_few_values_ask_for_care(values: int, covered: int, course: bool, narrow: bool) -> None:
+def test_bands_that_hold_too_few_values_are_noted(values: int, covered: int, course: bool, narrow: bool) -> None:
     record = sound()
     band = {"level": 0.9, "values": values, "covered": covered}
     halves = {"half_widths": [None] * len(record["data"][0]["rows"])}
@@ -233,13 +234,12 @@ def test_bands_that_hold_too_few_values_ask_for_care(values: int, covered: int, 
     found = verdict(record, "runs/a")
     name = record["data"][0]["name"]
     reason = f"The bands hold too few measured values of {name}: they are too narrow."
-    assert (reason in found.reasons) is narrow
-    assert found.level == ("care" if narrow else "good")
+    assert (reason in found.notes) is narrow
 
 
 def test_the_first_screen_has_errors_in_percent_of_what_was_fitted_and_what_was_not() -> None:
     record = rate_record() | {"convergence": {"converged": False, "spread": 41.0, "sentence": "not converged: x"}}
-    found = {tile.head: tile for tile in tiles(record, verdict(record, "r").levels)}
+    found = {tile.head: tile for tile in tiles(record)}
     assert found["fit"].figure == "1.2 %"  # 171.5/14000 of the rate, as samples.py has it
     assert found["fit"].words == "of the rate, EVI 160 MPa (start 2.9 %)"  # 402.2/14000
     assert found["unseen"].figure == "1.1 · 1.1 %"  # 160.2 and 158.4
@@ -251,16 +251,16 @@ def test_the_first_screen_has_errors_in_percent_of_what_was_fitted_and_what_was_
 
 def test_the_first_screen_of_a_map_has_both_small_and_large_quantities() -> None:
     record = sound()
-    found = {tile.head: (tile.figure, tile.words) for tile in tiles(record, verdict(record, "r").levels)}
-    assert found["fit"] == ("4.8 %", "rms of the quantities above 3 mm³ (start 22.4 %)")
+    found = {tile.head: (tile.figure, tile.words) for tile in tiles(record)}
+    assert found["fit"] == ("2.0 %", "rms of the quantities above 3 mm³ (start 22.4 %)")
     assert found["quantity"] == ("0.21 · 0.21 mm³", "rms of the quantities up to 3 mm³ (start 0.61 · 0.61 mm³)")
 
 
 def test_data_that_were_not_held_back_leave_the_unseen_error_open() -> None:
     record = sound()
     record["data"] = record["data"][:1]
-    unseen = next(tile for tile in tiles(record, verdict(record, "r").levels) if tile.head == "unseen")
-    assert (unseen.figure, unseen.level) == ("not known", "care")
+    unseen = next(tile for tile in tiles(record) if tile.head == "unseen")
+    assert (unseen.figure, unseen.level) == ("not known", "")
 
 
 @pytest.mark.parametrize(
@@ -286,21 +286,65 @@ def test_many_curves_have_the_range_of_their_errors() -> None:
     record["data"] = [
         first | {"name": f"shot {i}", "J_relative": {"start": 0.04, "best": 0.01 * (1 + i % 5)}} for i in range(9)
     ]
-    fit, *_ = tiles(record, verdict(record, "r").levels)
+    fit, *_ = tiles(record)
     assert (fit.figure, fit.words) == ("1.0 to 5.0 %", "of the rate, 9 curves (start 4.0 %)")
 
 
-@pytest.mark.parametrize(
-    ("start", "best", "sign"), [(0.03, 0.01, "✓"), (0.03, 0.03, "!"), (1.0, 1.0, "✗"), (0.9, 0.6, "✗")]
-)
-def test_the_mark_of_a_tile_is_that_of_its_own_figure(start: float, best: float, sign: str) -> None:
-    record = rate_record()
-    shares = {"start": start, "best": best}
-    record["data"][0] |= {"J_relative": shares, "J": {label: 14000.0 * share for label, share in shares.items()}}
-    found = verdict(record, "r")
-    fit, unseen, *_ = tiles(record, found.levels)
+@pytest.mark.parametrize(("best", "sign"), [(0.009, "✓"), (0.03, "✓"), (0.06, "!"), (0.12, "✗"), (0.22, "✗")])
+@pytest.mark.parametrize("kind", ["rate", "quantities"])
+def test_the_mark_of_a_tile_is_that_of_its_own_figure(kind: str, best: float, sign: str) -> None:
+    record = rate_record() if kind == "rate" else sound()
+    record["data"][0] |= {"J_relative": {"start": best, "best": best}}
+    record["data"][0].setdefault("figures", {"best": {}})["best"]["rms_large_percent"] = 100.0 * best
+    fit, unseen, *_ = tiles(record)
     assert (fit.sign, unseen.sign) == (sign, "✓")
-    assert (found.level == "bad") is (sign == "✗")
+    assert (verdict(record, "r").level == "bad") is (sign == "✗")
+
+
+def test_the_noise_of_a_curve_is_no_error_of_the_model() -> None:
+    record = rate_record()
+    record["data"][0] |= {"J_relative": {"start": 1.0, "best": 0.05}, "noise_relative": 0.03}
+    assert tiles(record)[0].level == "good"
+
+
+@pytest.mark.parametrize(("percent", "level"), [(2.0, "good"), (6.0, "bad")])
+def test_an_objective_that_did_not_fall_is_a_fault_unless_the_fit_is_good(percent: float, level: str) -> None:
+    record = sound() | {"objective": {"start": 1.0, "best": 1.0}}
+    record["data"][0]["figures"]["best"]["rms_large_percent"] = percent
+    assert verdict(record, "r").level == level
+
+
+@pytest.mark.parametrize(("percent", "level"), [(8.0, "care"), (5.0, "good"), (12.0, "bad")])
+def test_a_larger_tolerance_of_the_study_takes_the_place_of_a_limit(percent: float, level: str) -> None:
+    record = sound()
+    record["data"][0]["figures"]["best"]["rms_large_percent"] = percent
+    record["data"][0]["relative_tolerance"] = 0.06
+    assert verdict(record, "r").level == level
+
+
+def test_what_a_test_found_stands_in_the_headline() -> None:
+    """However small the errors are; of several the least probable one."""
+    record = sound()
+    tests = [
+        {"name": name, "score": score, "size": None, "found": found, "sentence": name, "looks_like": ""}
+        for name, score, found in (("gain", 1e-3, True), ("delay", 1e-9, True), ("friction", 0.5, False))
+    ]
+    record["certainty"] = {"starts": 1, "level": 0.95, "gain": 1.0, "parameters": [], "settled": True, "tests": tests}
+    found = verdict(record, "r")
+    assert (found.level, found.reasons) == ("care", ["Delay.", "Gain."])
+    assert found.headline.endswith("Delay.")
+
+
+@pytest.mark.parametrize(("off", "level"), [(0.05, "good"), (0.15, "care")])
+def test_an_unfinished_search_matters_by_what_it_moves_the_values(off: float, level: str) -> None:
+    record = sound() | {"convergence": {"converged": False, "sentence": "not converged: x", "cut_short": False}}
+    known = record["parameters"][0]
+    value = known["best"] / (1.0 - off)
+    one = {"name": known["name"], "value": value, "lower": 0.99 * value, "upper": 1.01 * value}
+    record["certainty"] = {"starts": 1, "level": 0.95, "gain": 30.0, "parameters": [one], "settled": True}
+    found = verdict(record, "r")
+    assert found.level == level
+    assert any("--adopt" in step.command for step in found.steps)
 
 
 def test_a_tile_without_a_figure_has_no_sign() -> None:
@@ -308,5 +352,5 @@ def test_a_tile_without_a_figure_has_no_sign() -> None:
     record = rate_record()
     for data in record["data"]:
         data["J_relative"] = dict.fromkeys(data["J_relative"])
-    fit = tiles(record, {**verdict(record, "r").levels, "fit": "good"})[0]
+    fit = tiles(record)[0]
     assert (fit.head, fit.figure, fit.level, fit.sign) == ("fit", "– %", "", "")

@@ -91,10 +91,13 @@ def print_outcome(outcome: Outcome, json: bool, *, full: bool = False, strict: b
 
     `StudyError` if `strict` and the run has given a warning; its files are written.
     """
+    from commonrail.report.fit.verdict import verdict
+
     record, warnings = outcome.record, outcome.record["warnings"]
     if json:
         places = {"run": str(outcome.folder), "report": str(outcome.report)}
-        print_json({"kind": "calibration", **places, "result": record})
+        judged = verdict(record, str(outcome.folder)).record()
+        print_json({"kind": "calibration", **places, "verdict": judged, "result": record})
     else:
         if full:
             _print_tables(record)
@@ -153,18 +156,18 @@ def print_card(record: Mapping[str, Any], run: str) -> None:
     """Print verdict, figures, reasons and next commands of a calibration in some `LINES`, reasons cut first."""
     from commonrail.report.fit.verdict import tiles, verdict
 
-    found = verdict(record, run)
+    found, figures = verdict(record, run), tiles(record)
     bar = click.style("┃", fg=COLOURS[found.level])
-    click.echo(f"{bar} {click.style(found.title, bold=True)}")
-    figures = tiles(record, found.levels)
+    title = wrapped(f"┃ {found.headline}", "┃ ")
+    click.echo("\n".join(f"{bar}{click.style(line[1:], bold=True)}" for line in title))
     for tile in figures:
         figure = click.style(f"{tile.figure:<20}", fg=COLOURS.get(tile.level))
         click.echo(f"{bar} {tile.sign or ' '} {tile.head:<11}{figure} {_one_line(tile.words, 37)}")
     steps = []
     for number, step in enumerate(found.steps[:STEPS], start=1):
         steps += [*wrapped(f"{number} {step.text}", "  "), *(click.style(c, bold=True) for c in _command(step.command))]
-    room = max(LINES - 1 - len(figures) - len(steps), 2)
-    reasons = [wrapped(f"- {reason}", "  ") for reason in found.reasons]
+    room = max(LINES - len(title) - len(figures) - len(steps), 2)
+    reasons = [wrapped(f"- {reason}", "  ") for reason in (*found.reasons[1:], *found.notes)]
     shown = max(sum(size <= room for size in accumulate(map(len, reasons))), 1)
     lines = list(chain.from_iterable(reasons[:shown]))
     if len(reasons) > shown:

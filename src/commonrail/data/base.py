@@ -156,6 +156,14 @@ class Merit(NamedTuple):
     words: str
 
 
+class FitError(NamedTuple):
+    """Error of a calibrated model on data: a share of what was measured, or `in_tolerances`; a study's tolerance."""
+
+    size: float
+    in_tolerances: bool = False
+    tolerance: float = 0.0
+
+
 class View(ABC):
     """Content of reports on records of one kind: tables, figures and sentences, as plain data."""
 
@@ -175,9 +183,10 @@ class View(ABC):
     def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
         """Error of a model on data sets, beside that of the start values if there are any."""
 
-    def missed(self, data: Sequence[Record]) -> float | None:
-        """Error of the calibrated model as a share of what was measured, where there is such a share."""
-        return None
+    def fit_error(self, data: Record) -> FitError | None:
+        """Error of the calibrated model on a data set, by default in tolerances; None without a figure."""
+        size = number_or_none(data.get("rms", {}).get(JUDGED))
+        return None if size is None else FitError(size, in_tolerances=True)
 
     def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
         """Error of the quantity per stroke, where `merit` does not say it."""

@@ -15,7 +15,7 @@ from commonrail.base.text import MISSING, duration, listed, significant
 from commonrail.calibration.study import Study
 from commonrail.data.records import Record
 from commonrail.report.figure import drawings
-from commonrail.report.fit.verdict import Tile
+from commonrail.report.fit.rules import Tile
 from commonrail.report.html import render
 from commonrail.report.page import write_report
 from commonrail.runs.folder import new_folder, write_record

@@ -156,14 +156,13 @@ def report_html(
     tables = [(table, i < OPEN and len(table.rows) <= LONG) for i, table in found]
     certainty = record.get("certainty")
     rows = parameter_rows(by_effect(record), certainty)
-    judged = verdict(record, run)
     return render(
         "report.html",
         kind="Calibration",
         record=record,
         dated=str(record["clock"]["ended"])[:16].replace("T", " ") + " UTC",
-        verdict=judged,
-        tiles=tiles(record, judged.levels),
+        verdict=verdict(record, run),
+        tiles=tiles(record),
         main=[(figure, figure_html(figure, "figure-0", MAIN_HEIGHT)) for figure in figures[:1]],
         forest=rows[:FOREST],
         interval_head=interval_head(certainty),

@@ -194,6 +194,7 @@ class RateData(DataSet):
             **point_record(self.point),
             "J": {label: number(s.j) for label, s in scores.items()},
             "J_relative": {label: number(s.j / level) if level else None for label, s in scores.items()},
+            "noise_relative": _noise(self.rate) * MM3_PER_MS / level if level else 0.0,
             "volume": {MEASURED: float(np.sum(self.rate * widths))}
             | {label: number(float(np.sum(s.values * widths))) for label, s in scores.items()},
         }

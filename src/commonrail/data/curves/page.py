@@ -13,7 +13,7 @@ from commonrail.base.chart import Band, Figure, Panel, Points, Series, points
 from commonrail.base.table import BEST_LEGEND, Cell, Part, Table, marked, table_of
 from commonrail.base.text import fixed, megapascal, number, percent, pressure, several, signed
 from commonrail.data.bands import shaded
-from commonrail.data.base import Merit, View
+from commonrail.data.base import FitError, Merit, View
 from commonrail.data.records import (
     JUDGED,
     MEASURED,
@@ -51,9 +51,10 @@ class CurveView(View):
         )
         return Merit(f"{best} %", f"of the rate, {_named(data)}{start_words(start, '%')}")
 
-    def missed(self, data: Sequence[Record]) -> float | None:
-        """The largest Σ |error| over Σ |rate|."""
-        return max(filter(None, (number(d.get("J_relative", {}).get(JUDGED)) for d in data)), default=None)
+    def fit_error(self, data: Record) -> FitError | None:
+        """Σ |error| over Σ |rate|, less the share of the samples' noise."""
+        share = number(data.get("J_relative", {}).get(JUDGED))
+        return None if share is None else FitError(max(share - data.get("noise_relative", 0.0), 0.0))
 
     def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
         """Error of the injected volume."""

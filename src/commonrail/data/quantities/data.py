@@ -249,7 +249,8 @@ class QuantityData(ToleratedData):
                 row[MEASURED] = quantity
                 row |= {label: number(s.values[i]) for label, s in scores.items()}
             rows.append(row)
-        return {"rows": rows, "figures": {label: s.figures for label, s in scores.items()}}
+        figures = {label: s.figures for label, s in scores.items()}
+        return {"rows": rows, "figures": figures, "relative_tolerance": self.relative}
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from commonrail.base.chart import LINES, MARKERS, Band, Figure, Panel, Points, S
 from commonrail.base.table import BEST_LEGEND, BEST_SIGN, SIGNS, Cell, Part, Table, marked, size_of, table_of
 from commonrail.base.text import MISSING, fixed, listed, megapascal, number, pressure, several, signed, significant
 from commonrail.data.bands import band_cells, band_name, band_note, error_band, shaded
-from commonrail.data.base import Merit, View
+from commonrail.data.base import FitError, Merit, View
 from commonrail.data.quantities.dead_times import compared_dead_times, dead_time_figure, dead_time_table
 from commonrail.data.records import (
     JUDGED,
@@ -73,10 +73,10 @@ class MapView(View):
         found = filter(None, (_rms(self, data, key, label) for key in keys))
         return next(found, Merit(MISSING, "no quantity"))
 
-    def missed(self, data: Sequence[Record]) -> float | None:
-        """The largest root mean square error of the large quantities."""
-        found = (number(errors.get(JUDGED)) for errors in self.leading(data)[1])
-        return max((value / 100.0 for value in found if value is not None), default=None)
+    def fit_error(self, data: Record) -> FitError | None:
+        """Root mean square error of the large quantities."""
+        percent = number(data["figures"].get(JUDGED, {}).get("rms_large_percent"))
+        return None if percent is None else FitError(percent / 100.0, tolerance=data.get("relative_tolerance", 0.0))
 
     def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
         """Root mean square error of the small quantities, which percentages do not tell."""

@@ -13,7 +13,8 @@ from commonrail.data.records import MICROSECOND, Plotted, Record, Traces
 from commonrail.plugins.compare.file import RECORD
 from commonrail.report.figure import drawings
 from commonrail.report.fit.record import by_kind, shown_of
-from commonrail.report.fit.verdict import Tile, synthetic_notes
+from commonrail.report.fit.rules import Tile
+from commonrail.report.fit.verdict import synthetic_notes
 from commonrail.report.html import render
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind

@@ -13,7 +13,7 @@ from commonrail.plugins.diagnose.run import BAND_NOISE, FAILS, NOISE
 from commonrail.plugins.plans.page import test_name
 from commonrail.plugins.plans.study import State
 from commonrail.report.figure import drawings
-from commonrail.report.fit.verdict import BAD, CARE, GOOD, Tile
+from commonrail.report.fit.rules import BAD, CARE, GOOD, Tile
 from commonrail.report.html import render
 from commonrail.report.presenter import Presenter
 

@@ -22,7 +22,7 @@ from commonrail.plugins.features.result import Features, Injection
 from commonrail.plugins.features.run import features
 from commonrail.plugins.features.settings import FeatureSettings
 from commonrail.report.figure import svg
-from commonrail.report.fit.verdict import Tile
+from commonrail.report.fit.rules import Tile
 from commonrail.report.html import render
 
 # Title, factor from SI, and the channels with their names and colours, those of the page with sliders, from the cause

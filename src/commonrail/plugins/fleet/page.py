@@ -17,7 +17,7 @@ from commonrail.plugins.fleet.file import RECORD
 from commonrail.plugins.fleet.population import correlation_map, each_injector, histograms, outlier_table
 from commonrail.report.figure import drawings, figure_html, small_drawings
 from commonrail.report.fit.record import short_names
-from commonrail.report.fit.verdict import BAD, CARE, GOOD, Tile
+from commonrail.report.fit.rules import BAD, CARE, GOOD, Tile
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
 

@@ -12,8 +12,8 @@ from commonrail.data.records import Record, origin_of, present
 from commonrail.plugins.foreign_fmu.file import KIND
 from commonrail.plugins.foreign_fmu.run import RECORD
 from commonrail.report.figure import drawings
+from commonrail.report.fit.rules import CARE, GOOD, Tile
 from commonrail.report.fit.search import convergence_section, search_facts
-from commonrail.report.fit.verdict import CARE, GOOD, Tile
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
 

@@ -20,7 +20,7 @@ from commonrail.plugins.maps.response import FALL
 from commonrail.plugins.maps.run import InjectionMap, MapBands
 from commonrail.plugins.maps.table import notes_of
 from commonrail.report.figure import drawings
-from commonrail.report.fit.verdict import CARE, GOOD, Tile
+from commonrail.report.fit.rules import CARE, GOOD, Tile
 from commonrail.report.html import render
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 

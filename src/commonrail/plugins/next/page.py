@@ -17,7 +17,7 @@ from commonrail.physics.meters import known_quantity
 from commonrail.plugins.next.run import Measurement, Plan
 from commonrail.plugins.next.study import Criterion, place_of
 from commonrail.report.analysis import result_html
-from commonrail.report.fit.verdict import Tile
+from commonrail.report.fit.rules import Tile
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 
 TILES = 5  # measurements on the first screen

@@ -16,7 +16,7 @@ from commonrail.engine.operating_point import RAIL_PRESSURES
 from commonrail.plugins.observer.kalman import TRUSTED
 from commonrail.report.analysis import SHOWN, analysis_html
 from commonrail.report.figure import figure_html
-from commonrail.report.fit.verdict import BAD, CARE, GOOD, Tile
+from commonrail.report.fit.rules import BAD, CARE, GOOD, Tile
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
 

@@ -17,7 +17,7 @@ from commonrail.data.records import MICROSECOND, Record
 from commonrail.plugins.paper import figures
 from commonrail.plugins.paper.file import RECORD, read_reproduction
 from commonrail.report.figure import figure_html
-from commonrail.report.fit.verdict import BAD, CARE, GOOD, Tile
+from commonrail.report.fit.rules import BAD, CARE, GOOD, Tile
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
 

@@ -12,7 +12,7 @@ from commonrail.data.base import Merit, View
 from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Models, Plotted, Record, Shown, Texts
 from commonrail.plugins.plans.study import Measure, State
 from commonrail.report.figure import drawings
-from commonrail.report.fit.verdict import BAD, CARE, GOOD, Tile
+from commonrail.report.fit.rules import BAD, CARE, GOOD, Tile
 from commonrail.report.html import render
 from commonrail.report.presenter import Presenter
 

@@ -16,7 +16,7 @@ from commonrail.data.records import Record, origin_of
 from commonrail.plugins.prediction.band import Band
 from commonrail.plugins.prediction.run import Prediction
 from commonrail.report.analysis import result_html
-from commonrail.report.fit.verdict import Tile
+from commonrail.report.fit.rules import Tile
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 
 Floats = NDArray[np.float64]

@@ -11,7 +11,7 @@ from commonrail.base.text import MISSING, fixed, percent, quantity, significant
 from commonrail.data.records import MICROSECOND, MM3, Record
 from commonrail.report.analysis import MARKS, SHOWN, analysis_html, bar_height, interval_bars
 from commonrail.report.figure import figure_html
-from commonrail.report.fit.verdict import BAD, CARE, GOOD, Tile
+from commonrail.report.fit.rules import BAD, CARE, GOOD, Tile
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
 

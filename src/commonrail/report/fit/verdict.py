@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 from commonrail.base.table import Part, Table, table_of
-from commonrail.base.text import MISSING, counted, fixed, in_print, listed, number, significant
+from commonrail.base.text import MISSING, counted, fixed, in_print, listed, number, percent, significant
 from commonrail.calibration.optimisers.base import ALIKE
 from commonrail.calibration.result import confirms
 from commonrail.calibration.search import ONE_POINT
 from commonrail.data.bands import band_sentence, too_few_inside
-from commonrail.data.base import View
 from commonrail.data.records import JUDGED, LABELS, MEAN, MICROSECOND, MM3, Record
 from commonrail.data.registry import kind_of
+from commonrail.report.fit.certainty import difference, excludes
 from commonrail.report.fit.record import by_kind, map_line, meter_lines, of_role
+from commonrail.report.fit.rules import BAD, CARE, GOOD, TITLES, VALUES, Kind, Point, Step, Tile, judge, worst_level
 
 # Result of a calibration in sentences.
 
@@ -226,154 +227,105 @@ def _left_out_table(found: Sequence[Record]) -> Table:
     return table_of("Predictions of what was held out", rows, parts, note, 3)
 
 
-GOOD, CARE, BAD = "good", "care", "bad"
-MISSED = 0.5  # half of what a model misses that injects nothing: our judgement
 SHOWN = 4  # parameters that a sentence names
 MANY_STARTS = 16  # from which further ones are not advised: ends then differ because the data do not tell them apart
 WEIGHTS = "share"  # finding about the weights of the data, which no data contradict
 
 
-# Turns of the steps: a bound that is hit falsifies the search, whose values a map shows.
-BOUNDS, SEARCH, OTHER, USE = range(4)
-
-
-class Step(NamedTuple):
-    """One thing to do, the command line for it if there is one, and its turn among the steps."""
-
-    text: str
-    command: str = ""
-    turn: int = OTHER
+# Turns of the steps: a bound that is hit falsifies the search, which the values to adopt come from, which a map shows.
+WIDEN, ON, ADOPT, OTHER, USE = range(-3, 2)
 
 
 class ReportVerdict(NamedTuple):
-    """Verdict on a calibration: "good", "care" or "bad", what speaks against it, what to do next, most urgent on top.
-
-    `reasons` are what speaks for the result where there is nothing against it; `levels` are those of each subject:
-    "fit", "search", "data", "unseen", "parameters".
-    """
+    """Verdict on a calibration: level, title, what speaks against it, notes, what to do next, most urgent on top."""
 
     level: str
     title: str
     reasons: list[str]
+    notes: list[str]
     steps: list[Step]
-    levels: dict[str, str]
 
+    @property
+    def headline(self) -> str:
+        """Title with its main reason."""
+        return " ".join([f"{self.title}.", *self.reasons[:1]])
 
-class _Point(NamedTuple):
-    """Something that speaks against a result, how much, and its cure."""
-
-    level: str
-    reason: str
-    step: Step
-
-
-_TITLES = {
-    GOOD: "Nothing found against using this result",
-    CARE: "Usable with care",
-    BAD: "Not usable yet",
-}
+    def record(self) -> dict[str, Any]:
+        """JSON-able form."""
+        return {**self._asdict(), "steps": [{"text": step.text, "command": step.command} for step in self.steps]}
 
 
 def verdict(record: Record, run: str) -> ReportVerdict:
     """Verdict on a calibration by its record; `run` is the folder's name for the command lines."""
     folder = shlex.quote(run)
-    subjects = {
-        "fit": [*_misses(record)],
-        "search": list(_ending(record, folder)),
-        "data": list(_plausibility(record, folder)),
-        "unseen": list(_prediction(record)),
-        "parameters": list(_parameters(record, folder)),
-    }
-    found = [point for points in subjects.values() for point in points]
-    level = _worst(found)
-    found.sort(key=lambda point: point.level != BAD)
+    parts = (_ending, _plausibility, _tests, _errors, _prediction, _parameters)
+    points = [point for part in parts for point in part(record, folder)]
+    level, against = judge(points)
+    notes = [point for point in points if point.kind is Kind.NOTE]
+    urgent = {point.step for point in against if point.level == BAD}
     after = [Step(*map_line(record, run), USE)] if level != BAD else []
-    urgent = {point.step for point in found if point.level == BAD}
-    steps = dict.fromkeys([*(point.step for point in found), *after])
-    return ReportVerdict(
-        level,
-        _TITLES[level],
-        [point.reason for point in found] or _praise(record),
-        sorted(steps, key=lambda step: (step not in urgent, not step.command, step.turn)),
-        {subject: _worst(points) for subject, points in subjects.items()},
-    )
+    steps = dict.fromkeys([*(point.step for point in (*against, *notes)), *after])
+    order = sorted(steps, key=lambda step: (step not in urgent, not step.command, step.turn))
+    return ReportVerdict(level, TITLES[level], [p.reason for p in against], [p.reason for p in notes], order)
 
 
-def _worst(points: Sequence[_Point]) -> str:
-    levels = {point.level for point in points}
-    return BAD if BAD in levels else CARE if CARE in levels else GOOD
-
-
-def _own_level(level: str, view: View, data: Sequence[Record]) -> str:
-    """Level of a tile: that of the verdict, unless its own figure is worse; none where there is no figure.
-
-    A fit is bad that misses `MISSED`, and none is good whose error is that of the start values, to a thousandth.
-    """
-    if view.merit(data).figure.startswith(MISSING):
-        return ""
-    errors = [[number(one.get(key)) for key in (JUDGED, "start")] for one in view.leading(data)[1]]
-    known = [(best, start) for best, start in errors if best is not None and start is not None]
-    if (view.missed(data) or 0.0) >= MISSED:
-        return BAD
-    alike = bool(known) and sum(best for best, _ in known) > 0.999 * sum(start for _, start in known)
-    return CARE if alike and level == GOOD else level
-
-
-class Tile(NamedTuple):
-    """Figure on the first page: head, figure, of what it is, and the level of the verdict on it, empty for none."""
-
-    head: str
-    figure: str
-    words: str
-    level: str = ""
-
-    @property
-    def sign(self) -> str:
-        """Sign that says the level without colour."""
-        return {GOOD: "✓", CARE: "!", BAD: "✗"}.get(self.level, "")
-
-
-def merits(data: Sequence[Record], before: str = "", levels: Mapping[str, str] = {}) -> list[Tile]:
+def merits(data: Sequence[Record], before: str = "") -> list[Tile]:
     """Errors of each kind of data on what was fitted and what was not; `before` opens their heads."""
     return [
-        Tile(f"{before}{head}", *view.merit(own), _own_level(levels[head], view, own) if head in levels else "")
+        Tile(f"{before}{head}", *view.merit(own), worst_level(filter(None, map(view.fit_error, own))))
         for role, head in (("fit", "fit"), ("validation", "unseen"))
         for view, own in by_kind(of_role(data, role))
     ]
 
 
-def tiles(record: Record, levels: Mapping[str, str]) -> list[Tile]:
-    """Answers of the first page: fit, unseen data, quantity, parameters, search; `levels` are those of the verdict."""
-    found = merits(record["data"], levels=levels)
+def tiles(record: Record) -> list[Tile]:
+    """Answers of the first page: fit, unseen data, quantity, parameters, search, each with the level of its figure."""
+    found = merits(record["data"])
     if not of_role(record["data"], "validation"):
-        found.append(Tile("unseen", "not known", "no data were held back", levels["unseen"]))
+        found.append(Tile("unseen", "not known", "no data were held back"))
     for view, own in by_kind(record["data"]):
         if merit := view.quantity_merit(own):
             found.append(Tile("quantity", *merit))
     parameters = record["parameters"]
     if known := [p["verdict"] for p in parameters if p.get("verdict")]:
-        pinned = f"{known.count('pinned')} of {len(parameters)}"
-        found.append(Tile("parameters", pinned, "pinned by the data", levels["parameters"]))
-    return [*found, *_search_tile(record, levels["search"])]
+        pinned = known.count("pinned")
+        level = GOOD if pinned == len(parameters) and not any(p.get("at_bound") for p in parameters) else CARE
+        found.append(Tile("parameters", f"{pinned} of {len(parameters)}", "pinned by the data", level))
+    return [*found, *_search_tile(record)]
 
 
-def _search_tile(record: Record, level: str) -> list[Tile]:
+def _search_tile(record: Record) -> list[Tile]:
     generations = counted(record["generations"][-1]["generation"], "step") if record["generations"] else "no step"
     if record["status"] == "interrupted":
-        return [Tile("search", "stopped", f"after {generations}", level)]
+        return [Tile("search", "stopped", f"after {generations}", BAD)]
     found = record.get("convergence")
     if not found:
         return []
     figure = "converged" if found["converged"] else "not converged"
+    level = CARE if _unfinished(record) else GOOD if found["converged"] else ""
     return [Tile("search", figure, f"{search_words(found)} after {generations}", level)]
 
 
-def _misses(record: Record) -> Iterator[_Point]:
-    """Fit that is far off what was measured."""
-    for view, own in by_kind(of_role(record["data"], "fit")):
-        if (share := view.missed(own)) is not None and share >= MISSED:
-            step = Step("Check units, time zero and operating points of the data, then the bounds of the parameters.")
-            yield _Point(BAD, f"The fit misses {fixed(share, 0, 100.0)} % of what was measured.", step)
+def _tests(record: Record, folder: str) -> Iterator[Point]:
+    """Statistical tests that found something."""
+    text = "State or free in study.toml what the data look like, or a discrepancy of theirs, and calibrate again."
+    for test in (record.get("certainty") or {}).get("tests", ()):
+        if test["found"]:
+            words = str(test.get("looks_like") or test["sentence"])
+            chances = (number(test.get(key)) for key in ("probability", "score", "size"))
+            step = Step(text, f"commonrail calibrate {folder}/study.toml", WIDEN)
+            reason = f"{words[:1].upper()}{words[1:]}."
+            yield Point(Kind.TEST, reason, step, probability=min(p for p in (*chances, 1.0) if p is not None))
+
+
+def _errors(record: Record, folder: str) -> Iterator[Point]:
+    """Errors on each data set, fitted or not."""
+    step = Step("Check units, time zero and operating points of the data, then the bounds of the parameters.")
+    for data in record["data"]:
+        if (error := kind_of(data["kind"]).view.fit_error(data)) is not None:
+            name = f"{data['name']}{'' if data['role'] == 'fit' else ', which was not fitted,'}"
+            size = f"{significant(error.size, 2)} tolerances" if error.in_tolerances else f"{percent(error.size)} %"
+            yield Point(Kind.ERROR, f"The model misses {name} by {size}.", step, error)
 
 
 def _full(folder: str, record: Record) -> Step:
@@ -382,65 +334,83 @@ def _full(folder: str, record: Record) -> Step:
         return Step(f"Free fewer parameters, or give them priors: {starts} starts have confirmed no best fit.")
     if starts > 1:
         text = "Search for the most likely values from more starts; a shorter time_step in the study helps too."
-        return Step(text, f"commonrail certainty {folder} --starts {4 * starts}", SEARCH)
-    return Step("Search for the most likely values from several starts.", f"commonrail certainty {folder}", SEARCH)
+        return Step(text, f"commonrail certainty {folder} --starts {4 * starts}", ON)
+    text = "Compute full intervals of the parameters, and search for their most likely values from several starts"
+    differs = difference(record)
+    if differs and differs.matters and not record["certainty"].get("profiles"):
+        return Step(f"{text}, which are then adopted.", f"commonrail certainty {folder} --adopt", ON)
+    return Step(f"{text}.", f"commonrail certainty {folder}", ON)
 
 
-def _ending(record: Record, folder: str) -> Iterator[_Point]:
-    """Search that failed, was stopped or has not converged."""
+def _ending(record: Record, folder: str) -> Iterator[Point]:
+    """Search that failed, was stopped or is unfinished, and values that fit better than the calibrated ones."""
     best, start = (number(record["objective"].get(key)) for key in ("best", "start"))
     if best is None:
         step = Step("Correct the injector or the operating points until the start values can be simulated.")
-        yield _Point(BAD, "No candidate could be simulated.", step)
+        yield Point(Kind.FAULT, "No candidate could be simulated.", step)
         return
     if record["status"] == "interrupted":
-        step = Step("Run the search to its end.", f"commonrail resume {folder}", SEARCH)
-        yield _Point(BAD, "The search was stopped before its end.", step)
-    elif record.get("convergence", {}).get("converged") is False and not confirms(record.get("certainty") or {}):
-        found = record["convergence"]
-        step = Step("Continue the search.", f"commonrail resume {folder} --generations 50", SEARCH)
-        if not found.get("cut_short", True):
-            step = _full(folder, record)
-        yield _Point(CARE, f"The search has not converged: {search_words(found)}.", step)
-    if start is not None and not best < start:
+        step = Step("Run the search to its end.", f"commonrail resume {folder}", ON)
+        yield Point(Kind.FAULT, "The search was stopped before its end.", step)
+    certainty, found = record.get("certainty") or {}, record.get("convergence", {})
+    kind = Kind.SEARCH if _unfinished(record) else Kind.NOTE
+    if (differs := difference(record)) and differs.matters:
+        text = "Adopt the most likely values as the calibrated ones."
+        adopt = Step(text, f"commonrail certainty {folder} --adopt", ADOPT)
+        yield Point(kind, differs.sentence, adopt if certainty["starts"] > 1 else _full(folder, record))
+    if record["status"] != "interrupted" and found.get("converged") is False and not confirms(certainty):
+        step = Step("Continue the search.", f"commonrail resume {folder} --generations 50", ON)
+        step = step if found.get("cut_short", True) else _full(folder, record)
+        yield Point(kind, f"The search has not converged: {search_words(found)}.", step)
+    errors = (kind_of(d["kind"]).view.fit_error(d) for d in of_role(record["data"], "fit"))
+    if start is not None and not best < start and worst_level(filter(None, errors)) != GOOD:
         step = Step("Check bounds and data: the start values fit as well as anything that was tried.")
-        yield _Point(BAD, "The objective did not fall below that of the start values.", step)
+        yield Point(Kind.FAULT, "The objective did not fall below that of the start values.", step)
 
 
-def _plausibility(record: Record, folder: str) -> Iterator[_Point]:
-    if count := len(record["warnings"]):
-        reason = f"{count} implausible finding{'s' if count > 1 else ''}, named at the top of this page."
-        step = Step(
-            "Check the findings at the top of this page against the test bench, correct the study, calibrate again."
-        )
-        level = CARE if all(warning["code"] == WEIGHTS for warning in record["warnings"]) else BAD
-        yield _Point(level, reason, step._replace(command=f"commonrail calibrate {folder}/study.toml"))
+def _unfinished(record: Record) -> bool:
+    """Return whether the search is unfinished in a way that matters for the values.
+
+    The most likely values must be found, and must not exclude a calibrated one that is off by more than `VALUES`.
+    """
+    certainty, best = record.get("certainty"), {p["name"]: number(p["best"]) for p in record["parameters"]}
+    if not (certainty and certainty.get("settled")):
+        return record.get("convergence", {}).get("converged") is False
+    return any(
+        excludes(p, best[p["name"]]) and abs(p["value"] - best[p["name"]]) > VALUES * abs(p["value"])
+        for p in certainty["parameters"]
+    )
+
+
+def _plausibility(record: Record, folder: str) -> Iterator[Point]:
+    odd = [w for w in record["warnings"] if w["code"] != WEIGHTS] or record["warnings"]
+    if odd:
+        more = f" {counted(len(odd) - 1, 'more finding')} at the top of the report." if len(odd) > 1 else ""
+        text = "Check the findings at the top of the report against the test bench, correct the study, calibrate again."
+        step = Step(text, f"commonrail calibrate {folder}/study.toml")
+        yield Point(Kind.NOTE if odd[0]["code"] == WEIGHTS else Kind.FAULT, f"{odd[0]['sentence']}{more}", step)
     if synthetic := [d["name"] for d in record["data"] if d.get("synthetic")]:
         reason = f"{_some(synthetic)} {'are' if len(synthetic) > 1 else 'is'} synthetic, not measured."
-        yield _Point(
-            CARE, reason, Step("Replace synthetic data by measured ones before the result is used on an engine.")
-        )
+        step = Step("Replace synthetic data by measured ones before the result is used on an engine.")
+        yield Point(Kind.NOTE, reason, step)
 
 
-def _prediction(record: Record) -> Iterator[_Point]:
+def _prediction(record: Record, folder: str) -> Iterator[Point]:
     """Data that the fit has not seen: none, or met worse than a trivial model meets them."""
     validation, held_out = of_role(record["data"], "validation"), record.get("refits", {}).get("left_out", ())
     if not validation and not held_out:
         step = Step('Set role = "validation" for one data set of study.toml, or measure another one.')
-        yield _Point(CARE, "No data were held back: errors on unseen points are not known.", step)
+        yield Point(Kind.NOTE, "No data were held back: errors on unseen points are not known.", step)
     if lost := [d["name"] for d in validation if _is_lost(d)]:
         cure = Step("Correct these operating points, or narrow the bounds until the calibrated model runs there.")
-        yield _Point(CARE, f"The calibrated model does not run at all points of {_some(lost)}.", cure)
+        yield Point(Kind.FAULT, f"The calibrated model does not run at all points of {_some(lost)}.", cure)
     step = Step("Free fewer parameters or add data between the fitted ones; see “Figures of merit”.")
     if narrow := [d["name"] for d in record["data"] if "band" in d and too_few_inside(d)]:
-        cure = Step(
-            "State a discrepancy of these data, or free what the model lacks; do not rely on its bands until then."
-        )
-        yield _Point(CARE, f"The bands hold too few measured values of {_some(narrow)}: they are too narrow.", cure)
-    if worse := _beaten(validation):
-        yield _Point(CARE, f"On {_some(worse)} a trivial model is as good or better.", step)
-    if worse := _beaten(held_out):
-        yield _Point(CARE, f"On held out rows of {_some(worse)} a trivial model is as good or better.", step)
+        cure = Step("State a discrepancy of these data, or free what the model lacks; do not rely on its bands before.")
+        yield Point(Kind.NOTE, f"The bands hold too few measured values of {_some(narrow)}: they are too narrow.", cure)
+    for of, records in (("", validation), ("held out rows of ", held_out)):
+        if worse := _beaten(records):
+            yield Point(Kind.NOTE, f"On {of}{_some(worse)} a trivial model is as good or better.", step)
 
 
 def _is_lost(data: Record) -> bool:
@@ -456,19 +426,17 @@ def _beaten(records: Iterable[Record]) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def _parameters(record: Record, folder: str) -> Iterator[_Point]:
+def _parameters(record: Record, folder: str) -> Iterator[Point]:
     parameters = record["parameters"]
     if bounded := [p["name"] for p in parameters if p.get("at_bound")]:
-        step = Step(
-            f"Widen the bounds of {_some(bounded)} in study.toml if the parts allow it, and calibrate again.",
-            f"commonrail calibrate {folder}/study.toml",
-            BOUNDS,
-        )
-        yield _Point(CARE, f"At a bound: {_some(bounded)}.", step)
+        text = f"Widen the bounds of {_some(bounded)} in study.toml if the parts allow it, and calibrate again."
+        step = Step(text, f"commonrail calibrate {folder}/study.toml", WIDEN)
+        yield Point(Kind.BOUND, f"At a bound: {_some(bounded)}.", step)
     loose = [p["name"] for p in parameters if p.get("verdict") and p["verdict"] != "pinned"]
     if loose:
         reason = f"The data do not pin down {len(loose)} of {len(parameters)} parameters: {_some(loose)}."
-        yield _Point(CARE, reason, _plan(record, folder))
+        profiled = record.get("certainty", {}).get("starts", 1) > 1
+        yield Point(Kind.NOTE, reason, _plan(record, folder) if profiled else _full(folder, record))
 
 
 def _plan(record: Record, folder: str) -> Step:
@@ -481,14 +449,6 @@ def _plan(record: Record, folder: str) -> Step:
             "--rail-pressure and --energising-time."
         )
     return Step(f"{text}.", f"commonrail next {folder} --points 3 --out plan.csv")
-
-
-def _praise(record: Record) -> list[str]:
-    lines = ["The search has converged."] if record.get("convergence", {}).get("converged") else []
-    lines.append("No finding is implausible and no parameter is at a bound.")
-    if of_role(record["data"], "validation"):
-        lines.append("Data were held back, and the calibrated model was judged on them.")
-    return lines
 
 
 def _some(names: list[str]) -> str:

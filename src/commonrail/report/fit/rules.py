@@ -1,0 +1,87 @@
+"""Rules of the verdict on a calibration: three titles, and what decides on them. docs/verdict.md has them for users."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from enum import IntEnum
+from typing import NamedTuple
+
+from commonrail.data.base import FitError
+
+GOOD, CARE, BAD = "good", "care", "bad"
+TITLES = {
+    GOOD: "Good fit, and no test speaks against it",
+    CARE: "Usable for predictions, not for values",
+    BAD: "Not usable",
+}
+SHARES = (0.03, 0.10)  # largest error of a good and of a usable fit, as a share of what was measured
+TOLERANCES = (1.0, 3.0)  # the same of data that are judged in their tolerances
+VALUES = 0.1  # relative change of a value, up to which an unfinished search does not matter
+
+
+class Kind(IntEnum):
+    """Kind of a point, in the order in which points are named."""
+
+    FAULT = 0  # makes a result unusable however small its errors are
+    TEST = 1  # a statistical test that found something
+    ERROR = 2  # on a data set, fitted or not
+    SEARCH = 3  # unfinished in a way that matters for the values
+    BOUND = 4  # values that end at one
+    NOTE = 5  # leaves the title as it is
+
+
+class Step(NamedTuple):
+    """One thing to do, the command line for it if there is one, and its turn among the steps."""
+
+    text: str
+    command: str = ""
+    turn: int = 0
+
+
+class Point(NamedTuple):
+    """Sentence on a calibration, with its cure, the error on a data set, or the probability that a test gave."""
+
+    kind: Kind
+    reason: str
+    step: Step
+    error: FitError | None = None
+    probability: float = 1.0
+
+    @property
+    def level(self) -> str:
+        """Level of the point by itself."""
+        if self.error is not None:
+            return level_of(self.error)
+        return {Kind.FAULT: BAD, Kind.NOTE: GOOD}.get(self.kind, CARE)
+
+
+def judge(points: Iterable[Point]) -> tuple[str, list[Point]]:
+    """Level of a calibration, that of its worst point, and the points against it, the most important first."""
+    against = [point for point in points if point.level != GOOD]
+    against.sort(key=lambda point: (point.level != BAD, point.kind, point.probability))
+    return (against[0].level if against else GOOD), against
+
+
+def level_of(error: FitError) -> str:
+    """Level of an error by itself; a larger tolerance that a study states takes the place of a limit."""
+    good, usable = (max(limit, error.tolerance) for limit in (TOLERANCES if error.in_tolerances else SHARES))
+    return GOOD if error.size <= good else CARE if error.size <= usable else BAD
+
+
+def worst_level(errors: Iterable[FitError]) -> str:
+    """Level of the worst of some errors; empty for none."""
+    return max(map(level_of, errors), key=(GOOD, CARE, BAD).index, default="")
+
+
+class Tile(NamedTuple):
+    """Figure on the first page: head, figure, of what it is, and the level of the verdict on it, empty for none."""
+
+    head: str
+    figure: str
+    words: str
+    level: str = ""
+
+    @property
+    def sign(self) -> str:
+        """Sign that says the level without colour."""
+        return {GOOD: "✓", CARE: "!", BAD: "✗"}.get(self.level, "")
