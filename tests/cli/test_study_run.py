@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import html
 import io
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +19,8 @@ from commonrail.cli import console as progress
 from commonrail.cli import fit
 from commonrail.cli.console import COMPILING
 from commonrail.report.fit.rules import CARE, TITLES
+from commonrail.report.fit.verdict import verdict
+from commonrail.report.page import report_html
 from tests.report.samples import map_record, rate_record
 
 STATES = [
@@ -103,6 +107,18 @@ def test_a_terminal_ends_in_the_verdict_and_what_to_do(
     assert 1 <= len(commands) <= 3
     assert max(len(line) for line in lines if line not in commands) <= 80
     assert any(line.startswith(f"┃ {TITLES[CARE]}") for line in lines)
+
+
+def test_terminal_page_and_json_have_one_verdict(capsys: pytest.CaptureFixture[str]) -> None:
+    record = map_record()
+    outcome = fit.Outcome(Path("runs/a"), Path("runs/a/report.html"), record)
+    fit.print_outcome(outcome, json=True)
+    told = json.loads(capsys.readouterr().out)["verdict"]
+    found = verdict(record, "runs/a")
+    assert (told["level"], told["title"], told["reasons"]) == (found.level, found.title, found.reasons)
+    fit.print_outcome(outcome, json=False)
+    for text in (re.sub(r"\x1b\[\d*m", "", capsys.readouterr().out), html.unescape(report_html(record, {}, "runs/a"))):
+        assert found.headline in text
 
 
 WIDE = Table("Title", ("name", "a", "b"), ((Cell("first"), Cell("1" * 40), Cell("2" * 40)),), "A note. " * 20)
