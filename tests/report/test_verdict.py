@@ -303,7 +303,7 @@ def test_the_mark_of_a_tile_is_that_of_its_own_figure(kind: str, best: float, si
 
 def test_the_noise_of_a_curve_is_no_error_of_the_model() -> None:
     record = rate_record()
-    record["data"][0] |= {"J_relative": {"start": 1.0, "best": 0.05}, "noise_relative": 0.03}
+    record["data"][0] |= {"J_relative": {"start": 1.0, "best": 0.05}, "noise_relative": 0.045}
     assert tiles(record)[0].level == "good"
 
 

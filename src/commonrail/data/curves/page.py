@@ -52,9 +52,9 @@ class CurveView(View):
         return Merit(f"{best} %", f"of the rate, {_named(data)}{start_words(start, '%')}")
 
     def fit_error(self, data: Record) -> FitError | None:
-        """Σ |error| over Σ |rate|, less the share of the samples' noise."""
+        """Σ |error| over Σ |rate|, less the share of the samples' noise in squares, as independent errors add."""
         share = number(data.get("J_relative", {}).get(JUDGED))
-        return None if share is None else FitError(max(share - data.get("noise_relative", 0.0), 0.0))
+        return None if share is None else FitError(max(share**2 - data.get("noise_relative", 0.0) ** 2, 0.0) ** 0.5)
 
     def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
         """Error of the injected volume."""
