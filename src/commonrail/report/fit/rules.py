@@ -58,7 +58,7 @@ class Point(NamedTuple):
 def judge(points: Iterable[Point]) -> tuple[str, list[Point]]:
     """Level of a calibration, that of its worst point, and the points against it, the most important first."""
     against = [point for point in points if point.level != GOOD]
-    against.sort(key=lambda point: (point.level != BAD, point.kind, point.probability))
+    against.sort(key=lambda p: (p.level != BAD, p.kind, p.probability, -(p.error.size if p.error else 0.0)))
     return (against[0].level if against else GOOD), against
 
 
