@@ -105,6 +105,18 @@ def test_weights_that_favour_some_data_leave_the_title_as_it_is() -> None:
     assert verdict(sound() | {"warnings": [weights, weights | {"code": "shift"}]}, "r").level == "bad"
 
 
+@pytest.mark.parametrize(("percent", "level"), [(2.0, "good"), (12.0, "bad")])
+def test_a_quantity_that_is_far_off_counts_by_the_error_of_its_map(percent: float, level: str) -> None:
+    """One point where the injector just opens does not make a map unusable that is met else."""
+    record = sound()
+    data = record["data"][0]
+    record["warnings"] = [{"code": "quantity", "subject": data["name"], "sentence": "odd"}]
+    data["figures"]["best"]["rms_large_percent"] = percent
+    found = verdict(record, "r")
+    assert found.level == level
+    assert "odd" in (found.notes if level == "good" else found.reasons[0])
+
+
 def test_parameters_at_a_bound_and_those_not_pinned_are_named() -> None:
     record = sound()
     record["parameters"][0]["at_bound"] = True

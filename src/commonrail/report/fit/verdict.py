@@ -230,6 +230,7 @@ def _left_out_table(found: Sequence[Record]) -> Table:
 SHOWN = 4  # parameters that a sentence names
 MANY_STARTS = 16  # from which further ones are not advised: ends then differ because the data do not tell them apart
 WEIGHTS = "share"  # finding about the weights of the data, which no data contradict
+QUANTITY = "quantity"  # finding about single quantities too, as where an injector just opens
 
 
 # Turns of the steps: a bound that is hit falsifies the search, which the values to adopt come from, which a map shows.
@@ -383,12 +384,14 @@ def _unfinished(record: Record) -> bool:
 
 
 def _plausibility(record: Record, folder: str) -> Iterator[Point]:
-    odd = [w for w in record["warnings"] if w["code"] != WEIGHTS] or record["warnings"]
-    if odd:
+    errors = {d["name"]: kind_of(d["kind"]).view.fit_error(d) for d in record["data"]}
+    usable = [(QUANTITY, name) for name, error in errors.items() if error and worst_level([error]) != BAD]
+    mild = [w for w in record["warnings"] if w["code"] == WEIGHTS or (w["code"], w["subject"]) in usable]
+    if odd := [w for w in record["warnings"] if w not in mild] or mild:
         more = f" {counted(len(odd) - 1, 'more finding')} at the top of the report." if len(odd) > 1 else ""
         text = "Check the findings at the top of the report against the test bench, correct the study, calibrate again."
         step = Step(text, f"commonrail calibrate {folder}/study.toml")
-        yield Point(Kind.NOTE if odd[0]["code"] == WEIGHTS else Kind.FAULT, f"{odd[0]['sentence']}{more}", step)
+        yield Point(Kind.NOTE if odd[0] in mild else Kind.FAULT, f"{odd[0]['sentence']}{more}", step)
     if synthetic := [d["name"] for d in record["data"] if d.get("synthetic")]:
         reason = f"{_some(synthetic)} {'are' if len(synthetic) > 1 else 'is'} synthetic, not measured."
         step = Step("Replace synthetic data by measured ones before the result is used on an engine.")
