@@ -25,6 +25,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +102,7 @@ def follow(record: Record, steps: Sequence[tuple[str, str]], study: Path, run: P
             changed = _with_zero(changed, warning["subject"], late)
     bounded = [p for p in record["parameters"] if p["at_bound"]]
     if any(p["name"] in words for words, _ in steps for p in bounded):
-        changed = _widened(changed, bounded)
+        changed = _widened(changed, bounded, study)
     if changed != text:
         study.write_text(changed, encoding="utf-8")
         return "calibrate"
@@ -123,15 +124,24 @@ def _with_zero(text: str, name: str, late: float) -> str:
     return text if old is None else head + found + rest.replace(old[0], f'time_zero = "{float(old[1]) + late:g} us"', 1)
 
 
-def _widened(text: str, parameters: Sequence[Record]) -> str:
-    """Text of a study with bounds moved outwards by half of their width, on the side where values end, above zero."""
+def _widened(text: str, parameters: Sequence[Record], study: Path) -> str:
+    """Text of a study with bounds moved outwards by half of their width, on the side where values end.
+
+    Bounds that cannot be, such as a discharge coefficient above one, are left as they are; `study`: its file.
+    """
     for p in parameters:
         width, upper = p["upper"] - p["lower"], p["position"] > 0.5
         key = "upper" if upper else "lower"
         value = p["upper"] + 0.5 * width if upper else max(p["lower"] - 0.5 * width, 0.3 * p["lower"])
         pattern = rf'(name = "{re.escape(p["name"])}"[^\[]*?{key} = )"[^"]*"'
         unit = "" if p["unit"] == "1" else f" {p['unit']}"
-        text = re.sub(pattern, rf'\g<1>"{value:.6g}{unit}"', text, count=1)
+        wider = re.sub(pattern, rf'\g<1>"{value:.6g}{unit}"', text, count=1)
+        trial = study.with_name("wider.toml")
+        trial.write_text(wider, encoding="utf-8")
+        with suppress(cr.CommonrailError):
+            cr.load_study(trial)
+            text = wider
+        trial.unlink()
     return text
 
 
