@@ -156,18 +156,18 @@ def print_card(record: Mapping[str, Any], run: str) -> None:
     """Print verdict, figures, reasons and next commands of a calibration in some `LINES`, reasons cut first."""
     from commonrail.report.fit.verdict import tiles, verdict
 
-    found, figures = verdict(record, run), tiles(record)
-    bar = click.style("┃", fg=COLOURS[found.level])
-    title = wrapped(f"┃ {found.headline}", "┃ ")
+    judged, figures = verdict(record, run), tiles(record)
+    bar = click.style("┃", fg=COLOURS[judged.level])
+    title = wrapped(f"┃ {judged.headline}", "┃ ")
     click.echo("\n".join(f"{bar}{click.style(line[1:], bold=True)}" for line in title))
     for tile in figures:
         figure = click.style(f"{tile.figure:<20}", fg=COLOURS.get(tile.level))
         click.echo(f"{bar} {tile.sign or ' '} {tile.head:<11}{figure} {_one_line(tile.words, 37)}")
     steps = []
-    for number, step in enumerate(found.steps[:STEPS], start=1):
+    for number, step in enumerate(judged.steps[:STEPS], start=1):
         steps += [*wrapped(f"{number} {step.text}", "  "), *(click.style(c, bold=True) for c in _command(step.command))]
     room = max(LINES - len(title) - len(figures) - len(steps), 2)
-    reasons = [wrapped(f"- {reason}", "  ") for reason in (*found.reasons[1:], *found.notes)]
+    reasons = [wrapped(f"- {reason}", "  ") for reason in (*judged.reasons[1:], *judged.notes)]
     shown = max(sum(size <= room for size in accumulate(map(len, reasons))), 1)
     lines = list(chain.from_iterable(reasons[:shown]))
     if len(reasons) > shown:

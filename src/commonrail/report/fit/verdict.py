@@ -353,16 +353,16 @@ def _ending(record: Record, folder: str) -> Iterator[Point]:
     if record["status"] == "interrupted":
         step = Step("Run the search to its end.", f"commonrail resume {folder}", ON)
         yield Point(Kind.FAULT, "The search was stopped before its end.", step)
-    certainty, found = record.get("certainty") or {}, record.get("convergence", {})
+    certainty, convergence = record.get("certainty") or {}, record.get("convergence", {})
     kind = Kind.SEARCH if _unfinished(record) else Kind.NOTE
     if (differs := difference(record)) and differs.matters:
         text = "Adopt the most likely values as the calibrated ones."
         adopt = Step(text, f"commonrail certainty {folder} --adopt", ADOPT)
         yield Point(kind, differs.sentence, adopt if certainty["starts"] > 1 else _full(folder, record))
-    if record["status"] != "interrupted" and found.get("converged") is False and not confirms(certainty):
+    if record["status"] != "interrupted" and convergence.get("converged") is False and not confirms(certainty):
         step = Step("Continue the search.", f"commonrail resume {folder} --generations 50", ON)
-        step = step if found.get("cut_short", True) else _full(folder, record)
-        yield Point(kind, f"The search has not converged: {search_words(found)}.", step)
+        step = step if convergence.get("cut_short", True) else _full(folder, record)
+        yield Point(kind, f"The search has not converged: {search_words(convergence)}.", step)
     errors = (kind_of(d["kind"]).view.fit_error(d) for d in of_role(record["data"], "fit"))
     if start is not None and not best < start and worst_level(filter(None, errors)) != GOOD:
         step = Step("Check bounds and data: the start values fit as well as anything that was tried.")
