@@ -24,7 +24,7 @@ from scipy.stats import qmc
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import SimulationError
-from commonrail.base.stages import tell
+from commonrail.base.stages import tell, telling
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.ascent import climb
@@ -381,7 +381,8 @@ class _Population:
         )
         whole, top = _with_courses(plain, directions), self.top
         for _ in range(NOISE_TURNS):
-            end = climb(whole, np.clip(top, 0.0, 1.0)[None], turns=40, tolerance=1e-3)
+            with telling(None):  # a round is a step
+                end = climb(whole, np.clip(top, 0.0, 1.0)[None], turns=40, tolerance=1e-3)
             top, errors = end.unit[0], end.errors[0]
             slopes = regression.slopes(top)
             covariance = covariance_of(whole, top, slopes, errors)

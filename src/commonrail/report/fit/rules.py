@@ -16,7 +16,6 @@ TITLES = {
 }
 SHARES = (0.03, 0.10)  # largest error of a good and of a usable fit, as a share of what was measured
 TOLERANCES = (1.0, 3.0)  # the same of data that are judged in their tolerances
-VALUES = 0.1  # relative change of a value, up to which an unfinished search does not matter
 
 
 class Kind(IntEnum):

@@ -14,9 +14,8 @@ from commonrail.calibration.search import ONE_POINT
 from commonrail.data.bands import band_sentence, too_few_inside
 from commonrail.data.records import JUDGED, LABELS, MEAN, MICROSECOND, MM3, Record
 from commonrail.data.registry import kind_of
-from commonrail.report.fit.certainty import difference, excludes
 from commonrail.report.fit.record import by_kind, map_line, meter_lines, of_role
-from commonrail.report.fit.rules import BAD, CARE, GOOD, TITLES, VALUES, Kind, Point, Step, Tile, judge, worst_level
+from commonrail.report.fit.rules import BAD, CARE, GOOD, TITLES, Kind, Point, Step, Tile, judge, worst_level
 
 # Result of a calibration in sentences.
 
@@ -234,7 +233,7 @@ QUANTITY = "quantity"  # finding about single quantities too, as where an inject
 
 
 # Turns of the steps: a bound that is hit falsifies the search, which the values to adopt come from, which a map shows.
-WIDEN, ON, ADOPT, OTHER, USE = range(-3, 2)
+WIDEN, ON, OTHER, USE = range(-2, 2)
 
 
 class ReportVerdict(NamedTuple):
@@ -336,11 +335,7 @@ def _full(folder: str, record: Record) -> Step:
     if starts > 1:
         text = "Search for the most likely values from more starts; a shorter time_step in the study helps too."
         return Step(text, f"commonrail certainty {folder} --starts {4 * starts}", ON)
-    text = "Compute full intervals of the parameters, and search for their most likely values from several starts"
-    differs = difference(record)
-    if differs and differs.matters and not record["certainty"].get("profiles"):
-        return Step(f"{text}, which are then adopted.", f"commonrail certainty {folder} --adopt", ON)
-    return Step(f"{text}.", f"commonrail certainty {folder}", ON)
+    return Step("Search for the most likely values from several starts.", f"commonrail certainty {folder}", ON)
 
 
 def _ending(record: Record, folder: str) -> Iterator[Point]:
@@ -355,10 +350,6 @@ def _ending(record: Record, folder: str) -> Iterator[Point]:
         yield Point(Kind.FAULT, "The search was stopped before its end.", step)
     certainty, convergence = record.get("certainty") or {}, record.get("convergence", {})
     kind = Kind.SEARCH if _unfinished(record) else Kind.NOTE
-    if (differs := difference(record)) and differs.matters:
-        text = "Adopt the most likely values as the calibrated ones."
-        adopt = Step(text, f"commonrail certainty {folder} --adopt", ADOPT)
-        yield Point(kind, differs.sentence, adopt if certainty["starts"] > 1 else _full(folder, record))
     if record["status"] != "interrupted" and convergence.get("converged") is False and not confirms(certainty):
         step = Step("Continue the search.", f"commonrail resume {folder} --generations 50", ON)
         step = step if convergence.get("cut_short", True) else _full(folder, record)
@@ -372,15 +363,10 @@ def _ending(record: Record, folder: str) -> Iterator[Point]:
 def _unfinished(record: Record) -> bool:
     """Return whether the search is unfinished in a way that matters for the values.
 
-    The most likely values must be found, and must not exclude a calibrated one that is off by more than `VALUES`.
+    The most likely values must be found; they are the calibrated ones, or lie in one interval with them.
     """
-    certainty, best = record.get("certainty"), {p["name"]: number(p["best"]) for p in record["parameters"]}
-    if not (certainty and certainty.get("settled")):
-        return record.get("convergence", {}).get("converged") is False
-    return any(
-        excludes(p, best[p["name"]]) and abs(p["value"] - best[p["name"]]) > VALUES * abs(p["value"])
-        for p in certainty["parameters"]
-    )
+    certainty = record.get("certainty")
+    return not (certainty and certainty.get("settled")) and record.get("convergence", {}).get("converged") is False
 
 
 def _plausibility(record: Record, folder: str) -> Iterator[Point]:
@@ -438,8 +424,7 @@ def _parameters(record: Record, folder: str) -> Iterator[Point]:
     loose = [p["name"] for p in parameters if p.get("verdict") and p["verdict"] != "pinned"]
     if loose:
         reason = f"The data do not pin down {len(loose)} of {len(parameters)} parameters: {_some(loose)}."
-        profiled = record.get("certainty", {}).get("starts", 1) > 1
-        yield Point(Kind.NOTE, reason, _plan(record, folder) if profiled else _full(folder, record))
+        yield Point(Kind.NOTE, reason, _plan(record, folder))
 
 
 def _plan(record: Record, folder: str) -> Step:
