@@ -27,7 +27,7 @@ TABLE = """rail_pressure [MPa],energising_time [us],quantity [mm3]
 """
 PART = """
 def judge(fit):
-    fit.identified.sections["spray"] = {"angle": 14, "optima": len(fit.optima)}
+    fit.identified.sections["spray"] = {"angle": 14, "starts": fit.starts}
 
 
 def fails(fit):
@@ -67,7 +67,7 @@ def test_a_part_of_another_package_adds_a_section(fit: Calibration, tmp_path: Pa
     parts = "[commonrail.after_fit]\nspray = example_judge:judge\n"
     with distribution(tmp_path, {"example_judge": PART}, parts):
         record = result_record(fit, identify(fit, 1))
-    assert record["spray"] == {"angle": 14, "optima": 1}
+    assert record["spray"] == {"angle": 14, "starts": 1}
     assert record["certainty"]["parameters"]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from commonrail.report.fit.diagnostics import (
     course_panel,
     pair_figures,
     parity_figure,
-    profile_figures,
 )
 from commonrail.report.page import report_html, write_report
 from tests.report.conftest import WriteRun
@@ -52,31 +50,6 @@ def test_a_course_too_short_has_no_autocorrelation() -> None:
     assert autocorrelation_figure(rate_record(), {rate_record()["data"][0]["name"]: short}) is None
 
 
-def profiled(finished: bool) -> dict[str, Any]:
-    """A record with the profile of a normal likelihood about 80 N/µm, of a standard error of 2 N/µm."""
-    record = rate_record()
-    values = [80e6 + 2e6 * k for k in (-2.5, -1.0, 1.0, 2.5, 4.0)]
-    ends = {side: {"value": 1.0, "finished": finished, "wall": False} for side in ("low", "high")}
-    points = [[v, ((v - 80e6) / 2e6) ** 2] for v in values]
-    profile = {"name": "plunger_needle.k2", "points": points, **ends}
-    record["certainty"] = {
-        "level": 0.95,
-        "profiles": [profile],
-        "parameters": [{"name": "plunger_needle.k2", "value": 80e6}],
-    }
-    return record
-
-
-def test_a_profile_is_a_parabola_where_the_likelihood_is_normal() -> None:
-    (figure,) = profile_figures(profiled(True))
-    line, computed, level, best = figure.panels[0].series
-    assert computed.x == pytest.approx([75.0, 78.0, 80.0, 82.0, 85.0])  # N/µm; a fall of 16 is beyond the chart
-    assert line.y == pytest.approx([((x - 80.0) / 2.0) ** 2 for x in line.x if x is not None], abs=1e-9)
-    assert level.y[0] == pytest.approx(3.8415, abs=1e-3)  # chi-squared with one degree of freedom
-    assert best.x[0] == pytest.approx(82.6)
-    assert profile_figures(profiled(False)) == []  # neither end was reached
-
-
 def test_draws_of_a_posterior_stand_in_pairs() -> None:
     record = rate_record()
     draws = {p["name"]: np.linspace(0.9, 1.1, 900) * p["best"] for p in record["parameters"][:3]}
@@ -88,14 +61,12 @@ def test_draws_of_a_posterior_stand_in_pairs() -> None:
     assert "k1 and k2" in report_html(record, rate_traces(record), draws=draws)
 
 
-def test_draws_of_chains_that_do_not_agree_are_not_drawn(write_run: WriteRun) -> None:
+def test_the_draws_of_a_run_are_on_its_page(write_run: WriteRun) -> None:
     record = rate_record()
     folder: Path = write_run(record, rate_traces(record))
-    names = [p["name"] for p in record["parameters"]]
-    points = np.full((2, 50, 7), 1e8)
-    for refused, shown in (("R-hat of k1 is 4", False), ("", True)):
-        np.savez(folder / "posterior.npz", points=points, names=np.array(names), refused=np.array(refused))
-        assert ("Draws of the posterior" in write_report(folder).read_text(encoding="utf-8")) is shown
+    names = np.array([p["name"] for p in record["parameters"]])
+    np.savez(folder / "draws.npz", points=np.full((100, 7), 1e8), names=names)
+    assert "Draws of the posterior" in write_report(folder).read_text(encoding="utf-8")
 
 
 def test_the_course_of_the_best_is_between_the_bounds() -> None:

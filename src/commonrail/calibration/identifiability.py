@@ -16,10 +16,9 @@ from commonrail.base.choices import Precision
 from commonrail.base.errors import PluginError
 from commonrail.base.hooks import check_stop
 from commonrail.calibration.influence import Influence, around, influence_of
-from commonrail.calibration.objective import FitObjective, Goal, Loss, Objective
+from commonrail.calibration.objective import FitObjective, Goal, Objective
 from commonrail.calibration.parameter import Priors
 from commonrail.calibration.run import Calibration
-from commonrail.calibration.scoring import equal_ends, fitted_values
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study, objective_of
 
@@ -75,8 +74,6 @@ class FinishedFit:
     calibration : Calibration
     identified : Identified
         What the function adds to or replaces: findings of parameters, sections, bands.
-    optima : (k, d)
-        Best values [SI], then other optima that explain the data as well.
     threads : int or None
         None: all usable processors.
     starts : int
@@ -87,7 +84,6 @@ class FinishedFit:
 
     calibration: Calibration
     identified: Identified
-    optima: Floats
     threads: int | None
     starts: int = 1
     shared: dict[str, Any] = field(default_factory=dict)
@@ -111,7 +107,7 @@ def identify(calibration: Calibration, threads: int | None = None, *, starts: in
     best = np.array([calibration.best[name] for name in study.space.names])
     found = identify_at(study.space, objective, best)
     if found.influence:
-        fit = FinishedFit(calibration, found, np.array([best, *_others(calibration)]), threads, starts)
+        fit = FinishedFit(calibration, found, threads, starts)
         for part in registry.entries("after_fit").values():
             check_stop()
             try:
@@ -119,13 +115,6 @@ def identify(calibration: Calibration, threads: int | None = None, *, starts: in
             except PluginError as error:  # the others judge the fit all the same
                 hooks.note(str(error))
     return found
-
-
-def _others(calibration: Calibration) -> list[Floats]:
-    """Optima [SI] of the search besides the best that explain the data as well."""
-    if calibration.study.loss is not Loss.SQUARES:
-        return []
-    return [end.x for end in equal_ends(calibration.ends, fitted_values(calibration.study.data))[1:]]
 
 
 def identify_at(space: Space, objective: FitObjective, best: Floats) -> Identified:

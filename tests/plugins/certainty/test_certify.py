@@ -57,7 +57,7 @@ def test_the_example_is_known_to_the_size_of_its_noise(found: cr.Certainty) -> N
 
 def test_a_single_parameter_is_a_combination_too(found: cr.Certainty) -> None:
     value, low, high = found.combinations["nozzle.discharge_maximum"]
-    assert value == pytest.approx(found.estimate.point[2])
+    assert value == pytest.approx(found.point[2])
     assert (min(low, value), max(high, value)) == pytest.approx((found.low[2], found.high[2]))
 
 

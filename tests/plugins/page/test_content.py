@@ -20,7 +20,7 @@ from commonrail.engine.plan import candidate_matrix
 from commonrail.physics.variants import Variant
 from commonrail.plugins.page.page import FIRST_POINT, content
 from commonrail.plugins.page.subject import MEMBERS, WORSE, Slider, Subject, near_fits, read_subject
-from commonrail.runs.folder import POSTERIOR, read_fit
+from commonrail.runs.folder import DRAWS, read_fit
 
 
 @pytest.fixture(scope="module")
@@ -83,24 +83,18 @@ def test_members_of_the_fan_explain_the_data_almost_as_well(of_run: Subject, run
     assert len(np.unique(of_run.fan.members, axis=0)) == MEMBERS
 
 
-def test_draws_that_are_refused_give_way_to_fits_near_the_best(
-    run_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The page is made all the same, and says so; damaged draws are refused."""
+def test_the_draws_of_a_run_are_the_fan_and_damaged_ones_are_refused(run_folder: Path, tmp_path: Path) -> None:
     run = shutil.copytree(run_folder, tmp_path / "run")
     study, best = read_fit(run)
     names = list(study.space.names)
-    points = np.tile([best[name] for name in names], (1, 2, 1))
-    np.savez(run / POSTERIOR, points=points, names=np.array(names), refused=np.array("R-hat is 1.2"))
-    told: list[str] = []
-    monkeypatch.setattr("commonrail.base.hooks._note", told.append)
+    points = np.tile([best[name] for name in names], (40, 1))
+    np.savez(run / DRAWS, points=points, names=np.array(names))
+    (run / "SHA256SUMS").unlink(missing_ok=True)
     found = near_fits(run, study, best, 1)
     assert found is not None
-    assert "draws" not in found.note
-    (sentence,) = told
-    assert "R-hat is 1.2" in sentence
-    (run / POSTERIOR).write_bytes(b"PK nothing")
-    with pytest.raises(InputError, match=r"posterior\.npz"):
+    assert found.short == "draws"
+    (run / DRAWS).write_bytes(b"PK nothing")
+    with pytest.raises(InputError, match=r"draws\.npz"):
         near_fits(run, study, best, 1)
 
 

@@ -18,7 +18,7 @@ from commonrail.data.quantities.data import QuantityData
 from commonrail.data.simulator import Simulator
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.plugins.certainty.estimate import Estimate
-from commonrail.plugins.prediction.band import Band, band_from_slopes, union
+from commonrail.plugins.prediction.band import Band
 from commonrail.plugins.prediction.run import _Fit
 from commonrail.plugins.prediction.scatter import LEAST, curve_scatter, left_out, scatter_of
 from tests.plugins.certainty.linear import fitted, likelihood
@@ -103,11 +103,10 @@ def covered(many: int, width: float = 1.0, discrepancy: float = 0.0) -> float:
         found = estimated(x, x @ truth + off[:N] + 0.5 * rng.standard_normal(N))
         scatter = scatter_of(found, [quantities(np.zeros(N))])["quantities"]
         factor = scatter.calibration
-        covariance = factor**2 * found.covariance.total
-        noise = np.full(NEW, factor * scatter.factor)
-        ((low, high),) = band_from_slopes(
-            new @ found.point, new * 100.0, covariance, noise, scatter.freedom, [0.9]
-        ).values()
+        slopes = new * 100.0
+        variance = np.einsum("ni,ij,nj->n", slopes, found.covariance.noise, slopes) + scatter.factor**2
+        half = t.ppf(0.95, scatter.freedom) * factor * np.sqrt(variance)
+        low, high = new @ found.point - half, new @ found.point + half
         seen = new @ truth + off[N:] + 0.5 * rng.standard_normal(NEW)
         held += int(np.count_nonzero((low <= seen) & (seen <= high)))
     return held / (many * NEW)
@@ -193,21 +192,6 @@ def test_the_count_is_of_measured_values_inside() -> None:
     assert record["half_widths"] == pytest.approx([0.5] * 5)
 
 
-def test_the_band_of_several_optima_is_the_union_of_theirs() -> None:
-    one, other = ({0.9: (np.array([m - 1.0]), np.array([m + 1.0]))} for m in (5.0, 5.5))
-    both = union([one, other])
-    assert both[0.9] == (np.array([4.0]), np.array([6.5]))
-    middle = np.array([5.0])
-    found = Band(quantities(np.array([6.2])), middle, both, True, both, optima=2).judgement(0.9, "test")
-    assert (found["optima"], found["covered"], found["half_widths"]) == (2, 1, [1.5])
-    assert (found["lower"], found["upper"]) == ([4.0], [6.5])
-
-
-def test_the_quantile_is_that_of_the_degrees_of_freedom_of_the_values_left_out() -> None:
-    ((low, high),) = band_from_slopes(np.zeros(1), np.zeros((1, 1)), np.zeros((1, 1)), np.ones(1), 7.0, [0.9]).values()
-    assert 0.5 * (high - low)[0] == pytest.approx(t.ppf(0.95, 7.0))
-
-
 def test_a_fitted_curve_scatters_as_it_does_itself_and_others_as_the_worst() -> None:
     """A stroke with noise of 0.6 beside a mean of many with 0.1; a curve that is not fitted may be either."""
     rng, x = np.random.default_rng(6), np.random.default_rng(7).normal(size=(300, 3))
@@ -225,4 +209,4 @@ def test_a_fitted_curve_scatters_as_it_does_itself_and_others_as_the_worst() -> 
     assert fit.scatter_about(stroke).factor == pytest.approx(0.6, rel=0.12)
     assert fit.scatter_about(mean).factor == pytest.approx(0.1, rel=0.12)
     other = replace(quantities(np.zeros(300), Role.VALIDATION), name="mean")
-    assert fit.scatter_about(other).factor == fit.scatter_about(stroke).factor
+    assert fit.scatter_about(other).factor >= fit.scatter_about(stroke).factor

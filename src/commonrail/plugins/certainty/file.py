@@ -27,6 +27,8 @@ class Certainty(Shown):
     estimate : Estimate
         Most likely values of the study's parameters and of the uncertain quantities of the bench, which follow them;
         `estimate.likelihood` is the likelihood with its fitted noise.
+    point : (d,)
+        Calibrated values [SI]: the most likely ones, or those of the search where they stay.
     draws : Draws
         From the posterior of all of these.
     d : int
@@ -48,6 +50,7 @@ class Certainty(Shown):
     presenter = "commonrail.plugins.certainty.notebook:CERTAINTY"
 
     estimate: Estimate
+    point: Floats
     draws: Draws
     d: int
     level: float
@@ -66,8 +69,8 @@ class Certainty(Shown):
 
     @property
     def values(self) -> dict[str, float]:
-        """Most likely values [SI] of the study's parameters."""
-        return dict(zip(self.names, self.estimate.point[: self.d].tolist(), strict=True))
+        """Calibrated values [SI] of the study's parameters."""
+        return dict(zip(self.names, self.point.tolist(), strict=True))
 
     @cached_property
     def points(self) -> Floats:
@@ -108,11 +111,12 @@ class Certainty(Shown):
 
 def _parameter(certainty: Certainty, i: int) -> dict[str, Any]:
     estimate = certainty.estimate
-    value, low, high = float(estimate.point[i]), float(certainty.low[i]), float(certainty.high[i])
+    value, low, high = float(certainty.point[i]), float(certainty.low[i]), float(certainty.high[i])
     judged = certainty.verdicts[i]
     return {
         "name": certainty.names[i],
         "value": value,
+        "most_likely": float(estimate.point[i]),
         "lower": number(low),
         "upper": number(high),
         "percent": number(50.0 * (high - low) / abs(value)) if value else None,

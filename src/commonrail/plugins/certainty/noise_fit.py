@@ -368,6 +368,7 @@ LENGTH, TIME_LENGTH, PRESSURE_LENGTH = 50e-6, 0.2e-3, 40e6  # [s], [s], [Pa]
 SMALL_VALUE = 0.03  # of the largest value of a map, below which its discrepancy is no smaller
 HEIGHT = (2.0 / math.pi) ** 0.25  # of bumps a length apart whose squares add up to 1
 LEAST_NEAR = 3  # samples of a curve within a length, from which it may have a discrepancy
+MOST_ROOTED = 600  # values of a map whose covariance is decomposed
 MOST_BUMPS = 150  # along an axis: of a longer record they are farther apart
 HALF_PERIODS = 3  # of a drift: cosines of half a period to one and a half over the record
 
@@ -410,6 +411,11 @@ class Block:
         """
         if not (length and deviations.any()):
             return np.zeros((0, self.size))
+        if not self.ordered and self.size <= MOST_ROOTED:  # the root of the covariance itself
+            apart = (self.places[:, None] - self.places[None]) / np.array([length, pressure_length])
+            values, vectors = np.linalg.eigh(np.exp(-0.5 * np.sum(apart**2, axis=-1)))
+            seen = values > NEGLIGIBLE * values.max()
+            return np.asarray(deviations * (vectors[:, seen] * np.sqrt(values[seen])).T)
         live = self.places[deviations > 0.0]
         bumps = np.ones((1, self.size))
         for axis, reach in enumerate((length, pressure_length)[: 1 if self.ordered else 2]):

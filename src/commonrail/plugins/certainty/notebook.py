@@ -34,7 +34,7 @@ def _kept(found: Certainty) -> Record:
 def _arrays(found: Certainty) -> Arrays:
     """Values and intervals of the parameters in SI units, which a column names."""
     columns = {
-        "value": found.estimate.point[: found.d],
+        "value": found.point,
         "lower": found.low,
         "upper": found.high,
         "unit": np.array(found.estimate.likelihood.units[: found.d]),

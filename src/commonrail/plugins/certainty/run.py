@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -39,6 +40,7 @@ def certify(
     combinations: Sequence[str] = (),
     level: float = 0.95,
     limit: float = LIMIT,
+    keep: bool | None = False,
     seed: int = 0,
     note: Callable[[str], None] = lambda _: None,
 ) -> Certainty:
@@ -61,6 +63,9 @@ def certify(
         Share of intervals that are to hold the truth.
     limit : float
         Half width over value, up to which a parameter is called pinned.
+    keep : bool, optional
+        The given values stay the calibrated ones, and the intervals hold them too. None: where a test speaks against
+        the likelihood, which then is no measure of what fits best.
     seed : int
         Of the draws.
     note : function of str
@@ -90,7 +95,8 @@ def certify(
     result = estimate(likelihood, begin, first=d)
     note("drawing from the posterior ...")
     result, draws = drawn(result, seed)
-    return assess(free, result, draws, d, rows, level=level, limit=limit, threads=threads)
+    given = None if keep is False else study.space.point(best)
+    return assess(free, result, draws, d, rows, given=given, keep=keep, level=level, limit=limit, threads=threads)
 
 
 def drawn(result: Estimate, seed: int) -> tuple[Estimate, Draws]:
@@ -129,6 +135,8 @@ def assess(
     d: int,
     rows: Mapping[str, Floats],
     *,
+    given: Floats | None = None,
+    keep: bool | None = False,
     level: float = 0.95,
     limit: float = LIMIT,
     threads: int | None = None,
@@ -136,7 +144,8 @@ def assess(
     """Intervals, tests and verdicts of an estimate and its draws.
 
     `study`: with its uncertain quantities free; `d`: number of parameters of the study itself, the first ones; `rows`:
-    coefficients (d,) of sums, by their texts.
+    coefficients (d,) of sums, by their texts; `given` (d,): values [SI] that stay the calibrated ones if `keep`, as for
+    `certify`.
     """
     space = result.likelihood.space
     points = space.from_unit(draws.unit)
@@ -144,15 +153,19 @@ def assess(
     if draws.refusal:  # wide rather than wrong: the curvature too
         half = result.half_widths(level)[:d] * np.abs(result.likelihood.scaled(result.unit))[:d]
         low, high = np.minimum(low, result.point[:d] - half), np.maximum(high, result.point[:d] + half)
-    low, high = np.minimum(low, result.point[:d]), np.maximum(high, result.point[:d])
     tests = lack_of_fit(result, d, fixed_changes(study, result, threads))
     reason = withdrawal(result, tests, draws.refusal)
+    wrong = bool(reason) or any(noise.share for noise in result.likelihood.noises)
+    values = given if given is not None and (keep or wrong) else result.point[:d]
+    for one in (result.point[:d], values):
+        low, high = np.minimum(low, one), np.maximum(high, one)
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = np.nan_to_num(np.corrcoef(draws.unit.T).reshape(len(result.unit), -1))
-    verdicts = verdicts_of(result, d, (low, high), correlation, reason, limit=limit, level=level)
-    own, points = result.point[:d], points[:, :d]
-    sums = {text: (float(row @ own), *_quantiles(points @ row, level)) for text, row in rows.items()}
-    return Certainty(result, draws, d, level, low, high, correlation, tests, reason, verdicts, sums)
+    judged = replace(result, point=np.append(values, result.point[d:]))
+    verdicts = verdicts_of(judged, d, (low, high), correlation, reason, limit=limit, level=level)
+    points = points[:, :d]
+    sums = {text: (float(row @ values), *_quantiles(points @ row, level)) for text, row in rows.items()}
+    return Certainty(result, values, draws, d, level, low, high, correlation, tests, reason, verdicts, sums)
 
 
 def _quantiles(values: Floats, level: float) -> tuple[float, float]:
@@ -164,11 +177,11 @@ def judge(fit: FinishedFit) -> None:
     """Part "certainty" after a fit: most likely values with their intervals and verdicts, and the record."""
     study = fit.calibration.study
     others = [end.x for end in fit.calibration.ends[1 : 1 + MOST_ENDS]]
-    certainty = certify(
-        study, fit.calibration.best, threads=fit.threads, ends=np.array(others) if others else None, starts=fit.starts
-    )
-    if not study.method.is_evolution:  # the paper's search keeps its own values, which the intervals then hold
-        fit.identified.estimate = certainty.values
+    keep = True if study.method.is_evolution else None  # the paper's search keeps its own values
+    ends = np.array(others) if others else None
+    certainty = certify(study, fit.calibration.best, threads=fit.threads, ends=ends, starts=fit.starts, keep=keep)
+    stays = certainty.values == dict(fit.calibration.best)
+    fit.identified.estimate = None if stays else certainty.values
     fit.identified.draws = certainty.points[:: max(len(certainty.points) // KEPT, 1)]
     record = certainty.record()
     fit.shared[CERTAINTY], fit.identified.sections[CERTAINTY] = certainty, record

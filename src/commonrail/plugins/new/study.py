@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,7 +20,7 @@ from commonrail.base.output import replacing, write_text, writing
 from commonrail.base.text import listed
 from commonrail.base.units import parse, to_text
 from commonrail.calibration.influence import around
-from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.parameter import Parameter, Prior
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import step_for_all
 from commonrail.data.base import DataSet
@@ -374,7 +376,9 @@ def _data_lines(surveys: Sequence[Survey], blocks: Sequence[dict[str, Any]], sta
 
 
 def _parameter_lines(model: Injector, free: Sequence[Parameter], is_named: bool) -> list[str]:
-    heading = "# Free: what nobody measured and these data see, best seen first, within usual ranges."
+    heading = (
+        "# Free: what nobody measured and these data see, best seen first; how far each is usually off is its prior."
+    )
     lines = [heading] if free and not is_named else []
     for parameter in free:
         low, high = (to_text(bound, parameter.unit, 4) for bound in (parameter.lower, parameter.upper))
@@ -383,11 +387,21 @@ def _parameter_lines(model: Injector, free: Sequence[Parameter], is_named: bool)
             f"name = {_toml(parameter.name)}",
             f"lower = {_toml(low)}",
             f"upper = {_toml(high)}",
+            *_prior_line(parameter),
             "",
         ]
     for name in () if free else _FREE if _FREE[0] in model.values else _FREE_OF_DIRECT:
         lines += ["[[parameter]]", f"name = {_toml(name)}", 'below = "10 %"', 'above = "10 %"', ""]
     return lines
+
+
+def _prior_line(parameter: Parameter) -> list[str]:
+    """Line of the prior of a parameter, if it has one."""
+    if parameter.prior is None:
+        return []
+    value, sigma = (to_text(size, parameter.unit, 4) for size in (parameter.prior.value, parameter.prior.sigma))
+    source = _toml(parameter.prior.source)
+    return [f"prior = {{ value = {_toml(value)}, sigma = {_toml(sigma)}, source = {source} }}"]
 
 
 def _optimiser_lines(blocks: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -459,8 +473,11 @@ LENGTH, SMALL_LENGTH, ANGLE, COEFFICIENT, OTHER = 0.05, 0.2, 0.1, 0.15, 0.4
 SMALL = 2.5e-3
 # Ranges of lengths that the user names, over those of a screening: so wide that values of other types lie inside.
 NAMED = 2.0
-SEEN = 0.05  # rms change of the data over their rms from which a parameter is freed: chosen, above a bench's noise
-MOST = 15  # parameters that are freed
+# Rms change of the data over their rms from which a parameter is freed, chosen at a bench's noise: where a model is far
+# from the part, its slopes say little of what the part will ask for, and a prior holds what the data do not.
+SEEN = 0.01
+MOST = 12  # parameters that are freed
+REACH, LEAST_SHARE = 2.5, 0.2  # bounds about a prior, in half widths; smallest share of the value
 MOST_SIMULATIONS = 40_000  # some 10 s
 
 
@@ -497,7 +514,24 @@ def screen(injector: Injector, space: Space, data: Sequence[DataSet], time_step:
     if not slopes:
         return []
     changes = np.concatenate(slopes) / np.sqrt(len(slopes))
-    return [space.parameters[i] for i in _best_seen(np.where(np.isfinite(changes).all(axis=0), changes, 0.0))]
+    seen = _best_seen(np.where(np.isfinite(changes).all(axis=0), changes, 0.0))
+    return [_with_prior(injector, space.parameters[i]) for i in seen]
+
+
+def _with_prior(injector: Injector, parameter: Parameter) -> Parameter:
+    """Parameter whose usual range is the standard deviation of a prior, within bounds beyond it."""
+    value, half = parameter.reference, abs(parameter.reference - parameter.lower)
+    ends = (
+        value - math.copysign(min(REACH * half, (1.0 - LEAST_SHARE) * abs(value)), value),
+        value + math.copysign(REACH * half, value),
+    )
+    low, high = sorted(ends)
+    if injector.quantities[parameter.name].domain in (Domain.COEFFICIENT, Domain.UNIT):
+        high = min(high, 1.0)
+    return replace(parameter, lower=low, upper=high, prior=Prior(value, half, USUAL))
+
+
+USUAL = "how far an estimate is usually off"
 
 
 def _best_seen(changes: Floats) -> list[int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -349,6 +349,8 @@ def _trusted(found: Estimate, data: Sequence[DataSet]) -> tuple[list[FittedNoise
         if isinstance(one, QuantityData) and not noise.known and noise.freedom < TRUSTED:
             noise = FittedNoise(noise.law, max(noise.scale, 1.0 / noise.density.deviation), noise.freedom)
             notes.append(f"{one.name} has too few points to estimate its noise: at least one tolerance is assumed.")
+        if not block.ordered and has_discrepancy(block):  # its loads act on planned points too
+            noise = replace(noise, courses=np.empty((0, 0)))
         noises.append(noise)
         if not has_discrepancy(block):
             notes.append(
