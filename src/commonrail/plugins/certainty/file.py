@@ -12,6 +12,7 @@ import numpy as np
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
 from commonrail.base.text import number
+from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.plugins.certainty.draws import Draws
 from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.lack_of_fit import LackOfFit
@@ -74,8 +75,16 @@ class Certainty(Shown):
 
     @cached_property
     def points(self) -> Floats:
-        """Draws (m, d) [SI] of the study's parameters, equally likely."""
-        return self.estimate.likelihood.space.from_unit(self.draws.unit)[:, : self.d]
+        """Draws (m, d) [SI] of the study's parameters, equally likely, about the calibrated values.
+
+        Where these stay those of the search, the draws are moved from the most likely values to them, within bounds and
+        constraints.
+        """
+        space, unit = self.estimate.likelihood.space, self.draws.unit
+        move = space.to_unit(np.append(self.point, self.estimate.point[self.d :])) - self.estimate.unit
+        if move.any():
+            unit = FeasibleSet.of(space).within(np.tile(self.estimate.unit + move, (len(unit), 1)), unit + move)
+        return space.from_unit(unit)[:, : self.d]
 
     def record(self) -> dict[str, Any]:
         """JSON-able form, the key "certainty" of a result."""

@@ -19,7 +19,7 @@ from scipy import special
 
 from commonrail.base.arguments import COUNTS
 from commonrail.base.arrays import Floats
-from commonrail.base.text import quantity
+from commonrail.base.text import quantity, significant
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.study import Study
 from commonrail.physics.injector import FUEL_TEMPERATURE
@@ -60,7 +60,8 @@ def lack_of_fit(estimate: Estimate, first: int, fixed: Mapping[str, Floats] | No
     tests = [_of_block(estimate, i, level) for i in range(len(likelihood.blocks))]
     tests += _beyond_stated(estimate, first, level)
     if share := max(noise.share for noise in likelihood.noises):
-        words = f"the model is off by about {100.0 * share:.1g} % of the values in a way that no free parameter mends"
+        size = significant(100.0 * share, 2)
+        words = f"the model is off by about {size} % of the values in a way that no free parameter mends"
         tests.append(LackOfFit(DISCREPANCY, math.exp(-0.5 * SHARE_GAIN), None, DISCREPANCY, True, words))
     if fixed:
         tests.append(_of_fixed(estimate, fixed, level))
