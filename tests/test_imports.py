@@ -90,19 +90,7 @@ def test_the_version_is_the_one_in_pyproject() -> None:
 
 
 # Modules that take long to import and serve few functions: these import them, no module does at its top.
-LAZY = (
-    "arviz_stats",
-    "asammdf",
-    "distributed",
-    "emcee",
-    "h5py",
-    "matplotlib",
-    "nptdms",
-    "openpyxl",
-    "pandas",
-    "pyarrow",
-    "rich",
-)
+LAZY = ("asammdf", "distributed", "h5py", "matplotlib", "nptdms", "openpyxl", "pandas", "pyarrow", "rich")
 LAZY += ("scipy.stats", "tomlkit", "xarray")
 # Plates are drawn by Matplotlib, and each reader of a child process exists for one library: whoever asks for these
 # modules needs them.

@@ -4,7 +4,7 @@
     python -m tools.coverage_written proportional filtered --bed cri2-16 -n 60 --json found.json
 
 A bench is a simulation of a hidden truth at a finer step than the fit's, with noise of a fixed seed (`noises.py`). It
-is fitted as `calibrate` does at its end: from one start near the truth, without profiles. Coverage is the percentage
+is fitted as `calibrate` does at its end: from one start near the truth. Coverage is the percentage
 of the 95 % intervals that hold the truth, withdrawn verdicts or not; infinite intervals are refused ones and do not
 count. Its error is that of the benches, whose parameters err together. Width is the mean half width over 1.96 standard
 deviations of the estimates. "Wrong" is the percentage of the parameters called pinned whose truth lies farther away

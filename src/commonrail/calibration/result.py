@@ -21,7 +21,7 @@ from commonrail.data.records import JUDGED, LABELS, record_head
 from commonrail.data.registry import of_role
 from commonrail.physics.meters import known_quantity
 
-CERTAINTY = "certainty"  # likelihood, intervals, profiles and verdicts; written again by a later look at the same fit
+CERTAINTY = "certainty"  # likelihood, intervals, tests and verdicts; `certainty` writes them again
 CLOCK = "clock"  # holds what depends on the clock; all else is the same whenever and however often a study is run
 
 

@@ -1,1 +1,1 @@
-"""Intervals, verdicts and posterior of a fit."""
+"""Most likely values, draws, intervals, tests and verdicts of a fit."""

@@ -297,7 +297,7 @@ def with_bands(
     """Map of an injector that a study has calibrated, with bands by `predict`; `best` are the values [SI] of the fit.
 
     The bands are predicted with the conditions and the time step of the map, and lie about its quantities: from `draws`
-    (m, d), parameters [SI] of the posterior, or from the linear approximation about the best values.
+    (m, d), parameters [SI] of the posterior, or from draws that `predict` makes.
 
     ConfigurationError if the injector of the map does not have the values of the fit, or the study fits no quantity
     map; SimulationError if the best values cannot be simulated.
