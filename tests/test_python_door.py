@@ -231,7 +231,6 @@ WITHOUT_STUDY: list[tuple[Callable[..., object], str, str, tuple[Any, ...]]] = [
     (lambda value: cr.sample_feasible(cr.Space([mass()]), 3, value), "value", "rng", NO_KIND),
     (lambda value: cr.sample_feasible(value, 3, np.random.default_rng(1)), "value", "space", NO_KIND),
     (lambda value: cr.TestPlan("plan", value), "value", "test", (*NO_LIST, [], [1])),
-    (cr.sample_posterior, "estimate", "estimate", NO_KIND),
     (cr.identify, "calibration", "calibration", NO_KIND),
 ]
 

@@ -163,7 +163,6 @@ BEDS: dict[str, Bed] = {
         Promise(alarms=(90, 100)), stated=Noise(correlation=Correlation.WHITE), delay=5e-6
     ),
     "unstated delay 5 us, autoregressive": Bed(Promise(alarms=(90, 100)), noise=autoregressive, delay=5e-6),
-    # a little less than `visible_delay` says: 2.0 and 2.9 us
     "unstated delay 1.95 us": Bed(Promise(alarms=(85, 95)), delay=1.95e-6),
     "unstated delay 2.75 us, autoregressive": Bed(Promise(alarms=(85, 95)), noise=autoregressive, delay=2.75e-6),
     "friction, stated as uncertain": Bed(LACKING, stated=Noise(uncertain=FRICTION), hidden=FRICTION),

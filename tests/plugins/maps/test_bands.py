@@ -147,6 +147,6 @@ def test_bands_are_those_of_the_calibrated_injector_alone(run: Path) -> None:
     done = run_command("map", run, *SMALL, *changed, "--json")
     assert done.record["maps"][0]["bands"] is None
     assert run_command("map", run, *SMALL, "--bands", "none", "--json").record["maps"][0]["bands"] is None
-    refused = run_command("map", run, *SMALL, *changed, "--bands", "laplace")
+    refused = run_command("map", run, *SMALL, *changed, "--bands", "draws")
     assert refused.status == 2
     assert "only a fit has bands" in refused.sentence

@@ -155,7 +155,7 @@ def test_a_measured_map_is_set_beside_the_model(command: Command, tmp_path: Path
         (("--time-unit", "ms"), "--time-unit: without --out or --quantity-out it does nothing"),
         (("--label", "a b", "--out", "et.dcm"), "no name of a label"),
         (("--pressure-unit", "mm", "--out", "et.dcm"), "cannot become"),
-        (("--bands", "laplace"), "--bands: virtual-lino-2016 is no run folder"),
+        (("--bands", "draws"), "--bands: virtual-lino-2016 is no run folder"),
         (("--measured", "nothing.csv"), "there is no such file"),
         (("--axes", "nothing.dcm"), "there is no such file"),
         (("--axes", "et.dcm", "--rail-pressure", "80MPa"), "--rail-pressure: --axes et.dcm gives axes and units"),

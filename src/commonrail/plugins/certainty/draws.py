@@ -20,7 +20,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import special
-from scipy.stats import qmc
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import SimulationError
@@ -299,7 +298,7 @@ def draw(estimate: Estimate, seed: int = 0) -> tuple[Estimate, Draws]:
     draws = Draws(
         np.clip(wide[:, : len(estimate.unit)], 0.0, 1.0), k, size, gap, rounds, population.converged, walked, CHECKS
     )
-    return population.estimate(estimate), draws
+    return (estimate if draws.refusal else population.better_than(estimate)), draws
 
 
 def _checked(population: _Population, wide: Floats, rng: np.random.Generator) -> tuple[float, float, float]:
@@ -336,6 +335,8 @@ class _Population:
         inverse = np.linalg.inv(root)
         terms = 1 + len(terms_of(d, order))
         many = int(np.clip(EACH * terms, FEWEST, MOST))
+        from scipy.stats import qmc  # slow to import
+
         wider = 1.0 + SPREAD / math.sqrt(d)
         uniform = qmc.Sobol(d, seed=self._rng).random(1 << (many - 1).bit_length())[:many]
         normal = special.ndtri(uniform.clip(1e-12, 1.0 - 1e-12))
@@ -390,7 +391,7 @@ class _Population:
                 errors, covariance.used.tolist(), covariance.root.T @ slopes, like=self.likelihood.noises
             )
             whole = _with_courses(plain, directions)
-        self.top, self._errors, self._slopes, self._cost = top, errors, slopes, float(end.cost[0])
+        self.top, self._slopes = top, slopes
         tangents, pulls = whole.whiten(slopes), prior_slopes_at(whole, top)
         metric = tangents @ tangents.T + pulls.T @ pulls + FIRM * np.eye(len(top))
         self.local = bounded(np.asarray(np.linalg.pinv(metric, hermitian=True), float)) + FIRM * np.eye(len(top))
@@ -398,18 +399,23 @@ class _Population:
         samples = [sample_count(errors[block.rows]) for block in whole.blocks]
         self.posterior = Posterior(whole, regression, samples)
 
-    def estimate(self, before: Estimate) -> Estimate:
-        """The estimate with the noise of the last regression, its simulations counted."""
+    def better_than(self, before: Estimate) -> Estimate:
+        """Estimate at the top of the last regression, with its noise; the one before if the simulated top is worse."""
         likelihood = self.likelihood.with_noises(self._whole.noises)
-        covariance = covariance_of(likelihood, self.top, self._slopes, self._errors)
+        errors = self.simulate(np.vstack([self.top, before.unit]))
+        points = likelihood.space.from_unit(np.vstack([self.top, before.unit]))
+        costs = likelihood.block_costs(likelihood.whiten(errors)).sum(axis=-1) + likelihood.priors.costs(points)
+        if not costs[0] <= costs[1] + LARGEST_GAP:
+            return before
+        covariance = covariance_of(likelihood, self.top, self._slopes, errors[0])
         return replace(
             before,
             likelihood=likelihood,
             unit=self.top,
             point=likelihood.space.from_unit(self.top),
-            cost=self._cost,
+            cost=float(costs[0]),
             gain=0.0,
-            errors=self._errors,
+            errors=errors[0],
             slopes=self._slopes,
             covariance=covariance,
             simulated=before.simulated + self.likelihood.simulated,

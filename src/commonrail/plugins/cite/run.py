@@ -168,7 +168,7 @@ def _values(sources: Mapping[str, Source], kind: str) -> Iterator[Use]:
 
 
 def _of_record(record: Mapping[str, Any]) -> Iterator[Use]:
-    """Data, priors, optimiser and posterior of a run's record."""
+    """Data, priors, optimiser and intervals of a run's record."""
     for data in record.get("data", ()):
         yield Use(f"data ({data['role']})", data["name"], _source(data["source"], data["synthetic"]))
     for parameter in record.get("parameters", ()):
@@ -177,8 +177,8 @@ def _of_record(record: Mapping[str, Any]) -> Iterator[Use]:
     if method := record.get("optimiser", {}).get("method"):
         entry = named(method)
         yield Use("optimiser", method, entry.citation if entry else "of a package that is not installed")
-    if "posterior" in record.get("certainty", {}):
-        yield Use("posterior", "emcee", "Foreman-Mackey et al. 2013")
+    if "certainty" in record:
+        yield Use("intervals", "smoothed importance sampling", "Vehtari et al. 2024")
 
 
 def _packages(

@@ -28,10 +28,12 @@ from commonrail.data.quantities.data import QuantityData
 from commonrail.data.registry import in_order, of_role
 from commonrail.data.simulator import Simulator
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.plugins.certainty.estimate import Estimate
+from commonrail.plugins.certainty.estimate import Estimate, estimate
 from commonrail.plugins.certainty.file import Certainty
+from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.noise_fit import coordinates_of
 from commonrail.plugins.certainty.run import certify
+from commonrail.plugins.certainty.uncertain import with_uncertain_free
 from commonrail.plugins.prediction.band import Band, Edges, band_from_draws
 from commonrail.plugins.prediction.scatter import Scatter, curve_scatter, scatter_of
 
@@ -133,10 +135,12 @@ def predict(
         raise ConfigurationError("levels must be shares between 0 and 1, such as (0.5, 0.9).")
     sets: Sequence[DataSet] = [_asked(study, wanted)] if wanted else study.data
     threads = thread_count(threads)
-    fit = _fit_at(study, best, threads)
-    if draws is not None:
-        chosen = array(draws, "1", "draws", 2)
-        fit = fit._replace(points=np.vstack([fit.points[:1], chosen[:: max(len(chosen) // DRAWS, 1)]]))
+    if draws is None:
+        fit = _fit_at(study, best, threads)
+    else:
+        fit = _fit(
+            study, _estimated(study, best, threads), study.space.point(best), array(draws, "1", "draws", 2), threads
+        )
     bands = [_band(data, fit, shares, not wanted) for data in sets]
     return Prediction(bands, shares, _label(fit, bands), fit.scatter)
 
@@ -167,7 +171,16 @@ def predict_rate(
 
 def _fit_at(study: Study, best: Mapping[str, float], threads: int | None) -> _Fit:
     """Fit with its best values [SI]."""
-    return _fit(study, certify(study, best, threads=threads), study.space.point(best), threads)
+    certainty = certify(study, best, threads=threads)
+    return _fit(study, certainty.estimate, study.space.point(best), certainty.points, threads)
+
+
+def _estimated(study: Study, best: Mapping[str, float], threads: int | None) -> Estimate:
+    """Estimate about best values [SI] without draws, for the noise of the data."""
+    free, d = with_uncertain_free(study), study.space.dimension
+    likelihood = Likelihood.of(free, threads)
+    begin = likelihood.space.to_unit(np.append(study.space.point(best), free.space.reference[d:]))
+    return estimate(likelihood, np.clip(begin, 0.0, 1.0)[None], first=d)
 
 
 def judge(fit: FinishedFit) -> None:
@@ -184,7 +197,7 @@ def assessed_bands(
     study: Study, certainty: Certainty, point: Floats, threads: int | None = None
 ) -> dict[str, dict[str, Any]]:
     """Bands of all data of a study about its calibrated values (d,) [SI], as records by the name of the data set."""
-    fit = _fit(study, certainty, point, thread_count(threads))
+    fit = _fit(study, certainty.estimate, point, certainty.points, thread_count(threads))
     bands = {}
     for data in study.data:
         if data.kind in fit.scatter:
@@ -193,14 +206,11 @@ def assessed_bands(
     return {name: band.judgement(LEVEL, _label(fit, [band])) for name, band in bands.items()}
 
 
-def _fit(study: Study, certainty: Certainty, point: Floats, threads: int | None) -> _Fit:
+def _fit(study: Study, found: Estimate, point: Floats, draws: Floats, threads: int | None) -> _Fit:
     fitted = in_order(of_role(study.data, Role.FIT))
     simulator = Simulator(study.injector, study.space.names, study.time_step, threads, same_bits=study.same_bits)
-    draws = certainty.points[:: max(len(certainty.points) // DRAWS, 1)]
-    estimate = certainty.estimate
-    return _Fit(
-        simulator, estimate, np.vstack([point, draws]), scatter_of(estimate, fitted), curve_scatter(estimate, fitted)
-    )
+    points = np.vstack([point, draws[:: max(len(draws) // DRAWS, 1)]])
+    return _Fit(simulator, found, points, scatter_of(found, fitted), curve_scatter(found, fitted))
 
 
 def _label(fit: _Fit, bands: Sequence[Band]) -> str:
