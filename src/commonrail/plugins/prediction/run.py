@@ -171,7 +171,7 @@ def predict_rate(
 
 def _fit_at(study: Study, best: Mapping[str, float], threads: int | None) -> _Fit:
     """Fit with its best values [SI]."""
-    certainty = certify(study, best, threads=threads)
+    certainty = certify(study, best, threads=threads, keep=True)
     return _fit(study, certainty.estimate, study.space.point(best), certainty.points, threads)
 
 
