@@ -63,10 +63,6 @@ WRONG: dict[str, tuple[tuple[Change, ...], str]] = {
     ),
     "no units": (((DATA, HEADER, "time,rate"),), 'write it in the header, as in "time [us]"'),
     "quantity for a rate": (((DATA, "mm3/ms]", "mg]"),), "a unit like mm3/ms or mg/ms is expected"),
-    "round brackets": (
-        ((DATA, HEADER, "time [us],rate (mm3/ms)"),),
-        'write the unit of "rate (mm3/ms)" in square brackets',
-    ),
     "file in another folder": (((STUDY, DATA, "evi.csv"),), 'did you mean "data/evi.csv"?'),
     "pressure in Pa": (
         ((STUDY, 'rail_pressure = "160 MPa"', 'rail_pressure = "160 Pa"'),),

@@ -71,12 +71,12 @@ def stopped_run(folder: Path, study: Study, steps: int) -> Path:
 _JUDGED: dict[tuple[object, ...], Identified] = {}
 
 
-def _judged_before(calibration: Calibration, threads: int | None = None) -> Identified:
-    """As `identify`, once for the same study, threads, best values and other optima."""
+def _judged_before(calibration: Calibration, threads: int | None = None, *, starts: int = 1) -> Identified:
+    """As `identify`, once for the same study, threads, starts, best values and other optima."""
     ends = tuple((end.x.tobytes(), end.cost) for end in calibration.ends)
-    key = (content_of(calibration.study), threads, tuple(calibration.best.items()), calibration.cost, ends)
+    key = (content_of(calibration.study), threads, starts, tuple(calibration.best.items()), calibration.cost, ends)
     if key not in _JUDGED:
-        _JUDGED[key] = identify(calibration, threads)
+        _JUDGED[key] = identify(calibration, threads, starts=starts)
     return copy.deepcopy(_JUDGED[key])
 
 

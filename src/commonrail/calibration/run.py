@@ -146,7 +146,7 @@ def at_values(calibration: Calibration, best: Mapping[str, float], threads: int 
     study, x = calibration.study, np.array([best[name] for name in calibration.study.space.names])
     cost = float(objective_of(study, threads).costs(x[None]).costs[0])
     found = {one.name: getattr(calibration, one.name) for one in fields(SearchResult)}
-    found |= {"best": dict(best), "cost": cost, "ends": (Best(x, cost),)}
+    found |= {"best": dict(best), "cost": cost, "ends": (Best(x, cost), *calibration.ends[1:])}
     return _calibration(study, SearchResult(**found), calibration.scores["start"], threads)
 
 

@@ -448,7 +448,8 @@ def _work(
             identified = identify(calibration, threads, starts=many)
             refits = refits_of(calibration, threads=threads, workers=workers, note=listener.note)
         if identified.estimate:
-            calibration = at_values(calibration, identified.estimate, threads)
+            found = at_values(calibration, identified.estimate, threads)
+            calibration = replace(found, warnings=before + found.warnings)
         identified.sections |= {"refits": refits} if refits else {}
         journal.check_place()
         facts = {STARTS: str(many)} if starts else {}

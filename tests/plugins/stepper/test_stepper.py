@@ -324,14 +324,11 @@ def test_the_stated_errors_are_small_and_of_the_matrices_shape(linear: cr.Linear
 
 
 def test_the_stated_error_of_a_kink_is_as_large_as_the_element(pwm: Injector) -> None:
-    """At rest the slopes to both sides of the density in the SAC differ; central differences agree on their mean."""
+    """At rest the slopes to both sides of a kink differ; central differences agree on their mean."""
     closed = cr.Stepper(pwm, POINT).linearise("5 us")
-    assert "sac.density" in closed.kinks
-    column = closed.states.index("sac.density")
-    row = int(np.argmax(closed.errors["a"][:, column] * np.array([s.startswith("waves.") for s in closed.states])))
-    element, error = closed.a[row, column], closed.errors["a"][row, column]
-    assert element != 0.0
-    assert error > 0.5 * abs(element)
+    columns = [closed.states.index(name) for name in closed.kinks if name in closed.states]
+    elements, errors = np.abs(closed.a[:, columns]), closed.errors["a"][:, columns]
+    assert ((elements > 0.0) & (errors > 0.5 * elements)).any()
 
 
 def test_waves_travel_through_the_linear_model(linear: cr.LinearModel) -> None:

@@ -29,7 +29,7 @@ def certainty(
     threads: Threads = None,
     json: Json = False,
 ) -> None:
-    """Search the most likely values from more starts, and draw their intervals anew.
+    """Estimate a run once more, from more starts.
 
     The likelihood takes each data set with its own noise model, the key `noise` of its block in the study. All of the
     run follows: values, intervals, bands, draws.npz and report. With --combination or --limit nothing is written.

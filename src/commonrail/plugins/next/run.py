@@ -297,6 +297,7 @@ def next_measurements(
     instance(study, Study, "study")
     settings = settings or DesignSettings()
     threads = thread_count(threads)
+    study.space.point(best)  # before the candidates, whose range a study may lack
     names = settings.parameters or study.space.names
     columns = [_column(study, name) for name in names]
     wanted = list(candidates_of(study) if candidates is None else candidates)
