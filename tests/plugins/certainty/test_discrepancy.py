@@ -51,3 +51,17 @@ def test_data_that_pull_apart_by_a_tenth_show_one_of_some_percent_and_share_the_
     assert 1.98 < found.point[0] < 2.15
     error = float(np.sqrt(found.covariance.noise[0, 0]) * found.likelihood.scaled(found.unit)[0])
     assert 0.005 < error < 0.2  # without one it is 0.0005, by which neither value is within
+
+
+def test_values_that_agree_exactly_show_neither_drift_nor_discrepancy() -> None:
+    """Meters show zero before and after an injection, as the model does: such agreement is no sample."""
+    for seed in range(6):
+        rng = np.random.default_rng(40 + seed)
+        shape = np.where(np.abs(TIMES - 1e-3) < 0.5e-3, 1.0, 0.0)
+        curve = shape * (2.0 + 0.1 * rng.standard_normal(900))
+        places = np.column_stack([TIMES, np.full(900, 1e8)])
+        block = Block("curve", slice(0, 900), NOISE, "1", True, -curve, np.ones(900), places)
+        own = Likelihood(space(1), [block], lambda points, y=curve: np.asarray(points * shape - y))  # type: ignore[misc]
+        (noise,) = estimate(own, space(1).to_unit(np.array([[2.1]]))).likelihood.noises
+        assert (noise.share, noise.drift) == (0.0, None)
+        assert abs(noise.sigma - 0.1) < 0.02

@@ -86,3 +86,12 @@ def test_weights_of_heavy_tails_are_told_by_k_hat() -> None:
     for k in (0.2, 0.5, 1.0):
         logs = k * np.random.default_rng(1).exponential(size=20_000)
         assert smoothed(logs)[1] == pytest.approx(k, abs=0.12)
+
+
+def test_a_map_of_two_values_pins_nothing_by_meeting_them() -> None:
+    """Two values and two parameters: without a noise of their own they would be met exactly, with no error left."""
+    x = np.array([[1.0, 0.3], [0.2, 1.0]])
+    _, draws = draw(fitted(likelihood([x @ [2.0, 3.0]], [x], room=space(2))))
+    deviations = space(2).from_unit(draws.unit).std(axis=0)
+    # one tolerance of each value: the bounds of 0.1 to 10 cut little of it
+    np.testing.assert_allclose(deviations, np.sqrt(np.diag(np.linalg.inv(x.T @ x))), rtol=0.15)

@@ -47,6 +47,7 @@ LEAST_SIZE = 200.0  # draws that weights must be worth
 FREEDOM = 5.0  # of the multivariate t distribution
 WALKERS, STEPS, THINNED = 200, 800, 20  # of differential evolution; a step in so many is kept, of the later half
 CHECKS = 128  # draws that are simulated
+LEAST_SOUND = 0.9  # share of these that must be simulated
 LARGEST_GAP = 2.0  # standard deviation of 2 ln L by which the regression may be off
 
 
@@ -174,19 +175,26 @@ class Posterior:
         constant = special.gammaln(0.5 * (freedom + 1.0)) - special.gammaln(0.5 * freedom) - 0.5 * np.log(freedom)
         cost = np.sum((freedom[:, None] + 1.0) * np.log1p(u * u / freedom[:, None]), axis=1)
         cost += 2.0 * self.samples[i] * (scale - constant)
+        noise = self.likelihood.noises[i]
+        if noise.known:  # a stated scale, or one of repeated measurements, has its own density
+            cost += min(noise.freedom, MOST_KNOWN) * (2.0 * scale + np.exp(-2.0 * scale))
         return np.where((log_freedom < 0.0) | (log_freedom > math.log(MOST_FREEDOM)), np.inf, cost)
 
 
 MOST_FREEDOM = 60.0  # of Student's t, which is nearly normal there
+MOST_KNOWN = 1e3  # degrees of freedom of a stated scale: it is known to 2 %
+MOST_ABSORBED = 0.2  # share of the values that courses follow, from which a scale is not integrated out
 
 
 def integrated(samples: int, noise: FittedNoise, cost: Floats) -> Floats:
     """Cost (m,) of a block of `samples` with the scale of its noise integrated out, as far as it is not known."""
-    if noise.law is Law.STUDENT or (noise.known and np.isinf(noise.freedom)):
+    fixed = (noise.known and np.isinf(noise.freedom)) or noise.absorbed > MOST_ABSORBED * samples
+    if noise.law is Law.STUDENT or fixed:  # courses have sizes of their own, which the scale does not change
         return cost
+    twice = 2 if noise.law is Law.LAPLACE else 1  # its cost has twice the values for a mean
     if noise.known:
-        return np.asarray((samples + noise.freedom) * np.log1p(cost / noise.freedom))
-    return np.asarray((2 if noise.law is Law.LAPLACE else 1) * samples * np.log(np.maximum(cost, 1e-300)))
+        return np.asarray(twice * (samples + twice * noise.freedom) * np.log1p(cost / (twice**2 * noise.freedom)))
+    return np.asarray(twice * samples * np.log(np.maximum(cost, 1e-300)))
 
 
 def smoothed(logs: Floats) -> tuple[Floats, float]:
@@ -254,7 +262,7 @@ def _walked(posterior: Posterior, centre: Floats, covariance: Floats, rng: np.ra
     d, pairs, half = posterior.d, len(posterior.heavy), WALKERS // 2
     away = rng.standard_normal((WALKERS, d)) @ np.linalg.cholesky(0.5 * covariance + FIRM * np.eye(d)).T
     base = posterior.feasible.within(np.tile(centre, (WALKERS, 1)), centre + away)
-    scales = np.tile([0.0, math.log(4.0)], (WALKERS, pairs)) * (1.0 + 0.1 * rng.standard_normal((WALKERS, 2 * pairs)))
+    scales = np.tile([0.0, math.log(4.0)], (WALKERS, pairs)) + 0.1 * rng.standard_normal((WALKERS, 2 * pairs))
     state, kept = np.hstack([base, scales]), list[Floats]()
     logs = posterior(state)
     for step in range(STEPS):
@@ -307,6 +315,8 @@ def _checked(population: _Population, wide: Floats, rng: np.random.Generator) ->
     tried = wide[rng.choice(len(wide), CHECKS, replace=False)]
     errors = population.simulate(np.clip(tried[:, :d], 0.0, 1.0))
     sound = np.isfinite(errors).all(axis=1)
+    if np.mean(sound) < LEAST_SOUND:
+        return math.inf, 0.0, math.inf
     ratio = np.full(CHECKS, -1e6)
     ratio[sound] = posterior.simulated(tried[sound], errors[sound]) - posterior(tried[sound])
     ratio = np.maximum(ratio, -1e6)

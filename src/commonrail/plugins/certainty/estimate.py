@@ -19,7 +19,7 @@ from commonrail.calibration.space import sample_feasible
 from commonrail.plugins.certainty.ascent import FEW, Ascent, climb, covariance_at, linearised
 from commonrail.plugins.certainty.covariance import Covariance, covariance_of, student
 from commonrail.plugins.certainty.likelihood import Likelihood, central_slopes
-from commonrail.plugins.certainty.noise_fit import sample_count
+from commonrail.plugins.certainty.noise_fit import cost_of, sample_count
 
 ROUNDS = 3  # of noise given residuals
 AGREED = 0.5  # of 2 ln L within which ends of the search agree
@@ -55,6 +55,14 @@ class Estimate:
     def settled(self) -> bool:
         """True if the search has ended: no gain is left, and enough of several starts agree."""
         return self.gain < SETTLED and (self.starts == 1 or self.agreeing >= min(LEAST_AGREEING, self.starts))
+
+    @property
+    def whole_cost(self) -> float:
+        """−2 ln L with the priors and with all that depends on the noise, comparable between noises."""
+        likelihood = self.likelihood
+        pairs = zip(likelihood.blocks, likelihood.noises, strict=True)
+        data = sum(cost_of(block, noise, self.errors[block.rows]) for block, noise in pairs)
+        return float(data + likelihood.priors.costs(self.point[None])[0])
 
     def half_widths(self, level: float = 0.95) -> Floats:
         """Half widths (d,) of intervals by the curvature, in positions: t quantile times the standard error."""

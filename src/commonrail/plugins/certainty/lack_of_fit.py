@@ -55,7 +55,7 @@ def lack_of_fit(estimate: Estimate, first: int, fixed: Mapping[str, Floats] | No
     residuals by each fixed value, see `fixed_changes`.
     """
     likelihood = estimate.likelihood
-    many = sum(1 + noise.known for noise in likelihood.noises) + len(estimate.unit) - first + 1
+    many = sum(1 + noise.known + bool(noise.scatter) for noise in likelihood.noises) + len(estimate.unit) - first + 1
     level = LEVEL / many
     tests = [_of_block(estimate, i, level) for i in range(len(likelihood.blocks))]
     tests += _beyond_stated(estimate, first, level)
@@ -125,7 +125,8 @@ def _off_as_a_whole(block: Block, scatter: float, errors: Floats, estimate: Esti
     """Size of what all values of a block are off by together, in standard deviations."""
     noise = estimate.likelihood.noises[index]
     whole = noise.whiten(scatter * (errors - block.at_zero))
-    return abs(float(whole @ noise.whiten(errors))) / float(np.linalg.norm(whole)) / noise.density.deviation
+    size = float(np.linalg.norm(whole)) * noise.density.deviation
+    return abs(float(whole @ noise.whiten(errors))) / size if size else 0.0
 
 
 def meter_changes(block: Block, errors: Floats) -> dict[str, Floats]:
@@ -211,6 +212,8 @@ def _score(
     if not left or freedom - len(left) < 1:
         return 1.0, "", {}
     total = float(np.sum(rest**2))
+    if not total > 0.0:
+        return 1.0, "", {}
     alone = (apart @ rest) ** 2 / np.sum(apart**2, axis=1)
     shares = np.clip((total - alone) / max(total, 1e-300), 0.0, 1.0)
     single = special.betainc(0.5 * (freedom - 1), 0.5, shares)

@@ -65,7 +65,8 @@ def certify_near(study: Study, best: Mapping[str, float], threads: int | None = 
     ends = (point - half)[:d], (point + half)[:d]
     covariance = bounded(total)
     correlation = covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
-    judged = verdicts_of(result, d, ends, correlation, withdrawal(result, lack_of_fit(result, d)))
+    at_top = replace(result, unit=top, point=likelihood.space.from_unit(top))  # where the residuals are
+    judged = verdicts_of(result, d, ends, correlation, withdrawal(result, lack_of_fit(at_top, d)))
     return {
         name: Near(float(f"{error:.{DIGITS}g}") if np.isfinite(error) else None, one.verdict)
         for name, error, one in zip(study.space.names, deviations.tolist(), judged, strict=False)

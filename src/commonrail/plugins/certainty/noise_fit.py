@@ -345,7 +345,9 @@ class FittedNoise:
 
     def log_determinant(self, n: int) -> float:
         """Logarithm of the determinant of the covariance of n values."""
-        return 2.0 * n * math.log(self.scale) + float(np.sum(np.log1p(self._axes[1])))
+        k = self.autoregression.reflections
+        begin = -float(np.sum(np.arange(1, len(k) + 1) * np.log1p(-(k**2))))  # first values have their own deviations
+        return 2.0 * n * math.log(self.scale) + begin + float(np.sum(np.log1p(self._axes[1])))
 
     @cached_property
     def _axes(self) -> tuple[Floats, Floats]:
@@ -547,11 +549,13 @@ def fit_noise(
     noise = replace(_rough(block, errors), courses=courses)
     for _ in range(PASSES):  # the noise is what the courses leave
         rest, spent = errors - noise.explained(errors), used + noise.absorbed
+        rest = rest if not errors.any() else np.where(errors == 0.0, 0.0, rest)  # exact agreement stays no sample
         noise = replace(_fit(block, rest, spent, off, correlated, rate), courses=courses, scatter=block.noise.scatter)
     return noise
 
 
 PASSES = 3  # of noise and courses in turn
+FEW_VALUES = 5  # of a map, below which its noise is not estimated
 
 
 def _rough(block: Block, errors: Floats) -> FittedNoise:
@@ -581,6 +585,8 @@ def _fit(block: Block, errors: Floats, used: float, off: Floats, correlated: boo
     else:
         freedom = max(sample_count(errors) - used, 1.0)
         scale = max(scale_of(law, regression.whiten(errors), freedom), np.finfo(float).tiny ** 0.25)
+        if not block.ordered and sample_count(errors) < FEW_VALUES:  # their own tolerance is all that is known of them
+            return FittedNoise(law, max(scale, 1.0 / LAWS[law].deviation), math.inf, regression, True, growth)
     return FittedNoise(law, scale, freedom, regression, sigma is not None, growth)
 
 
@@ -597,7 +603,9 @@ def cost_of(block: Block, noise: FittedNoise, errors: Floats) -> float:
     """−2 ln L of residuals (n,) of a block under its noise, two for each order of the autoregression (AIC)."""
     n = sample_count(errors)
     cost = float(np.sum(noise.density.cost(noise.whiten(errors)))) + n * noise.density.constant
-    return cost + noise.log_determinant(n) + 2.0 * noise.autoregression.order
+    sampled = (errors != 0.0) if n < len(errors) else np.ones(len(errors), bool)
+    grown = 2.0 * float(np.sum(np.log(np.broadcast_to(noise.growth.shape, errors.shape))[sampled]))
+    return cost + grown + noise.log_determinant(n) + 2.0 * noise.autoregression.order
 
 
 def fit_noises(
@@ -696,7 +704,10 @@ def _growth(block: Block, errors: Floats, rate: Floats, off: Floats) -> Growth:
     if block.noise.sigma is not None:
         return Growth.of(rate, block.noise.relative / block.noise.sigma)
     white = block.noise.correlation is Correlation.WHITE
-    return growth_of((WHITE if white else _regression(errors, off, Law.STUDENT)).whiten(errors), rate)
+    innovations = (WHITE if white else _regression(errors, off, Law.STUDENT)).whiten(errors)
+    sampled = errors != 0.0 if errors.any() else np.ones(len(errors), bool)  # exact agreement is no sample
+    growth = growth_of(innovations[sampled], rate[sampled])
+    return growth.at(rate) if growth.slope else EVEN
 
 
 def _law(block: Block, errors: Floats, off: Floats, correlated: bool) -> Law:
@@ -754,11 +765,13 @@ def with_shots(blocks: Sequence[Block], data: Sequence[DataSet]) -> tuple[Block,
         apart = shots + mean
         used = sample_count(apart)  # the mean shot
         noise = fit_noise(
-            replace(blocks[members[0]], noise=replace(blocks[members[0]].noise, shots="")),
+            replace(
+                blocks[members[0]], noise=replace(blocks[members[0]].noise, shots="", discrepancy=0.0, scatter=0.0)
+            ),
             apart.reshape(-1),
             used,
             rate=np.tile(mean, len(members)),
         )
         for i in members:
-            found[i] = replace(blocks[i], shots=noise.at(mean))
+            found[i] = replace(blocks[i], shots=replace(noise.at(mean), known=True))
     return tuple(found)

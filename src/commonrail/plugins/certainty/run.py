@@ -25,8 +25,7 @@ from commonrail.plugins.certainty.verdict import verdicts_of
 
 MEMBERS = 512  # of the library from which further starts are chosen: eight ensembles
 NORMAL_DRAWS = 4000  # of the normal distribution in place of draws that are not believed
-FAR = 3.0  # times the root of the number of parameters: standard errors from which another end is another top
-LIKELY = 12.0  # 2 ln L that it may lie below the best one
+FAR = 3.0  # distance from which another end is another top
 TOPS = 2  # other tops that are looked at
 
 
@@ -102,19 +101,36 @@ def certify(
 def drawn(result: Estimate, seed: int) -> tuple[Estimate, Draws]:
     """Draws about the best of the tops that the search has ended at, and the estimate there.
 
-    Tops that differ by more than noise explains from the best, and lie within its draws, are not looked at.
+    Of ends far from the best one, the likeliest are looked at: each with a noise of its own, so that the whole
+    likelihood is compared.
     """
-    best = _draws_or_normal(result, seed)
-    distances = (result.ends - result.unit) @ np.linalg.pinv(np.linalg.cholesky(bounded(result.covariance.noise))).T
-    away = np.flatnonzero(np.linalg.norm(distances, axis=1) > FAR * np.sqrt(len(result.unit)))
-    for i in away[:TOPS].tolist():
-        other = estimate(result.likelihood, result.ends[i : i + 1], rounds=1)
-        if other.cost > best[0].cost + LIKELY or not np.isfinite(other.cost):
+    best, draws = _draws_or_normal(result, seed)
+    away = np.flatnonzero(_distances(result, result.ends) > FAR)
+    if not len(away):
+        return best, draws
+    likelihood = result.likelihood
+    errors = likelihood.residuals(likelihood.space.from_unit(result.ends[away]))
+    costs = np.nan_to_num(likelihood.block_costs(likelihood.whiten(errors)).sum(axis=-1), nan=np.inf)
+    for i in away[np.argsort(costs, kind="stable")][:TOPS].tolist():
+        try:
+            other = estimate(likelihood, result.ends[i : i + 1], rounds=1)
+        except SimulationError:
             continue
-        another = _draws_or_normal(other, seed)
-        if another[0].cost < best[0].cost and not another[1].refusal:
-            best = another
-    return best
+        if other.whole_cost > best.whole_cost:
+            continue
+        agreeing = int(np.count_nonzero(_distances(other, result.ends) <= FAR))
+        other = replace(other, starts=result.starts, agreeing=agreeing, ends=result.ends)
+        another, more = _draws_or_normal(other, seed)
+        if not more.refusal and another.whole_cost < best.whole_cost:
+            best, draws = another, more
+    return best, draws
+
+
+def _distances(result: Estimate, unit: Floats) -> Floats:
+    """Distances (k,) of positions (k, d) from an estimate, in standard errors over the root of their number."""
+    covariance = bounded(result.covariance.noise)
+    root = np.linalg.cholesky(covariance + 1e-12 * np.eye(len(covariance)))
+    return np.asarray(np.linalg.norm((unit - result.unit) @ np.linalg.inv(root).T, axis=1) / np.sqrt(len(covariance)))
 
 
 def _draws_or_normal(result: Estimate, seed: int) -> tuple[Estimate, Draws]:
@@ -164,13 +180,14 @@ def assess(
     judged = replace(result, point=np.append(values, result.point[d:]))
     verdicts = verdicts_of(judged, d, (low, high), correlation, reason, limit=limit, level=level)
     points = points[:, :d]
-    sums = {text: (float(row @ values), *_quantiles(points @ row, level)) for text, row in rows.items()}
+    sums = {text: _combined(float(row @ values), points @ row, level) for text, row in rows.items()}
     return Certainty(result, values, draws, d, level, low, high, correlation, tests, reason, verdicts, sums)
 
 
-def _quantiles(values: Floats, level: float) -> tuple[float, float]:
-    low, high = np.quantile(values, [0.5 * (1.0 - level), 0.5 * (1.0 + level)])
-    return float(low), float(high)
+def _combined(value: float, drawn_sums: Floats, level: float) -> tuple[float, float, float]:
+    """Value of a sum and ends of its interval, which holds the value."""
+    low, high = np.quantile(drawn_sums, [0.5 * (1.0 - level), 0.5 * (1.0 + level)])
+    return value, min(float(low), value), max(float(high), value)
 
 
 def judge(fit: FinishedFit) -> None:

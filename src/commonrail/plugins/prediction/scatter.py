@@ -32,7 +32,7 @@ class Scatter(NamedTuple):
     left_out: int = 0  # number of those values
     least: float = 1.0  # share of the factor at a rate of zero; less than 1 where the noise grows with the rate
     slope: float = 0.0  # rise over that for one SI unit of the rate
-    share: float = 0.0  # discrepancy of the model as a share of the values
+    share: float = 0.0  # discrepancy of the model and scatter of whole curves, as a share of the values
 
     def deviations(self, data: DataSet, values: Floats) -> Floats:
         """Standard deviations (n,) about predicted values (n,)."""
@@ -146,7 +146,7 @@ def _of_set(found: Estimate, index: int, data: DataSet) -> tuple[Scatter, Scatte
         min(noise.freedom, tail),
         least=noise.growth.least,
         slope=noise.growth.slope * data.residual_scale,
-        share=noise.share,
+        share=float(np.hypot(noise.share, noise.scatter)),
     )
     if not (noise.known or block.shots is not None):
         return one, one
