@@ -82,7 +82,10 @@ class Regression:
     """
 
     def __init__(self, unit: Floats, errors: Floats, centre: Floats, root: Floats, order: int) -> None:
-        self.centre, self._inverse, self._terms = centre, np.linalg.inv(root), terms_of(len(centre), order)
+        self.centre, self._inverse, d = centre, np.linalg.inv(root), len(centre)
+        terms = terms_of(d, order)
+        # columns that each term multiplies, filled up with that of the ones
+        self._columns = np.array([[*term, *([d] * (order - len(term)))] for term in terms])
         features = self.features(unit)
         self.coefficients = np.asarray(np.linalg.lstsq(features, errors, rcond=None)[0], float)  # (terms, n)
         self.left = errors - features @ self.coefficients
@@ -90,8 +93,11 @@ class Regression:
 
     def features(self, unit: Floats) -> Floats:
         """Terms (m, k) at positions (m, d)."""
-        z = (unit - self.centre) @ self._inverse.T
-        return np.column_stack([np.ones(len(z)), *(np.prod(z[:, list(term)], axis=1) for term in self._terms)])
+        z = np.column_stack([(unit - self.centre) @ self._inverse.T, np.ones(len(unit))])
+        product = z[:, self._columns[:, 0]]
+        for column in self._columns.T[1:]:
+            product = product * z[:, column]
+        return np.column_stack([z[:, -1:], product])
 
     def residuals(self, unit: Floats) -> Floats:
         """Residuals (m, n)."""
