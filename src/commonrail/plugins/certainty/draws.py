@@ -216,7 +216,8 @@ def smoothed(logs: Floats) -> tuple[Floats, float]:
     x = weights[order[-tail:]] - weights[order[-tail - 1]]
     quarter = x[int(tail / 4 + 0.5) - 1] if tail >= 5 else 0.0
     if not quarter > 0.0:
-        return weights / weights.sum(), math.inf
+        even = weights.sum() ** 2 > 0.9 * m * np.sum(weights**2)  # all are equal, but for rounding
+        return weights / weights.sum(), -math.inf if even else math.inf
     many = 30 + int(math.sqrt(tail))
     b = 1.0 / x[-1] + (1.0 - np.sqrt(many / (np.arange(1, many + 1) - 0.5))) / (3.0 * quarter)
     shape = np.mean(np.log1p(-b[:, None] * x), axis=1)
