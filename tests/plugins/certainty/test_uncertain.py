@@ -1,4 +1,4 @@
-"""What a study states as uncertain, or benches usually leave open, as parameters with priors."""
+"""Uncertain quantities of the bench as parameters with priors, stated or usual."""
 
 from __future__ import annotations
 
