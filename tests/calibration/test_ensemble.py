@@ -13,7 +13,7 @@ import commonrail as cr
 from commonrail.base.input import SUMS
 from commonrail.calibration import scoring
 from commonrail.calibration.optimisers.base import Best
-from commonrail.calibration.scoring import equal_ends, injector_of, members_of
+from commonrail.calibration.scoring import injector_of, members_of
 from commonrail.runs.fit import STUDIES, calibrate_into
 from commonrail.runs.folder import write_results
 from tests.plugins.family.samples import INJECTOR, MASS, PRELOAD, study_of
@@ -28,17 +28,6 @@ def study(starts: int = 3, generations: int = 2) -> cr.Study:
         members=16, generations=generations, starts=starts, trial_iterations=0, finalists=starts, stage_iterations=1
     )
     return replace(study_of(truth, POINTS, PRELOAD, MASS), method=cr.Method(settings))
-
-
-@pytest.mark.parametrize(
-    ("best", "limit"),
-    # 20 values: within their tolerances the tolerance counts, beyond them a deviation of root 2 tolerances
-    [(3.0, 7.0), (40.0, 48.0)],
-)
-def test_ends_within_two_standard_errors_of_the_best_are_equal(best: float, limit: float) -> None:
-    costs = (best, best + 0.5, limit - 0.1, limit + 0.1, 2.0 * limit)
-    ends = [Best(np.array([float(i)]), cost) for i, cost in enumerate(costs)]
-    assert [end.cost for end in equal_ends(ends, 20)] == [best, best + 0.5, limit - 0.1]
 
 
 @pytest.mark.parametrize(

@@ -11,11 +11,10 @@ from commonrail.base.choices import Body
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.optimisers.base import Best
 from commonrail.calibration.study import Study
-from commonrail.data.base import DataSet, Role, Score
+from commonrail.data.base import DataSet, Score
 from commonrail.data.metering import with_meters
 from commonrail.data.quantities.data import QuantityData, QuantityScore
 from commonrail.data.records import MEAN
-from commonrail.data.registry import of_role
 from commonrail.data.simulator import Simulator
 from commonrail.physics.injector import Injector
 from commonrail.physics.meters import is_of_meter
@@ -82,28 +81,10 @@ def check_drive(injector: Injector, study: Study, label: str) -> None:
 # the maps of the cases it predicts better than the best of them more often than not (cases/family/README.md).
 WORST = 2.0
 
-# Difference of the sum of squares, in squared standard deviations of a value, up to which another optimum explains the
-# data as well: two standard errors, which noise alone exceeds in one of twenty fits.
-CLOSE = 4.0
-
 
 def members_of(ends: Sequence[Best]) -> list[Best]:
     """Optima, the best first, whose objective is at most `WORST` times that of the best."""
     return [end for end in ends if end.cost <= WORST * ends[0].cost]
-
-
-def equal_ends(ends: Sequence[Best], values: int) -> list[Best]:
-    """Optima that explain the data as well as the first, the best one does, for bands.
-
-    The standard deviation of each of the fitted `values` is its tolerance, or what the best leaves where that is more.
-    """
-    limit = ends[0].cost + CLOSE * max(1.0, ends[0].cost / values)
-    return [end for end in ends if end.cost <= limit]
-
-
-def fitted_values(data: Sequence[DataSet]) -> int:
-    """Number of the values of data that are fitted."""
-    return sum(len(one.measured) for one in of_role(data, Role.FIT))
 
 
 def mean_of(data: Sequence[DataSet], scores: Sequence[Sequence[Score]]) -> tuple[Score, ...]:

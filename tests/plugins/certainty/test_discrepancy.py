@@ -55,9 +55,9 @@ def test_data_that_pull_apart_by_a_tenth_show_one_of_some_percent_and_share_the_
 
 def test_values_that_agree_exactly_show_neither_drift_nor_discrepancy() -> None:
     """Meters show zero before and after an injection, as the model does: such agreement is no sample."""
+    shape = np.where(np.abs(TIMES - 1e-3) < 0.5e-3, 1.0, 0.0)
     for seed in range(6):
         rng = np.random.default_rng(40 + seed)
-        shape = np.where(np.abs(TIMES - 1e-3) < 0.5e-3, 1.0, 0.0)
         curve = shape * (2.0 + 0.1 * rng.standard_normal(900))
         places = np.column_stack([TIMES, np.full(900, 1e8)])
         block = Block("curve", slice(0, 900), NOISE, "1", True, -curve, np.ones(900), places)

@@ -60,9 +60,10 @@ def lack_of_fit(estimate: Estimate, first: int, fixed: Mapping[str, Floats] | No
     tests = [_of_block(estimate, i, level) for i in range(len(likelihood.blocks))]
     tests += _beyond_stated(estimate, first, level)
     if share := max(noise.share for noise in likelihood.noises):
+        # its gain of 2 ln L is at least this: the largest probability by chi-squared of one degree of freedom
         size = significant(100.0 * share, 2)
         words = f"the model is off by about {size} % of the values in a way that no free parameter mends"
-        tests.append(LackOfFit(DISCREPANCY, math.exp(-0.5 * SHARE_GAIN), None, DISCREPANCY, True, words))
+        tests.append(LackOfFit(DISCREPANCY, float(special.chdtrc(1, SHARE_GAIN)), None, DISCREPANCY, True, words))
     if fixed:
         tests.append(_of_fixed(estimate, fixed, level))
     return tests

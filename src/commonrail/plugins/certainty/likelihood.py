@@ -14,7 +14,6 @@ import numpy as np
 
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.choices import Drive, Precision
-from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import check_stop
 from commonrail.calibration.influence import around_position
 from commonrail.calibration.objective import Goal, Objective
@@ -168,15 +167,6 @@ class Likelihood:
             for block, noise in zip(self.blocks, self.noises, strict=True)
         ]
         return np.stack(parts, axis=-1)
-
-    def column(self, name: str) -> int:
-        """Place of a parameter among those that vary; `ConfigurationError` if there is none of this name."""
-        if name not in self.names:
-            free = ", ".join(self.names)
-            raise ConfigurationError(
-                f"{name} is no free parameter of the study{nearest(name, self.names)}; free are {free}."
-            )
-        return self.names.index(name)
 
     def scaled(self, unit: Floats) -> Floats:
         """SI value per unit of position (d,) at a position (d,)."""

@@ -468,11 +468,6 @@ def spread(block: Block, courses: Floats, size: int) -> Floats:
     return found
 
 
-def stated_courses(blocks: Sequence[Block]) -> Floats:
-    """Courses (k, n) of the discrepancies that a study states, as residuals of its fit."""
-    return np.vstack([spread(block, block.stated_courses(), blocks[-1].rows.stop) for block in blocks])
-
-
 def block_of(data: DataSet, start: int) -> Block:
     """Block of a data set whose residuals begin at a row."""
     zero = _plain(data, np.zeros(len(data.measured)))
