@@ -224,6 +224,13 @@ def find(group: str, name: str) -> Entry | None:
     return shipped(group).get(name) or installed(group).get(name)
 
 
+def needed(group: str, name: str) -> Entry:
+    """Part of a name; `InputError` if there is none, as where a distribution leaves it out."""
+    if (entry := find(group, name)) is None:
+        raise InputError(f'The part "{name}" of {PACKAGE}.{group} is missing; install the package that has it.')
+    return entry
+
+
 # TOML files by name: fuels, injectors and truths of the virtual test bench.
 #
 # Some ship with the package. Those of an installed package are entry points of the groups "fuels", "injectors" and

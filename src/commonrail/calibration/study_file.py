@@ -76,7 +76,7 @@ def _study(file: Path) -> Study:
     model, at, reach, text = read_model_file(StudyModel, file)
     injector = named_injector(model.injector, file.parent, reach, at / "injector")
     if model.type is not None:
-        model = registry.shipped("study_keys")["type"].load()(model, injector, reach, at)
+        model = registry.needed("study_keys", "type").call(model, injector, reach, at)
     elif not model.parameter:
         raise (at / "parameter").error("this key is missing; add [[parameter]] tables, or name a type")
     injector = _started(injector, model, at)

@@ -218,8 +218,8 @@ def plot_of(result: Any, point: OperatingPoint | None = None) -> Picture:
     beside = ""
     if isinstance(result, Solution):
         point = instance(point, OperatingPoint | None, "point") or result.point
-        figures: list[Chart] = [registry.shipped("simulations")["figure"].load()(result, point)]
-        beside = registry.shipped("simulations")["section"].load()(result, point)
+        figures: list[Chart] = [registry.needed("simulations", "figure").call(result, point)]
+        beside = registry.needed("simulations", "section").call(result, point)
     elif point is not None:
         raise ConfigurationError(f"A {type(result).__name__} has no point; omit it.")
     else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 
 from numpy.typing import ArrayLike
@@ -87,9 +87,8 @@ def simulation_figure(
         raise ConfigurationError("What meters show must belong to a single solution, with one rate for each sample.")
     if point is not None:
         instance(point, OperatingPoint, "point")
-    if list(named) == [""]:
-        page: Callable[..., str] = registry.shipped("simulations")["page"].load()
-        return page(named[""], title or "Simulation", point, seen, synthetic)
+    if list(named) == [""] and (page := registry.find("simulations", "page")):
+        return str(page.call(named[""], title or "Simulation", point, seen, synthetic))
     figure = course_figure(named)
     statuses = [f"{f'{name}: ' if name else ''}{s.sentence}" for name, s in named.items()]
     return render(
@@ -121,7 +120,7 @@ def _series(solutions: Mapping[str, Solution], scale: float, channels: Mapping[s
                 (solution.sample_time, solution.rate) if key == "rate" else (solution.time, solution.channels[key])
             )
             yield Series(
-                f"{words}, {name}",
+                f"{words}, {name}" if name else words,
                 DASHES[index % len(DASHES)],
                 points(time * MICROSECOND),
                 points(values * scale),

@@ -139,8 +139,8 @@ def simulate(
 
         run = run._replace(shown=metered(solution, seen, chosen, point))
     fast = engine is Engine.LANES and precision is Precision.F64  # whose code is there: a second simulation is cheap
-    heat = registry.shipped("simulations")["heating"].load()
-    run = run._replace(heating=heat(chosen, point, solution, step if fast else None))
+    if heating := registry.find("simulations", "heating"):
+        run = run._replace(heating=heating.call(chosen, point, solution, step if fast else None))
     files = _write(run, out, report, None if set_ else named.run)
     if json:
         print_json(record(run) | {"files": files})
