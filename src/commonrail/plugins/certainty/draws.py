@@ -352,12 +352,8 @@ class _Population:
         inverse = np.linalg.inv(root)
         terms = 1 + len(terms_of(d, order))
         many = int(np.clip(EACH * terms, FEWEST, MOST))
-        from scipy.stats import qmc  # slow to import
-
         wider = 1.0 + SPREAD / math.sqrt(d)
-        uniform = qmc.Sobol(d, seed=self._rng).random(1 << (many - 1).bit_length())[:many]
-        normal = special.ndtri(uniform.clip(1e-12, 1.0 - 1e-12))
-        drawn = _reflected(self.centre + wider * normal @ root.T)
+        drawn = _reflected(self.centre + wider * self._rng.standard_normal((many, d)) @ root.T)
         seen = self.simulate(drawn)
         sound = np.isfinite(seen).all(axis=1)
         radius = wider**2 * (d + 2.0 * math.sqrt(2.0 * d))
