@@ -58,7 +58,7 @@ test-generic: $(VENV)/.dev ## run the tests with kernels for any x86-64 processo
 	NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= $(BIN)/python $(TESTS)
 
 test-busy: $(VENV)/.dev ## run the tests beside six processes that keep the machine busy
-	$(BIN)/python -m tools.busy 6 $(BIN)/python $(TESTS)
+	$(BIN)/python -m tests.robustness.busy 6 $(BIN)/python $(TESTS)
 
 test-lowest: ## run the tests with the lowest versions that pyproject.toml admits, on Python 3.11
 	$(PYTHON_LOWEST) -m venv --clear $(LOWEST)
@@ -71,12 +71,12 @@ line-coverage: $(VENV)/.dev ## run the physics as plain Python and measure what 
 	$(BIN)/coverage report
 
 coverage: $(VENV)/.dev ## fit 400 virtual benches of each kind and count the stated intervals that hold the truth (an hour)
-	$(BIN)/python -m tools.coverage
-	$(BIN)/python -m tools.coverage_written
+	$(BIN)/python -m studies.coverage
+	$(BIN)/python -m studies.coverage_written
 
 judge: $(VENV)/.dev ## calibrate studies that are right, wrong, and of foreign injectors, and count the titles (an hour)
-	$(BIN)/python -m tools.judge_trial foreign runs/judged
-	$(BIN)/python -m tools.judge_trial studies runs/judged
+	$(BIN)/python -m studies.judge_trial foreign runs/judged
+	$(BIN)/python -m studies.judge_trial studies runs/judged
 
 lint: style ## format, lint, types, direction of imports
 	$(BIN)/mypy
@@ -93,19 +93,19 @@ verify: $(VENV)/.dev line-coverage fuzz soak attack fleet disk ## check the clai
 	$(BIN)/python -m pytest -q tests -m slow
 
 fuzz: $(VENV)/.dev ## feed 100,000 damaged files to every reader
-	$(BIN)/python -m tools.fuzz 100000
+	$(BIN)/python -m tests.robustness.fuzz 100000
 
 soak: $(VENV)/.runtime ## kill the paper's study 200 times at random instants and resume it
-	$(BIN)/python -m tools.soak 200
+	$(BIN)/python -m tests.robustness.soak 200
 
 attack: $(VENV)/.dev ## attack files, folders, caches and workers as docs/reliability.md says; each held or fallen
-	$(BIN)/python -m tools.attack
+	$(BIN)/python -m tests.robustness.attack
 
 fleet: $(VENV)/.runtime ## calibrate a synthetic fleet of 200, killed once and restarted once
-	$(BIN)/python -m tools.fleet_trial
+	$(BIN)/python -m tests.robustness.fleet_trial
 
 disk: $(VENV)/.runtime ## calibrate on disks that are too small (skipped, status 77, without leave to mount)
-	$(BIN)/python -m tools.no_room || test $$? -eq 77
+	$(BIN)/python -m tests.robustness.no_room || test $$? -eq 77
 
 kernels: $(VENV)/.runtime ## compile the simulations of the catalogue into libraries: later starts need no compiler
 	$(BIN)/python -m tools.wheel_libraries

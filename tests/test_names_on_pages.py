@@ -117,7 +117,7 @@ def source() -> Source:
 
 @functools.cache
 def tools() -> Source:
-    return Source(ROOT / "tools", ROOT / "benchmarks")
+    return Source(ROOT / "tools", ROOT / "studies", ROOT / "benchmarks", ROOT / "tests" / "robustness")
 
 
 @functools.cache
@@ -152,7 +152,7 @@ def is_member(name: str) -> bool:
     parts = name.removeprefix("commonrail.").removeprefix("cr.").split(".")
     if len(parts) == 1:
         return parts[0] in cr.__all__ or parts[0] in source().members["commonrail"]
-    return any(all(each.has(*pair) for pair in itertools.pairwise(parts)) for each in (source(), tools()))
+    return any(all(each.has(*pair) for pair in itertools.pairwise(parts)) for each in (source(), tools(), suite()))
 
 
 def is_file(name: str, page: Path) -> bool:

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from tools.attack import __main__ as command
-from tools.attack.base import ATTACKS, Attack
+from tests.robustness.attack import __main__ as command
+from tests.robustness.attack.base import ATTACKS, Attack
 
 SHORT = [one for one in ATTACKS if one.few]
 

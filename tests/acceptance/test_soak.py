@@ -17,7 +17,7 @@ KILLS = 1
 @pytest.mark.process
 def test_a_short_form_of_the_paper_s_study_survives_being_killed(tmp_path: Path) -> None:
     study = spoilt(tmp_path / "case")
-    command = [sys.executable, str(ROOT / "tools" / "soak.py"), str(KILLS), "--jobs", "1"]
+    command = [sys.executable, str(ROOT / "tests" / "robustness" / "soak.py"), str(KILLS), "--jobs", "1"]
     # where the first run compiles, instants are drawn from too long a time, and rounds go on until one was a kill
     command += ["--study", str(study), "--compiled"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -1,4 +1,4 @@
-"""Spoilt files are read or refused with one sentence that names a file; `tools/fuzz.py` feeds many more."""
+"""Spoilt files are read or refused with one sentence that names a file; `tests/robustness/fuzz.py` feeds many more."""
 
 from __future__ import annotations
 

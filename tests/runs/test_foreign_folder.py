@@ -18,8 +18,8 @@ from commonrail.runs.fit import resume
 from commonrail.runs.folder import read_fit
 from commonrail.runs.journal import JOURNAL, LOCK, Journal, held_run, read_about
 from tests.cli.conftest import run_command
+from tests.robustness.attack.samples import add_rollback
 from tests.runs.conftest import Whole
-from tools.attack.samples import add_rollback
 
 
 @pytest.fixture

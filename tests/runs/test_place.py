@@ -18,8 +18,8 @@ from commonrail.runs.fit import Listener, calibrate_into, resume
 from commonrail.runs.journal import JOURNAL, LOCK, Journal
 from commonrail.runs.listing import list_runs
 from commonrail.runs.lock import Lock
+from tests.robustness.attack.samples import after_steps, contents
 from tests.runs.conftest import Whole, timeless
-from tools.attack.samples import after_steps, contents
 
 
 def test_a_folder_renamed_at_work_writes_nothing_into_its_successor(whole: Whole, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tools.coverage import BEDS, Promise, Row, line, misses, row
+from studies.coverage import BEDS, Promise, Row, line, misses, row
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tools.coverage_written import _coverage, main
-from tools.noises import ABSOLUTE, NOISES, RELATIVE
+from studies.coverage_written import _coverage, main
+from studies.noises import ABSOLUTE, NOISES, RELATIVE
 
 RATE = np.concatenate([np.zeros(100_000), np.full(100_000, 40e-6)])  # [m³/s]
 INTERVAL, SIGMA = 5e-6, 0.3e-6

@@ -18,9 +18,9 @@ from commonrail.plugins import cluster as link_module
 from commonrail.workers.pool import Limits
 from commonrail.workers.task import pack
 from commonrail.workers.workers import Workers
+from tests.robustness.attack.cluster import silent_listener
+from tests.robustness.attack.dask_cluster import Member, certificates, dask_cluster
 from tests.workers.crews import NO_DASK, Deed, Deeds, cluster, expected, sines, tasks
-from tools.attack.cluster import silent_listener
-from tools.attack.dask_cluster import Member, certificates, dask_cluster
 
 pytestmark = pytest.mark.process
 

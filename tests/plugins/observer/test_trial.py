@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from commonrail.readers.fuel import load_fuel
-from tools.observer_trial import SOFT, AeratedFuel
+from studies.observer_trial import SOFT, AeratedFuel
 
 
 @pytest.mark.parametrize("air", [0.005, 0.05])

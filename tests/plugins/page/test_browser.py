@@ -1,6 +1,6 @@
 """The page in a real browser: its simulations against the engine's, its sliders, its address and its files.
 
-All that the page shows is read from the page; nothing here measures time (``python -m tools.page_speed`` does).
+All that the page shows is read from the page; nothing here measures time (``python -m benchmarks.page_speed`` does).
 """
 
 from __future__ import annotations

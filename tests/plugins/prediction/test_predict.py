@@ -14,9 +14,9 @@ from commonrail.calibration.study_file import load_study
 from commonrail.data.noise import Law, Noise
 from commonrail.data.simulator import Simulator
 from commonrail.plugins.prediction.page import prediction_figures, prediction_html
+from studies.coverage import BEDS, Benches
 from tests.cli.conftest import Command, run_command
 from tests.map_study import map_study
-from tools.coverage import BEDS, Benches
 
 A_HOLE = 0.213e-3
 PLACES = [(p, t) for p in (60.0, 100.0, 140.0) for t in (400.0, 600.0, 900.0)]  # [MPa], [us]

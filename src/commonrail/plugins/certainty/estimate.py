@@ -29,7 +29,7 @@ SHORT, LONG = 25, 60  # steps of an ascent with few parameters and with more
 NEAR = 15  # steps of one under noise that the last one's end showed
 CLOSEST = 40  # members of a library that are compared as starts
 # Members of an ensemble, or more where there are many parameters, and its steps: of nine parameters of a map and six
-# curves, 12 of 12 ensembles drawn between the bounds then were at the right top (`tools/walk_bench.py`).
+# curves, 12 of 12 ensembles drawn between the bounds then were at the right top (`studies/walk_bench.py`).
 ENSEMBLE, INVERSIONS = 64, 12
 
 

@@ -97,8 +97,8 @@ _CHECKED = {
     "energising_time": "by the name of the file",
     "shots": "the only current begins to rise by offset after the trigger's edge, to a sample of it",
 }
-# Weight of a map beside rates. On two benches of 50 points and 120 shots (`tools/walk_bench.py`, seeds 1 and 2) the rms
-# of the quantities above 3 mm³ falls with it from 0.9 and 2.7 % to 0.7 and 0.9 %, and the largest error of a curve
+# Weight of a map beside rates. On two benches of 50 points and 120 shots (`studies/walk_bench.py`, seeds 1 and 2) the
+# rms of the quantities above 3 mm³ falls with it from 0.9 and 2.7 % to 0.7 and 0.9 %, and the largest error of a curve
 # rises from 6.0 and 4.8 % to 6.3 and 5.6 %.
 WEIGHT = 100
 # What stands for an open key in the screening, whose result hardly depends on it.
@@ -408,7 +408,7 @@ def _optimiser_lines(blocks: Sequence[Mapping[str, Any]]) -> list[str]:
     """Search for such data.
 
     On benches of a map and 120 shots the staged one ended at two thirds of the J of the evolution, in the same time
-    (`tools/walk_bench.py`): a map has cliffs, where quantities become zero.
+    (`studies/walk_bench.py`): a map has cliffs, where quantities become zero.
     """
     if any(block["kind"] == "quantities" for block in blocks):
         head = "[optimiser] # `members` are screened, ensembles contract, least squares follow, `polish` refines"

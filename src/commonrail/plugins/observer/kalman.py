@@ -14,7 +14,7 @@ from commonrail.plugins.observer.response import Response
 from commonrail.plugins.observer.study import DriftState
 
 TIMES = 3e-6  # standard deviation of what the model lacks in openings and closings [s]: an estimate [E]
-# Largest consistency of a shot that is learnt from; 1,000 sound ones reached 1.5 (tools/observer_trial.py).
+# Largest consistency of a shot that is learnt from; 1,000 sound ones reached 1.5 (studies/observer_trial.py).
 TRUSTED = 3.0
 CONVERGED = 0.05  # largest change of an iteration that ends it, in standard deviations before the shot; chosen
 

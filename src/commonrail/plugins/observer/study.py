@@ -88,7 +88,7 @@ class DriftState(NamedTuple):
 # pressure, above all the fuel's temperature those of the pipe's length, and so the quantity an error that stays.
 # With 23 parameters and the states themselves three blocks of lanes are full. The last four belong to further sensors.
 # The return meter's gain stands for 1 % of its own and 3 % that the model lacks of the return quantity: at the states
-# of the truths of tools/observer_trial.py it lacked 3.4 % that stay with an injector, and 0.8 % from shot to shot.
+# of the truths of studies/observer_trial.py it lacked 3.4 % that stay with an injector, and 0.8 % from shot to shot.
 STATES = (
     DriftState("nozzle flow", "nozzle.hole_diameter", 0.5, 0.05, 1e-3, 5e-3, 0.03),
     DriftState("valve preload", "valve.spring_preload", 1.0, 0.04, 1e-3, 3e-3, 0.05),
