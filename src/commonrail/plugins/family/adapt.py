@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from commonrail.base.arguments import file_path, fraction, instance, instances, thread_count, whole
 from commonrail.base.arrays import Floats
-from commonrail.base.errors import InputError, SimulationError
+from commonrail.base.errors import ConfigurationError, InputError, SimulationError
 from commonrail.base.hooks import note
 from commonrail.base.units import parse, to_text
 from commonrail.calibration.objective import Loss
@@ -24,7 +25,7 @@ from commonrail.data.quantities.reading import AFTER_ENERGISING, QuantitiesModel
 from commonrail.data.study_block import Context
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate_batch
-from commonrail.engine.status import OK
+from commonrail.engine.status import OK, check_point
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.law import Domain
 from commonrail.plugins.family.drawn import (
@@ -43,12 +44,13 @@ from commonrail.plugins.family.drawn import (
 )
 from commonrail.plugins.family.from_results import OF_PART
 from commonrail.plugins.family.injector_type import InjectorType, load_type
+from commonrail.plugins.family.limits import missed_references, shut_points
 from commonrail.readers.columns import Column
 from commonrail.readers.injector import load_injector
 from commonrail.readers.location import Place, Reach
 
 FAR, ANYWAY = 0.5, 1e-9  # share of a reference quantity, and volume [m³], by which an adapted model may miss it
-FEWEST_FOR_PRIORS = 4  # reference quantities from which the type's parameters move too, held by their spreads
+FEWEST_FOR_PRIORS = 2  # reference quantities from which the type's parameters move too, held by their spreads
 TOLERANCE = 0.015  # of reference quantities beside 0.05 mm³: an estimate
 MEMBERS, MOVES = 64, 24  # candidates that are screened, and iterations after it
 
@@ -71,6 +73,8 @@ class Adapted:
         The fit that found it.
     doubts : Doubts
         What speaks against the part being a sound one of the type.
+    limits : tuple of str
+        Sentences on references that the model misses, and on points where it injects nothing.
     """
 
     injector: Injector
@@ -80,6 +84,7 @@ class Adapted:
     points: QuantityData
     calibration: Calibration
     doubts: Doubts
+    limits: tuple[str, ...] = ()
 
 
 def adapt(
@@ -96,9 +101,10 @@ def adapt(
 ) -> Adapted:
     """Fit the model of a type to reference quantities of one part.
 
-    Up to three quantities determine one number, the flow factor: effective area of the nozzle's holes relative to the
-    drawing. It has no prior then, so one quantity is met exactly. From four quantities on the parameters of the type
-    are fitted too, and each of them and the flow has its value and spread as prior.
+    One quantity determines one number, the flow factor: effective area of the nozzle's holes relative to the drawing.
+    It has no prior then, so the quantity is met exactly. From two quantities on the parameters of the type are fitted
+    too, and each of them and the flow has its value and spread as prior. References that the model misses by more than
+    their tolerance, and points of its map where it injects nothing, are warned of.
 
     Parameters
     ----------
@@ -153,7 +159,11 @@ def adapt(
         )
     _check_met(points, best)
     doubts = doubts_of(known, part, points, found, threads, share)
-    return Adapted(_named(known, study, found, factor), factor, start, best, points, found, doubts)
+    adapted = _named(known, study, found, factor)
+    limits = [*missed_references(points, best), *shut_points(found, adapted, _map_of(adapted, points), threads)]
+    for sentence in limits:
+        note(f"{points.name}: {sentence}.")
+    return Adapted(adapted, factor, start, best, points, found, doubts, tuple(limits))
 
 
 def _check_met(points: QuantityData, best: Floats) -> None:
@@ -216,7 +226,7 @@ def part_of(known: InjectorType, injector: Injector | str | Path | None) -> Inje
 
 
 def _study(known: InjectorType, part: Injector, points: QuantityData, flow_spread: float) -> Study:
-    """Study that fits the flow factor; from four points on with its spread, and the type's parameters with theirs."""
+    """Study that fits the flow factor; from two points on with its spread, and the type's parameters with theirs."""
     free = [flow_about_drawing(part, flow_spread)]
     if np.count_nonzero(points.judged) >= FEWEST_FOR_PRIORS:
         free += held_parameters(known, part)
@@ -318,6 +328,16 @@ def advise(
     space = Space([flow_about_drawing(part, share), *scattering(known, part)])
     own, scaled = _simulated(part, at, space, (count, whole(seed, "seed")), thread_count(threads))
     return _advice(at, own, scaled)
+
+
+def _map_of(injector: Injector, points: QuantityData) -> list[OperatingPoint]:
+    """Reference points, and the points of `grid` that the model of an injector covers, at the same pressures."""
+    first, at = points.points[0], list(points.points)
+    for point in grid(first.at_start(first.cylinder_pressure), first.at_start(first.return_pressure)):
+        with suppress(ConfigurationError):
+            check_point(injector, point)
+            at.append(point)
+    return at
 
 
 def grid(cylinder_pressure: float | str = 5e6, return_pressure: float | str = 5e5) -> tuple[OperatingPoint, ...]:

@@ -60,9 +60,9 @@ def adapt(
 ) -> None:
     """Make a part's model from its type and few quantities.
 
-    Up to three quantities determine the flow factor; from four on the type's parameters are fitted
-    too, and all are held by their spreads. --advise draws parts from the type and says at which point a reference
-    quantity tells most of the others.
+    One quantity determines the flow factor; from two on the type's parameters are fitted too, and all are held by
+    their spreads. References that the model misses beyond their tolerance, and points where it injects nothing, are
+    warned of. --advise draws parts from the type and says at which point a reference quantity tells most of the others.
 
     \b
     Examples:
@@ -224,4 +224,5 @@ def _record(adapted: Adapted, out: Path) -> dict[str, Any]:
         "freedom": adapted.doubts.freedom,
         "pulls": adapted.doubts.pulls,
         "doubt": _doubt(adapted),
+        "limits": list(adapted.limits),
     }

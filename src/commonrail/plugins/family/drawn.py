@@ -112,7 +112,7 @@ class Doubts(NamedTuple):
     `low`, `high` (points,): 90 % band of what parts of the type inject, measured with the tolerance of the data [m³];
     `chi2`: squared residuals and pulls of the adapted model, with `freedom` degrees of freedom: as many as quantities,
     since each parameter brings a pull, and one less where the flow factor has none; `pulls`: distances of its
-    parameters from the type in their spreads, from four quantities on; `sentences`: empty where nothing speaks against
+    parameters from the type in their spreads, from two quantities on; `sentences`: empty where nothing speaks against
     it; `change`: the one change of the type that explains the quantities best.
     """
 
@@ -135,7 +135,7 @@ def doubts_of(
 ) -> Doubts:
     """Doubts of a part adapted from a type.
 
-    `part`: before it was fitted; `found`: the fit of the flow factor, and from four quantities on of the type's
+    `part`: before it was fitted; `found`: the fit of the flow factor, and from two quantities on of the type's
     parameters; `flow_spread`: standard deviation of the flow about the drawing, as a share.
     """
     judged = points.judged
