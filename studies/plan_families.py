@@ -356,7 +356,8 @@ def halves(family: str, parts: Sequence[Part], draws: int, steps: int, *, each: 
 HEADER = """\
 # Type of injectors {title}: dimensions and drive of one part as specified, hydraulics estimated from test plans of its
 # family. Values to start from, no measured injector; docs/howto/test-plan.md says how far they are off.
-# Marks: M specification of the part, E estimate. Written by studies/plan_families.py."""
+# Marks: M specification of the part, E estimate. Written by studies/plan_families.py.
+# Parts of the family: {parts}."""
 SOURCE = "DieselTestGUI at dcaa0c8"
 
 
@@ -374,7 +375,14 @@ def write(folder: Path, family: str, parts: Sequence[Part], shifts: Floats) -> N
     entries |= {name: (value, "E", fitted) for name, value in found.items()}
     title = f"CRIN{family[4]}" if family.startswith("CRIN") else f"CRI{family[3]}.{family[4]}"
     label = title.lower().replace(".", "-")
-    lines = [HEADER.format(title=title), "", 'format = "commonrail-injector/1"', f'base = "{base_of(family)}"']
+    numbers = sorted(p.data.name for p in parts)
+    listed = ", ".join(numbers[:7]) + ",\n# " + ", ".join(numbers[7:])
+    lines = [
+        HEADER.format(title=title, parts=listed),
+        "",
+        'format = "commonrail-injector/1"',
+        f'base = "{base_of(family)}"',
+    ]
     lines += [f'name = "{label}"', f'title = "Bosch {title}, part {part.data.name}, estimated hydraulics"']
     for table in dict.fromkeys(name.partition(".")[0] for name in prior.quantities):
         within = {name: entries[name] for name in prior.quantities if name in entries and name.startswith(f"{table}.")}

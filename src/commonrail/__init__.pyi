@@ -170,6 +170,8 @@ from .readers.injector import injector_catalogue as injector_catalogue
 from .readers.injector import load_injector as load_injector
 from .readers.injector import load_meters as load_meters
 from .readers.injector_writer import dump_injector as dump_injector
+from .readers.part_number import PartMatch as PartMatch
+from .readers.part_number import find_part as find_part
 from .report.page import write_report as write_report
 from .report.simulation import simulation_figure as simulation_figure
 from .runs.fit import calibrate_into as calibrate_into

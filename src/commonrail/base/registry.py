@@ -268,12 +268,30 @@ class Catalogue(NamedTuple):
         choice = f"choose one of {', '.join(self.names())}{self.cure}."
         raise InputError(f"{self.unknown.format(name)}{hint or self.meant(name)}: {choice}")
 
+    def parts(self) -> dict[str, str]:
+        """Names of the files by the part numbers, of ten digits, that they state."""
+        return {number: name for name in self.names() for number in re.findall(r"\b\d{10}\b", self.text(name))}
+
     def meant(self, name: str) -> str:
         """The nearest name, or of a part number, as 0 445 110 191, the names of the files that state it."""
-        number = name.replace(" ", "")
-        if re.fullmatch(r"\d{6,}", number) and (named := [n for n in self.names() if number in self.text(n)]):
-            return f" (did you mean {' or '.join(named)}, whose file names this part?)"
+        if number := part_digits(name):
+            if named := dict.fromkeys(file for part, file in self.parts().items() if number in part):
+                return f" (did you mean {' or '.join(named)}, whose file names this part?)"
+            if self.parts():
+                return f" (`commonrail catalogue --search {number}` names the nearest part)"
         return nearest(name, self.names())
+
+
+def part_digits(text: str) -> str:
+    """Digits of a part number or of four and more of them, with the zero that spreadsheets drop; empty if it is none.
+
+    Words such as a maker's may be beside six digits and more; of fewer the text is a name, as iso4113.
+    """
+    digits = re.sub(r"\D", "", text)
+    if len(digits) == 9 and digits.startswith("445"):
+        digits = f"0{digits}"
+    is_plain = not any(map(str.isalpha, text))
+    return digits if (4 if is_plain else 6) <= len(digits) <= 10 and digits.isascii() else ""
 
 
 def installed_text(group: str, name: str) -> str | None:

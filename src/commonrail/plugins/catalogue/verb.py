@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 from commonrail.base.errors import CommonrailError, InputError
+from commonrail.base.registry import part_digits
+from commonrail.base.text import listed
 from commonrail.cli.console import print_json, print_rows, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json
 
 _Found = TypeVar("_Found")
+_SIGNS = re.compile(r"[\s._-]")
 
 
 class Section(StrEnum):
@@ -32,7 +36,10 @@ def catalogue(
         Argument(help="Section to be listed: fuels, injectors, meters, features or parameters. [default: all]"),
     ] = None,
     *,
-    search: Annotated[str, Option(help="Text that the listed entries contain. [default: all entries]")] = "",
+    search: Annotated[
+        str,
+        Option(help="Text that the listed entries contain, or a part number, whole or in part. [default: all entries]"),
+    ] = "",
     report: Annotated[
         Path | None, Option(metavar="FILE.html", help="Report with curves, figures and sources of the injectors.")
     ] = None,
@@ -43,6 +50,7 @@ def catalogue(
 ) -> None:
     """List fuels, injectors, meters, features and parameters.
 
+    A part number, as 0 445 110 191, leads to the type of injector that names it, or to the nearest numbers.
     Fuels, injectors and features of an injection are those that ship with commonrail and those of installed packages,
     meters those of installed packages; parameters are what --set, a study or an injector's file can name.
 
@@ -50,6 +58,7 @@ def catalogue(
     Examples:
       commonrail catalogue injectors
       commonrail catalogue parameters --search spring
+      commonrail catalogue --search 0445110191
       commonrail catalogue injectors --report injectors.html
       commonrail catalogue injectors --write cri2-16
     """
@@ -61,17 +70,27 @@ def catalogue(
     if report is not None:
         _write_gallery(report, search, json)
         return
+    from commonrail.readers.part_number import find_part, part_kinds
+
     chosen = [section] if section else list(Section)
-    found = {s.value: [e for e in _ENTRIES[s]() if _matches(e, search)] for s in chosen}
+    parts = find_part(search) if Section.INJECTORS in chosen and part_digits(search) else ()
+    named = {part.injector for part in parts if part.numbers}
+    found = {
+        s.value: [e for e in _ENTRIES[s]() if _matches(e, search) or (s is Section.INJECTORS and e["name"] in named)]
+        for s in chosen
+    }
     if json:
-        print_json({"kind": "catalogue", **found})
+        print_json({"kind": "catalogue", **found, "parts": [part._asdict() for part in parts]})
         return
     for name, entries in found.items():
         if entries:
             rows = [[_text(value) for value in entry.values()] for entry in entries]
             print_rows(tuple(entries[0]), rows, name)
+    for part in parts:
+        say(f"commonrail: {part.reason}")
     if not any(found.values()):
-        say(f'commonrail: nothing contains "{search}".')
+        known = f"; the part numbers that it names begin with {listed(part_kinds())}" if part_digits(search) else ""
+        say(f'commonrail: nothing contains "{search}"{known}.')
 
 
 def _write_injector(name: str, json: bool) -> None:
@@ -99,8 +118,10 @@ def _write_gallery(path: Path, search: str, json: bool) -> None:
     from commonrail.cli.options import check_report
     from commonrail.plugins.catalogue.page import exhibit, gallery_html
     from commonrail.readers.injector import load_injector
+    from commonrail.readers.part_number import find_part
 
-    names = [entry["name"] for entry in _injectors() if _matches(entry, search)]
+    named = {part.injector for part in find_part(search)} if part_digits(search) else set()
+    names = [entry["name"] for entry in _injectors() if _matches(entry, search) or entry["name"] in named]
     if not names:
         raise InputError(f'No injector of the catalogue contains "{search}"; omit --search to show all.')
     check_report(path)
@@ -192,7 +213,11 @@ _ENTRIES: dict[Section, Callable[[], list[dict[str, Any]]]] = {
 
 
 def _matches(entry: dict[str, Any], search: str) -> bool:
-    return search.casefold() in " ".join(map(str, entry.values())).casefold()
+    """Return whether an entry contains a text; between words a blank, a point, a dash and none are equal."""
+    asked = _SIGNS.sub("", search.casefold())
+    if not asked:
+        return search.casefold() in " ".join(map(str, entry.values())).casefold()
+    return any(asked in _SIGNS.sub("", str(value).casefold()) for value in entry.values())
 
 
 def _text(value: object) -> str:
