@@ -26,7 +26,7 @@ def draw(path: Path) -> None:
     found = cr.features(trace, POINT)
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(7.2, 3.2))
-        axes.plot(trace.sample_time * 1e6, trace.rate_mm3_per_ms, color=RATE, linewidth=1.4)
+        axes.plot(trace.rate_time * 1e6, trace.rate_mm3_per_ms, color=RATE, linewidth=1.4)
         level = found.levels.threshold * 1e6
         axes.axhline(level, color=LEVEL, linestyle=":", linewidth=1.0)
         axes.text(2250.0, level + 1.0, f"threshold, 10 % = {level:.1f} mm³/ms", color=LEVEL, ha="right")

@@ -9,6 +9,7 @@ import pytest
 
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import coefficients_at
+from commonrail.engine.simulate import simulate
 from commonrail.engine.solution import _discharge
 from commonrail.physics.components import nozzle
 from commonrail.physics.injector import Injector
@@ -43,3 +44,12 @@ def test_a_law_of_another_package_may_branch(shaped: Any, samples: Any) -> None:
 
     _, sac, cylinder = samples
     assert np.array_equal(_discharge(halved, shaped, samples, True), np.where(sac > 2.0 * cylinder, 0.8, 0.4))
+
+
+def test_the_rates_have_a_time_axis(regulated: Injector) -> None:
+    """The mass injected up to each of these times lies half a sample's rate above that of the sample's start."""
+    found = simulate(regulated, OperatingPoint(160e6, 700e-6))
+    assert found.rate_time.shape == found.rate.shape == found.rate_mm3_per_ms.shape
+    half = found.mass_rate * (found.rate_time - found.time[:-1])
+    injected = np.interp(found.rate_time, found.time, found.injected)
+    assert injected == pytest.approx(found.injected[:-1] + half, abs=1e-12)

@@ -147,7 +147,7 @@ class Solution:
     time : (samples + 1,)
         Bounds of the samples [s].
     mass_rate : (samples,)
-        Mean mass flow through the nozzle between two bounds [kg/s]; rates are drawn over `sample_time`.
+        Mean mass flow through the nozzle between two bounds [kg/s]; rates are drawn over `rate_time`.
     injected : (samples + 1,)
         Mass injected up to a bound [kg].
     channels : dict of str to (samples + 1,)
@@ -209,23 +209,23 @@ class Solution:
         return f"{self.status.sentence} {step_advice(self.longest_step)}"
 
     @property
-    def sample_time(self) -> Floats:
-        """Middles of the samples [s]."""
+    def rate_time(self) -> Floats:
+        """Time axis (samples,) of the rates: the middles of the samples [s]."""
         return np.asarray(0.5 * (self.time[1:] + self.time[:-1]))
 
     @property
     def rate(self) -> Floats:
-        """Rate of injection by volume (samples,) [m³/s] at the reference density, at `sample_time`."""
+        """Rate of injection by volume (samples,) [m³/s] at the reference density, at `rate_time`."""
         return np.asarray(self.mass_rate / self.reference_density)
 
     @property
     def rate_mg_per_ms(self) -> Floats:
-        """Rate of injection by mass (samples,) [mg/ms], at `sample_time`."""
+        """Rate of injection by mass (samples,) [mg/ms], at `rate_time`."""
         return np.asarray(self.mass_rate * 1e3)
 
     @property
     def rate_mm3_per_ms(self) -> Floats:
-        """Rate of injection by volume (samples,) [mm³/ms], at `sample_time`."""
+        """Rate of injection by volume (samples,) [mm³/ms], at `rate_time`."""
         return np.asarray(self.rate * 1e6)
 
     @property

@@ -112,7 +112,7 @@ def _solution_arrays(found: Solution) -> Arrays:
     for name, channel in found.channels.items():
         unit = next((u for ending, u in _CHANNELS.items() if name.endswith(ending)), "")
         values[name] = in_common_unit(("time",), 0.5 * (channel[1:] + channel[:-1]), unit)
-    return Arrays({"time": in_common_unit(("time",), found.sample_time, "s")}, values, "Course of an injection")
+    return Arrays({"time": in_common_unit(("time",), found.rate_time, "s")}, values, "Course of an injection")
 
 
 def _batch_arrays(found: Batch) -> Arrays:

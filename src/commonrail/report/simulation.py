@@ -117,7 +117,7 @@ def _series(solutions: Mapping[str, Solution], scale: float, channels: Mapping[s
                 continue
             # the rate belongs to the middles of the samples, a channel to their bounds
             time, values = (
-                (solution.sample_time, solution.rate) if key == "rate" else (solution.time, solution.channels[key])
+                (solution.rate_time, solution.rate) if key == "rate" else (solution.time, solution.channels[key])
             )
             yield Series(
                 f"{words}, {name}" if name else words,

@@ -349,6 +349,6 @@ def test_the_rates_of_the_files_inject_what_the_map_does_and_are_not_early() -> 
     assert made.sum() * 1e3 * INTERVAL == pytest.approx(float(quantities(injector, (1400,), (350,))[0, 0]), rel=1e-6)
     whole = cr.simulate(injector, cr.OperatingPoint(140e6, 350e-6, "5 MPa", "0.5 MPa", horizon=3e-3))
     middles = INTERVAL * (np.arange(len(made)) + 0.5)
-    centre = float(np.sum(whole.rate_mm3_per_ms * whole.sample_time) / np.sum(whole.rate_mm3_per_ms))
+    centre = float(np.sum(whole.rate_mm3_per_ms * whole.rate_time) / np.sum(whole.rate_mm3_per_ms))
     # Means over 10 us move the centre of a course by less than a hundredth of that.
     assert float(np.sum(made * middles) / np.sum(made)) == pytest.approx(centre, abs=0.1e-6)

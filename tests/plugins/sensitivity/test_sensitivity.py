@@ -102,7 +102,7 @@ def test_features_are_those_of_single_simulations(pwm: Injector) -> None:
     )
     upper = {names[0]: pwm.values[names[0]] * 1.02}
     for alone, ends in ((simulate(pwm, POINT), "base"), (simulate(pwm.with_values(upper), POINT), "high")):
-        late = (alone.sample_time > 560e-6) & (alone.sample_time < 700e-6)
+        late = (alone.rate_time > 560e-6) & (alone.rate_time < 700e-6)
         expected = [
             alone.injected_volume,
             alone.returned_volume,

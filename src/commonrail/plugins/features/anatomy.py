@@ -66,7 +66,7 @@ class Ramp(NamedTuple):
 def end_of_motion(solution: Solution, pulses: tuple[Energising, ...] = ()) -> float:
     """Time at which an injection, its valve and its current have come to rest, with some time behind it [s]."""
     ends = [pulse.start + pulse.duration for pulse in pulses]
-    courses = [(solution.sample_time, solution.rate)]
+    courses = [(solution.rate_time, solution.rate)]
     moving = {"valve_lift", "armature_lift", "needle_lift"} & set(solution.channels)
     courses += [(solution.time, solution.channels[k]) for k in moving | {"coil_current"}]
     for time, values in courses:
@@ -86,7 +86,7 @@ def _features(solution: Solution, point: OperatingPoint | None) -> Features:
 def ramps(solution: Solution, found: Features) -> list[Ramp]:
     """Ramps of each injection of a solution, by its features; NaN where one is missing."""
     low, high = FeatureSettings().ramp
-    time, rate = solution.sample_time, solution.rate
+    time, rate = solution.rate_time, solution.rate
     return [_ramp(injection, time, rate, (low, high)) for injection in found.injections]
 
 
@@ -126,7 +126,7 @@ def anatomy_figure(
         series = list(_series(solution, scale, channels, end))
         if title == RATE:
             series += [
-                _line(solution.sample_time, rate * scale, f"rate by meter {name}", 5 + i, end, "dash")
+                _line(solution.rate_time, rate * scale, f"rate by meter {name}", 5 + i, end, "dash")
                 for i, (name, rate) in enumerate(shown.items())
             ]
         if series:
@@ -164,7 +164,7 @@ def _series(solution: Solution, scale: float, channels: Mapping[str, tuple[str, 
     for key, (words, colour) in channels.items():
         # the rate belongs to the middles of the samples, a channel to their bounds
         if key == "rate":
-            yield _line(solution.sample_time, solution.rate * scale, words, colour, end)
+            yield _line(solution.rate_time, solution.rate * scale, words, colour, end)
         elif key in solution.channels:
             yield _line(solution.time, solution.channels[key] * scale, words, colour, end)
 
@@ -271,7 +271,7 @@ def section_of(solution: Solution, pulses: tuple[Energising, ...]) -> Section:
     for key, scale in SCALES.items():
         if key in solution.channels:
             values[key] = np.interp(time, solution.time, solution.channels[key]) * scale
-    values["rate"] = np.interp(time, solution.sample_time, np.nan_to_num(solution.rate)) * MM3_PER_MS
+    values["rate"] = np.interp(time, solution.rate_time, np.nan_to_num(solution.rate)) * MM3_PER_MS
     top = solution.channels.get("plunger_lift", solution.channels["needle_lift"])
     values["plunger"] = np.interp(time, solution.time, top - top[0]) * 1e6
     on = [(time >= p.start) & (time < p.start + p.duration) for p in pulses]
