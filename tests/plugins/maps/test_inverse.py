@@ -87,6 +87,47 @@ def test_of_several_times_the_rule_takes_one_and_the_cell_is_named(rule: Several
     assert result.state[0].tolist() == [CellState.REACHED, CellState.SEVERAL, CellState.REACHED]
 
 
+QUANTITIES = [1.0, 2.5, 3.0, 3.5, 6.0]
+RAILS = np.array([80e6, 100e6, 120e6])
+
+
+def beside(offset: float) -> Law:
+    """The folded law at 100 MPa; at the pressures next to it a line of 0.04 mm³/us that begins at an offset [us]."""
+
+    def law(rail: Floats, time: Floats) -> Floats:
+        plain = 0.04 * MM3 * np.maximum(time / US - offset, 0.0)
+        return np.where(rail == 100e6, folded(rail, time), plain)
+
+    return law
+
+
+def inverse_of(law: Law, rails: Floats, rules: Rules) -> Inverse:
+    times = knots_of(np.array([LONGEST]))
+    lines = [Line(rail, times, law(np.full(len(times), rail), times), np.zeros(len(times))) for rail in rails.tolist()]
+
+    def simulate(rows: NDArray[np.intp], times: Floats) -> Response:
+        return Response(law(rails[rows], times), np.zeros(times.shape))
+
+    return invert(simulate, lines, np.array(QUANTITIES) * MM3, rules)[0]
+
+
+@pytest.mark.parametrize(("offset", "branch"), [(200.0, Several.SHORTEST), (295.0, Several.LONGEST)])
+def test_of_several_times_that_of_the_neighbours_is_taken(offset: float, branch: Several) -> None:
+    law = beside(offset)
+    taken = inverse_of(law, RAILS, Rules()).energising_time
+    assert taken == pytest.approx(inverse_of(law, RAILS, Rules(several=branch)).energising_time)
+    assert np.all(np.diff(taken, axis=1) > 0.0)
+
+
+def test_lines_of_another_map_are_no_neighbours() -> None:
+    """Pressures that do not increase begin another map, as those of another dwell do."""
+    alone, apart, together = (
+        inverse_of(beside(200.0), np.array([*others, 100e6]), Rules()).energising_time[-1]
+        for others in ([], [120e6], [80e6])
+    )
+    assert apart.tolist() == alone.tolist() != together.tolist()
+
+
 def test_a_quantity_that_is_jumped_past_is_named_and_its_time_is_behind_the_jump() -> None:
     def jumping(_: Floats, time: Floats) -> Floats:
         return np.where(time < 233.3 * US, 0.0, 2.0 * MM3 + (time - 233.3 * US) * 1e-5)

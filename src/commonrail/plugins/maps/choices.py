@@ -6,8 +6,12 @@ from enum import Enum, IntEnum
 
 
 class Several(Enum):
-    """Energising time that is taken where several deliver the quantity, because it falls in between."""
+    """Energising time that is taken where several deliver the quantity, because it falls in between.
 
+    NEIGHBOURS takes the one that continues the cells next to it over rail pressure and quantity.
+    """
+
+    NEIGHBOURS = "neighbours"
     SHORTEST = "shortest"
     LONGEST = "longest"
 

@@ -7,7 +7,7 @@ wanted one, so that every number that is not named otherwise has been simulated.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -21,15 +21,18 @@ States = Ints
 # Responses (n,) of lines, given by their indices (n,), at energising times (n,) [s].
 Simulate = Callable[[IndexArray, Floats], Response]
 
+Cell = tuple[int, int]  # pressure, quantity
+
 TOLERANCE = 0.01e-9  # of a delivered quantity [m³]
 NARROWEST = 10e-9  # bracket within which a quantity that is not met has been jumped over [s]; control units have 100 ns
 INSIDE = 0.02  # share of a bracket that the next time keeps from its ends: each round narrows it
+ROUNDS = 500  # in which times of neighbours spread into cells with several: as many cells as an axis has, and more
 
 
 class Rules(NamedTuple):
     """Rules for cells with several energising times, and with none."""
 
-    several: Several = Several.SHORTEST
+    several: Several = Several.NEIGHBOURS
     beyond: Beyond = Beyond.EXTRAPOLATE
 
 
@@ -76,41 +79,82 @@ def sampled(simulate: Simulate, rail_pressure: Floats, times: Floats) -> list[Li
 def invert(simulate: Simulate, lines: list[Line], quantity: Floats, rules: Rules) -> tuple[Inverse, list[Line]]:
     """Energising times for quantities (k,) [m³] at some lines, and the lines with the samples that were added.
 
-    `simulate` takes the indices of lines (n,) and energising times (n,) [s].
+    `simulate` takes the indices of lines (n,) and energising times (n,) [s]. Lines whose rail pressures increase are
+    one map: they are neighbours.
     """
     shape = len(lines), len(quantity)
     number = np.full(shape, np.nan)
     found = Inverse(number, number.copy(), number.copy(), np.full(shape, int(CellState.FAILED)))
-    open_ = []
-    for cell in np.ndindex(shape):
-        around = _bracket(found, (cell[0], cell[1]), lines[cell[0]], float(quantity[cell[1]]), rules)
-        if around is not None:
-            open_.append((cell, around))
-    if open_:
-        place = np.array([cell for cell, _ in open_], np.intp).T
-        around = np.array([found for _, found in open_]).transpose(1, 2, 0)
+    brackets: dict[Cell, Floats] = {}
+    for i, j in np.ndindex(shape):
+        around = _brackets(found, (i, j), lines[i], float(quantity[j]), rules.beyond)
+        if len(around):
+            brackets[i, j] = around
+    if brackets:
+        branch = _branches(brackets, [line.rail_pressure for line in lines], shape, rules.several)
+        place = np.array(list(brackets), np.intp).T
+        around = np.array([brackets[cell][branch[cell]] for cell in brackets]).transpose(1, 2, 0)
         lines = _search(simulate, found, lines, _Cells(place, quantity[place[1]], around[0], around[1]))
     _mark_several(found, lines, quantity)
     return found, lines
 
 
-def _bracket(found: Inverse, cell: tuple[int, int], line: Line, wanted: float, rules: Rules) -> Floats | None:
-    """Three times around a cell and their misses (2, 3), as in `_Cells`; None where its number needs no search."""
+def _brackets(found: Inverse, cell: Cell, line: Line, wanted: float, beyond: Beyond) -> Floats:
+    """Brackets (n, 2, 3) of a cell, one for each time at which the quantity rises past the wanted one [m³].
+
+    Each has three times and their misses, as in `_Cells`. None where the number of the cell needs no search.
+    """
+    none = np.empty((0, 2, 3))
     if wanted == 0.0:
         found.energising_time[cell], found.delivered[cell], found.state[cell] = 0.0, 0.0, CellState.ZERO
-        return None
+        return none
     sound = np.isfinite(line.volume)
     if not sound.any():
-        return None
+        return none
     time = np.concatenate([[0.0], line.time[sound]])
     miss = np.concatenate([[0.0], line.volume[sound]]) - wanted
-    crossings = np.flatnonzero((miss[:-1] < 0.0) & (miss[1:] >= 0.0))
-    if not len(crossings):
-        found.energising_time[cell], found.state[cell] = _beyond(time, miss, rules.beyond), CellState.BEYOND
-        return None
-    at = int(crossings[0 if rules.several is Several.SHORTEST else -1])
-    places = [at, at + 1, max(at - 1, 0)]
-    return np.stack([time[places], miss[places]])
+    at = np.flatnonzero((miss[:-1] < 0.0) & (miss[1:] >= 0.0))
+    if not len(at):
+        found.energising_time[cell], found.state[cell] = _beyond(time, miss, beyond), CellState.BEYOND
+    places = np.stack([at, at + 1, np.maximum(at - 1, 0)], axis=1)
+    return np.stack([time[places], miss[places]], axis=1)
+
+
+def _branches(
+    brackets: Mapping[Cell, Floats], rail_pressure: list[float], shape: tuple[int, int], several: Several
+) -> dict[Cell, int]:
+    """Bracket of each cell that is searched, by the rule.
+
+    By that of neighbours the times of cells with one bracket are continued into the others, where each is the mean of
+    its neighbours over rail pressure and quantity. The bracket nearest to that is taken, among those that lie behind
+    the time of the next smaller quantity.
+    """
+    if several is not Several.NEIGHBOURS:
+        return {cell: 0 if several is Several.SHORTEST else len(around) - 1 for cell, around in brackets.items()}
+    times = {cell: _chord(around) for cell, around in brackets.items()}
+    expected, open_ = np.full(shape, np.nan), np.zeros(shape, bool)
+    for cell, candidates in times.items():
+        expected[cell] = candidates[0] if len(candidates) == 1 else np.nan
+        open_[cell] = len(candidates) > 1
+    same_map = np.diff(rail_pressure) > 0.0
+    for _ in range(ROUNDS if open_.any() else 0):
+        around = np.full((4, *shape), np.nan)
+        around[0, 1:][same_map], around[1, :-1][same_map] = expected[:-1][same_map], expected[1:][same_map]
+        around[2, :, 1:], around[3, :, :-1] = expected[:, :-1], expected[:, 1:]
+        count = np.isfinite(around).sum(axis=0)
+        expected = np.where(open_ & (count > 0), np.nansum(around, axis=0) / np.maximum(count, 1), expected)
+    branch, last = dict[Cell, int](), dict[int, float]()
+    for (i, j), candidates in times.items():
+        distance = np.abs(candidates - np.nan_to_num(expected[i, j]))
+        branch[i, j] = int(np.argmin(np.where(candidates >= last.get(i, 0.0), distance, np.inf)))
+        last[i] = float(candidates[branch[i, j]])
+    return branch
+
+
+def _chord(brackets: Floats) -> Floats:
+    """Times (n,) [s] at which straight lines between the first two points of brackets (n, 2, 3) have no miss."""
+    (t0, t1), (m0, m1) = brackets[:, 0, :2].T, brackets[:, 1, :2].T
+    return np.asarray(t0 - m0 * (t1 - t0) / (m1 - m0))
 
 
 def _beyond(time: Floats, miss: Floats, rule: Beyond) -> float:
