@@ -220,6 +220,8 @@ def _one(label: str, found: InjectionMap) -> dict[str, Any]:
         },
         "reference_density": found.density,
         "rules": {"several": found.rules.several.value, "unreachable": found.rules.beyond.value},
+        "adjustment": found.adjustment._asdict(),
+        "costs": [cost._asdict() for cost in found.costs],
         "simulations": found.simulations,
         "rail_pressure": found.axes.rail_pressure.tolist(),
         "quantity": found.axes.quantity.tolist(),

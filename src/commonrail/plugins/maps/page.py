@@ -10,9 +10,10 @@ import numpy as np
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.chart import BOTH, LINES, MARKERS, Band, Figure, HeatMap, Panel, Series, points
 from commonrail.base.table import Table, tabulated
-from commonrail.base.text import counted, fixed, listed, megapascal, pressure, significant
+from commonrail.base.text import counted, fixed, listed, megapascal, pressure, quantity, significant
 from commonrail.data.records import MICROSECOND, MM3, MPA
 from commonrail.physics.injector import Injector
+from commonrail.plugins.maps.adjust import WORDS
 from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.difference import Comparison, difference
 from commonrail.plugins.maps.inverse import TOLERANCE
@@ -110,7 +111,7 @@ def _lines(label: str, m: InjectionMap) -> list[str]:
     lines = [
         f"{opening}{counted(len(m.axes.rail_pressure), 'rail pressure')} × "
         f"{counted(len(m.axes.quantity), 'quantity', 'quantities')}; {searched.sum()} of "
-        f"{counted(inverse.state.size, 'cell')} were simulated until they deliver their quantity, within "
+        f"{counted(inverse.state.size, 'cell')} have simulated energising times, which deliver their quantity within "
         f"{fixed(miss.max(initial=0.0), 3, MM3)} mm³ ({m.simulations} injections)."
     ]
     counts = {
@@ -139,10 +140,29 @@ def _monotonicity(m: InjectionMap) -> str:
 
 def map_tables(found: Mapping[str, InjectionMap], compared: Comparison | None = None) -> list[Table]:
     """Falls, cells that are named, and largest differences."""
-    tables = [_falls(found), _named_cells(found), _falls_with_pressure(found)]
+    tables = [_costs(found), _falls(found), _named_cells(found), _falls_with_pressure(found)]
     if compared is not None:
         tables.append(_measured_table(compared))
     return [table for table in tables if table.rows]
+
+
+def _costs(found: Mapping[str, InjectionMap]) -> Table:
+    rows = [(label, cost) for label, m in found.items() for cost in m.costs]
+    return tabulated(
+        "Quantity errors of the adjustments",
+        rows,
+        [
+            ("model", lambda r: r[0]),
+            ("map", lambda r: "energising time" if r[1].inverse else "quantity"),
+            ("step", lambda r: WORDS[r[1].step]),
+            ("rms, mm³", lambda r: significant(r[1].rms, 3, MM3)),
+            ("largest, mm³", lambda r: significant(r[1].largest, 3, MM3)),
+            ("rail pressure, MPa", lambda r: megapascal(r[1].rail_pressure) if r[1].largest else ""),
+            ("at", lambda r: quantity(r[1].at, "m3" if r[1].inverse else "s") if r[1].largest else ""),
+        ],
+        "Over all cells, after the step less before it; of energising times by simulation at both.",
+        3,
+    )
 
 
 def _falls(found: Mapping[str, InjectionMap]) -> Table:
@@ -180,7 +200,8 @@ def _named_cells(found: Mapping[str, InjectionMap]) -> Table:
             ("energising time, µs", lambda r: fixed(r[3].energising_time[r[4]], 1, MICROSECOND)),
             ("delivered, mm³", lambda r: fixed(r[3].delivered[r[4]], 3, MM3)),
         ],
-        f"All other cells deliver their quantity within {TOLERANCE * MM3:g} mm³.",
+        f"All other cells deliver their quantity within {TOLERANCE * MM3:g} mm³"
+        + (", before the adjustments." if any(m.costs for m in found.values()) else "."),
         2,
     )
 

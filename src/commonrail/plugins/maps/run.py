@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import RegularGridInterpolator
 
-from commonrail.base.arguments import Quantity, array, instance, mapping, number
+from commonrail.base.arguments import Quantity, array, flag, instance, mapping, number
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError
@@ -17,6 +18,7 @@ from commonrail.base.text import counted
 from commonrail.calibration.run import Calibration
 from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector
+from commonrail.plugins.maps.adjust import UNADJUSTED, Adjustment, Cost, Curves, adjust
 from commonrail.plugins.maps.axes import MapAxes
 from commonrail.plugins.maps.choices import Beyond, CellState, Several
 from commonrail.plugins.maps.inverse import Inverse, Rules, invert, sampled
@@ -68,6 +70,8 @@ class InjectionMap(Shown):
     rules : Rules
     density : float
         Reference density [kg/m³]: mass over volume of every quantity.
+    curves : Curves
+        Quantities over a fine axis of energising times, in which `quantity` interpolates.
     volume : (pressures, energising times)
         Injected volumes [m³], NaN where the simulation failed.
     ballistic : (pressures, energising times) bool
@@ -79,6 +83,10 @@ class InjectionMap(Shown):
         Places where the quantity falls with the energising time, found on all simulated points.
     lines : tuple of Line
         All simulated points, one line for each rail pressure.
+    adjustment : Adjustment
+        Steps after which `curves`, `volume` and `inverse` are.
+    costs : tuple of Cost
+        Quantity errors of these steps.
     bands : MapBands or None
         Of measured quantities, where a fit tells them.
     """
@@ -90,12 +98,15 @@ class InjectionMap(Shown):
     conditions: Conditions
     rules: Rules
     density: float
+    curves: Curves
     volume: Floats
     ballistic: Bools
     inverse: Inverse
     inverse_ballistic: Bools
     falls: tuple[Fall, ...]
     lines: tuple[Line, ...]
+    adjustment: Adjustment = UNADJUSTED
+    costs: tuple[Cost, ...] = ()
     bands: MapBands | None = None
 
     @property
@@ -110,9 +121,76 @@ class InjectionMap(Shown):
         fallen[1:] = np.diff(self.volume, axis=0) < -1e-11
         return fallen
 
+    def quantity(self, rail_pressure: ArrayLike, energising_time: ArrayLike) -> Floats:
+        """Injected volume [m³], interpolated linearly in `curves` over both axes.
+
+        Parameters
+        ----------
+        rail_pressure, energising_time : float, text with a unit, or array of these
+            [Pa], [s]; they broadcast, and the result has their shape.
+
+        Returns
+        -------
+        array or float
+            NaN outside of the pressures of the map, of 0 to its longest time, and next to a failed simulation.
+        """
+        rail, time = self._arguments(rail_pressure, energising_time, "energising time", "s")
+        return np.asarray(self._interpolator(np.stack([rail, time], axis=-1)).reshape(rail.shape))[()]
+
+    def energising_time(self, rail_pressure: ArrayLike, quantity: ArrayLike) -> Floats:
+        """Energising time [s] at which `quantity` gives a volume.
+
+        Where several do, it is the one nearest to the inverse map.
+
+        Parameters
+        ----------
+        rail_pressure, quantity : float, text with a unit, or array of these
+            [Pa], [m³]; they broadcast, and the result has their shape.
+
+        Returns
+        -------
+        array or float
+            Zero for no quantity; NaN outside of the pressures of the map, and for what is not reached.
+        """
+        rail, volume = self._arguments(rail_pressure, quantity, "quantity", "m3")
+        times, wanted = self.curves.time, volume.reshape(-1, 1)
+        places = np.broadcast_arrays(rail.reshape(-1, 1), times)
+        row = self._interpolator(np.stack(places, axis=-1))
+        low, high = row[:, :-1], row[:, 1:]
+        rises = (low < wanted) & (high >= wanted)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            crossing = np.where(rises, times[:-1] + (wanted - low) / (high - low) * np.diff(times), np.inf)
+        axes = self.axes.rail_pressure, self.axes.quantity
+        expected = _interpolator(axes, self.inverse.energising_time)(np.stack([rail, volume], axis=-1))
+        nearest = np.argmin(np.abs(crossing - np.nan_to_num(expected).reshape(-1, 1)), axis=1)
+        found = np.take_along_axis(crossing, nearest[:, None], axis=1).reshape(volume.shape)
+        zero = (volume == 0.0) & np.isfinite(row[:, 0]).reshape(volume.shape)
+        return np.where(zero, 0.0, np.where(np.isfinite(found), found, np.nan))[()]
+
+    def _arguments(self, rail_pressure: ArrayLike, other: ArrayLike, what: str, unit: str) -> tuple[Floats, Floats]:
+        rail = array(rail_pressure, "Pa", "rail pressure", finite=False)
+        values = array(other, unit, what, finite=False)
+        try:
+            return tuple(np.broadcast_arrays(rail, values))  # type: ignore[return-value]
+        except ValueError as error:
+            raise ConfigurationError(
+                f"Rail pressures of shape {rail.shape} and values of the {what} of shape {values.shape} do not "
+                "broadcast; give arrays of one shape, or a column and a row."
+            ) from error
+
+    @property
+    def _interpolator(self) -> Callable[[Floats], Floats]:
+        return _interpolator((self.axes.rail_pressure, self.curves.time), self.curves.volume)
+
     def count(self, state: CellState) -> int:
         """Number of cells of the inverse in a state."""
         return int(np.count_nonzero(self.inverse.state == state))
+
+
+def _interpolator(axes: tuple[Floats, Floats], values: Floats) -> Callable[[Floats], Floats]:
+    """Function of points (..., 2) that interpolates linearly, and gives NaN outside of the axes."""
+    found: Callable[[Floats], Floats] = RegularGridInterpolator(axes, values, bounds_error=False, fill_value=np.nan)
+    return found
 
 
 def usual_axes(injector: Injector) -> MapAxes:
@@ -126,6 +204,7 @@ def injection_map(
     conditions: Conditions = Conditions(),
     rules: Rules = Rules(),
     progress: Callable[[str], None] | None = None,
+    adjustment: Adjustment = UNADJUSTED,
 ) -> InjectionMap:
     """Simulate the quantity map of an injector and its inverse, by default over the axes of a control unit.
 
@@ -145,23 +224,28 @@ def injection_map(
     lines = sampled(simulate, axes.rail_pressure, knots)
     require_some(injector, lines, conditions)
     forward = [line.at(axes.energising_time) for line in lines]
-    volume = np.array([found.volume for found in forward])
+    volume = np.array([line.at(knots).volume for line in lines])
+    curves = Curves(np.concatenate([[0.0], knots]), np.pad(volume, ((0, 0), (1, 0))))
     cells = len(axes.rail_pressure) * len(axes.quantity)
     tell(f"inverting {counted(cells, 'cell')} ...")
     inverse, lines = invert(simulate, lines, axes.quantity, rules)
+    curves, inverse, costs = adjust(adjustment.check(), axes, curves, inverse, simulate)
     full = np.array([np.nanmax(line.lift, initial=0.0) for line in lines])[:, None]
     return InjectionMap(
-        injector,
-        axes,
-        conditions,
-        rules,
-        density_at(injector, conditions),
-        volume,
-        np.array([found.lift for found in forward]) < BALLISTIC * full,
-        inverse,
-        np.nan_to_num(inverse.lift, nan=np.inf) < BALLISTIC * full,
-        tuple(fall for line in lines for fall in falls_of(line)),
-        tuple(lines),
+        injector=injector,
+        axes=axes,
+        conditions=conditions,
+        rules=rules,
+        density=density_at(injector, conditions),
+        curves=curves,
+        volume=curves.volume[:, np.isin(curves.time, axes.energising_time)],
+        ballistic=np.array([found.lift for found in forward]) < BALLISTIC * full,
+        inverse=inverse,
+        inverse_ballistic=np.nan_to_num(inverse.lift, nan=np.inf) < BALLISTIC * full,
+        falls=tuple(fall for line in lines for fall in falls_of(line)),
+        lines=tuple(lines),
+        adjustment=adjustment,
+        costs=costs,
     )
 
 
@@ -187,8 +271,11 @@ def map(
     cylinder_pressure: Quantity = 5e6,
     return_pressure: Quantity = 0.5e6,
     time_step: Quantity = DEFAULT_STEP,
-    several: Several = Several.SHORTEST,
+    several: Several = Several.NEIGHBOURS,
     beyond: Beyond = Beyond.EXTRAPOLATE,
+    smooth: Quantity | None = None,
+    monotone: bool = False,
+    resolution: tuple[Quantity | None, Quantity | None] = (None, None),
     threads: int | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> InjectionMap:
@@ -208,6 +295,12 @@ def map(
         Energising time where several deliver a quantity.
     beyond : Beyond
         Rule for quantities that are not reached.
+    smooth : float or str, optional
+        Quantity error that smoothing may cost in both maps, root mean square over their cells [m³].
+    monotone : bool
+        Pool quantities that fall with the energising time, and times that fall with the quantity.
+    resolution : (float or str or None, float or str or None)
+        Of energising times [s] and of quantities [m³] in the control unit, to which both maps are rounded.
     threads : int, optional
         All usable processors by default.
     progress : function of str, optional
@@ -233,7 +326,12 @@ def map(
         number(time_step, "s", "time step"),
         threads,
     )
-    return injection_map(injector, axes, conditions, Rules(several, beyond), progress)
+    if not (isinstance(resolution, Sequence) and not isinstance(resolution, str) and len(resolution) == 2):
+        raise ConfigurationError('The resolution is a pair of a time and a quantity, such as ("0.4 us", "0.01 mm3").')
+    wanted = (smooth, "m3", "smoothing"), (resolution[0], "s", "resolution"), (resolution[1], "m3", "resolution")
+    error, finest_time, finest_quantity = (None if value is None else number(value, *what) for value, *what in wanted)
+    adjustment = Adjustment(error, flag(monotone, "monotone"), finest_time, finest_quantity)
+    return injection_map(injector, axes, conditions, Rules(several, beyond), progress, adjustment)
 
 
 def sweep(

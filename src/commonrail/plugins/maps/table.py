@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from typing import NamedTuple
 
 import numpy as np
@@ -120,6 +121,7 @@ def inverse_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) 
     """
     inverse = found.inverse
     states = np.vectorize(_state, otypes=[object])(inverse.state.T, found.inverse_ballistic.T)
+    decimals = _decimals(units.decimals, found.adjustment.time_resolution, "s", units.time)
     return MapTable(
         check_label(label),
         f"Energising time of {found.injector.name} over rail pressure and quantity",
@@ -127,12 +129,20 @@ def inverse_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) 
         units.time,
         _pressure_axis(found, units),
         Axis("quantity", units.quantity, _quantities(found, found.axes.quantity, units)),
-        np.round(convert(inverse.energising_time.T, "s", units.time), units.decimals),
+        np.round(convert(inverse.energising_time.T, "s", units.time), decimals),
         tuple(map(tuple, states.tolist())),
         notes_of(found),
         () if found.bands is None else _layers(found, found.bands.delivered, units),
-        units.decimals,
+        decimals,
     )
+
+
+def _decimals(fewest: int, resolution: float | None, unit: str, written: str) -> int:
+    """Decimals that write multiples of a resolution in another unit exactly, at least the fewest."""
+    if resolution is None:
+        return fewest
+    step = Decimal(f"{convert(resolution, unit, written):.{DIGITS}g}").normalize()
+    return max(fewest, -int(step.as_tuple().exponent))
 
 
 def is_turned(table: MapTable) -> bool | None:
@@ -273,6 +283,9 @@ def quantity_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS)
     """Quantity over rail pressure (x) and energising time (y). InputError as `inverse_table`."""
     times = _rounded(convert(found.axes.energising_time, "s", units.time))
     states = np.where(np.isfinite(found.volume), np.where(found.ballistic, "ballistic", "reached"), "failed").T
+    finest, by_mass = found.adjustment.quantity_resolution, compatible(units.quantity, "kg")
+    finest = finest * found.density if finest is not None and by_mass else finest
+    decimals = _decimals(DECIMALS, finest, "kg" if by_mass else "m3", units.quantity)
     return MapTable(
         check_label(label),
         f"Injected quantity of {found.injector.name} over rail pressure and energising time",
@@ -280,10 +293,11 @@ def quantity_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS)
         units.quantity,
         _pressure_axis(found, units),
         Axis("energising_time", units.time, times),
-        np.round(_quantities(found, found.volume.T, units, exact=True), DECIMALS),
+        np.round(_quantities(found, found.volume.T, units, exact=True), decimals),
         tuple(map(tuple, states.tolist())),
         notes_of(found),
         () if found.bands is None else _layers(found, found.bands.quantity, units),
+        decimals,
     )
 
 
@@ -301,14 +315,15 @@ def _layers(found: InjectionMap, edges: Edges, units: MapUnits) -> tuple[Layer, 
 
 
 def notes_of(found: InjectionMap) -> tuple[str, ...]:
-    """Model, conditions and rules of a map, a line each."""
+    """Model, conditions, rules and adjustments of a map, a line each."""
     rules = (
-        f"several energising times: the {found.rules.several.value}; "
+        f"several energising times: {_SEVERAL[found.rules.several.value]}; "
         f"unreachable quantities: {_BEYOND[found.rules.beyond.value]}; "
         + LONGEST_SIMULATED.format(found.axes.energising_time[-1] * 1e6)
     )
     bands = [f"bands of measured quantities: {found.bands.estimator}"] if found.bands else []
-    return (*_conditions(found.injector, found.conditions), rules, *bands)
+    costs = (cost.sentence for cost in found.costs)
+    return (*_conditions(found.injector, found.conditions), rules, *costs, *bands)
 
 
 def _conditions(injector: Injector, conditions: Conditions) -> tuple[str, ...]:
@@ -324,6 +339,7 @@ def _conditions(injector: Injector, conditions: Conditions) -> tuple[str, ...]:
     return tuple(line for line in lines if line)
 
 
+_SEVERAL = {"neighbours": "that of the neighbours", "shortest": "the shortest", "longest": "the longest"}
 _BEYOND = {
     "extrapolate": "extrapolated as a line through the two longest simulated times",
     "hold": "the longest simulated time",

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from commonrail.calibration.study import Study
     from commonrail.cli.model_name import NamedModel
     from commonrail.physics.injector import Injector
+    from commonrail.plugins.maps.adjust import Adjustment
     from commonrail.plugins.maps.axes import MapAxes
     from commonrail.plugins.maps.response import Conditions
     from commonrail.plugins.maps.run import InjectionMap
@@ -92,10 +93,21 @@ def map_(
     return_pressure: ReturnPressure = None,
     time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
     set_: Settings = (),
-    several: Annotated[Several, Option(help="Energising time where several deliver a quantity.")] = Several.SHORTEST,
+    several: Annotated[Several, Option(help="Energising time where several deliver a quantity.")] = Several.NEIGHBOURS,
     unreachable: Annotated[
         Beyond, Option(help="Rule for quantities that the longest energising time does not deliver.")
     ] = Beyond.EXTRAPOLATE,
+    smooth: Annotated[
+        str | None,
+        Option(help="Quantity error that smoothing may cost (root mean square over the cells), e.g. 0.1mm3."),
+    ] = None,
+    monotone: Annotated[
+        bool, Option(help="Pool quantities that fall with the energising time, and times that fall with the quantity.")
+    ] = False,
+    resolution: Annotated[
+        tuple[str, ...],
+        Option(help="Resolution of the control unit, to which values are rounded: a time or a quantity; repeatable."),
+    ] = (),
     bands: Annotated[
         Bands | None,
         Option(help="Bands of 50 % and 90 % about the map of a run. [default: draws, if a map was fitted]"),
@@ -136,6 +148,7 @@ def map_(
     \b
     Examples:
       commonrail map cri2-16 --cylinder-pressure 0.5MPa --out et.dcm --label InjVlv_tiET_MAP --report map.html
+      commonrail map cri2-16 --monotone --resolution 0.4us --resolution 0.01mm3 --out et.dcm --quantity-out q.dcm
       commonrail map runs/a cri2-16 --rail-pressure 20:160:20MPa --quantity 1,2,5,10,20,50mm3 --report change.html
     """
     from commonrail.plugins.maps.difference import compare_with, read_measured_map
@@ -170,7 +183,8 @@ def map_(
     points = None if measured is None else read_measured_map(measured, density_at(injector, conditions))
     fit = _fit(named[0], bands)
     rules = Rules(several, unreachable)
-    found = {model.label: injection_map(model.injector, wanted, conditions, rules, say) for model in named}
+    adjustment = _adjustment(smooth, monotone, resolution, density_at(injector, conditions))
+    found = {m.label: injection_map(m.injector, wanted, conditions, rules, say, adjustment) for m in named}
     first = found[named[0].label] = _with_bands(found[named[0].label], fit, bands)
     if like is not None and not (columns := simulated_columns(like, conditions)).all():
         say(f"at or below the cylinder pressure {counted(int((~columns).sum()), 'column')} of {axes} kept as before")
@@ -307,10 +321,33 @@ def _axes(
     return MapAxes(pressure, wanted, time)
 
 
+def _adjustment(smooth: str | None, monotone: bool, resolution: Sequence[str], density: float) -> Adjustment:
+    """Adjustment of the options; masses are divided by the reference density [kg/m³]."""
+    from commonrail.plugins.maps.adjust import Adjustment
+
+    finest: dict[str, float] = {}
+    for text in resolution:
+        name = "time_resolution" if _has_unit_of(text, "s") else "quantity_resolution"
+        if name in finest:
+            raise InputError(f"--resolution {text}: a {name.replace('_', ' ')} is given twice; keep one.")
+        is_time = name == "time_resolution"
+        finest[name] = parse(text, "s", "--resolution") if is_time else _read_quantity(text, density, "--resolution")
+    largest = None if smooth is None else _read_quantity(smooth, density, "--smooth")
+    return Adjustment(largest, monotone, **finest).check()
+
+
+def _has_unit_of(text: str, kind: str) -> bool:
+    number = NUMBER.fullmatch(text)
+    return number is not None and fits(number[2], kind)
+
+
+def _read_quantity(text: str, density: float, option: str) -> float:
+    return parse(text, "kg", option) / density if _has_unit_of(text, "kg") else parse(text, "m3", option)
+
+
 def read_quantities(text: str, density: float, option: str) -> Floats:
     """Quantities (n,) by volume [m³], increasing; masses are divided by the reference density [kg/m³]."""
-    last = NUMBER.fullmatch(re.split("[,:]", text)[-1])
-    if last is not None and fits(last[2], "kg"):
+    if _has_unit_of(re.split("[,:]", text)[-1], "kg"):
         return read_axis(text, "kg", option, increasing=True) / density
     return read_axis(text, "m3", option, increasing=True)
 

@@ -1,0 +1,252 @@
+"""Maps adjusted for a control unit: smoothed, made monotone and rounded, and the quantity error of each step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import isotonic_regression
+from scipy.sparse import csc_array, diags_array, eye_array, kron
+from scipy.sparse.linalg import spsolve
+
+from commonrail.base.arrays import Bools, Floats
+from commonrail.base.errors import ConfigurationError
+from commonrail.plugins.maps.axes import MapAxes
+from commonrail.plugins.maps.choices import CellState
+from commonrail.plugins.maps.inverse import Inverse, Simulate
+
+STRENGTHS = (-12.0, 7.0)  # decimal logarithm of the weakest and the strongest smoothing
+HALVINGS = 14  # of that range: to a thousandth of a decade
+SLOPE_STEP = 5e-6  # half of the time over which the slope of the quantity is taken [s]
+
+
+class Adjustment(NamedTuple):
+    """Steps that a map goes through for a control unit, in this order.
+
+    Attributes
+    ----------
+    smooth : float or None
+        Quantity error (root mean square over the cells) that smoothing may cost [m³].
+    monotone : bool
+        Quantities that do not fall with the energising time, and times that do not fall with the quantity.
+    time_resolution, quantity_resolution : float or None
+        Of the control unit [s], [m³]; the times of the inverse and the quantities of the map are multiples of it.
+
+    Raises
+    ------
+    ConfigurationError
+        From `check`, if a number is not greater than zero.
+    """
+
+    smooth: float | None = None
+    monotone: bool = False
+    time_resolution: float | None = None
+    quantity_resolution: float | None = None
+
+    def check(self) -> Adjustment:
+        """Return the adjustment, or refuse a number that is not greater than zero."""
+        for name in ("smooth", "time_resolution", "quantity_resolution"):
+            value = getattr(self, name)
+            if value is not None and not value > 0.0:
+                what = name.replace("_", " ").replace("smooth", "quantity error of smoothing")
+                raise ConfigurationError(f"The {what} must be greater than zero.")
+        return self
+
+
+UNADJUSTED = Adjustment()
+
+
+class Cost(NamedTuple):
+    """Quantities after a step less those before it, over the cells of a map.
+
+    Attributes
+    ----------
+    step : str
+        "smooth", "monotone" or "resolution".
+    inverse : bool
+        True for the map of energising times, whose quantities are simulated at the times before and after.
+    rms, largest : float
+        Root mean square, and the difference of the largest size [m³].
+    rail_pressure : float
+        Of the cell with the largest difference [Pa].
+    at : float
+        Energising time [s] of that cell, or its quantity [m³] in the inverse.
+    """
+
+    step: str
+    inverse: bool
+    rms: float
+    largest: float
+    rail_pressure: float
+    at: float
+
+    @property
+    def sentence(self) -> str:
+        """Step, its error, and the cell of the largest one."""
+        what, at = "quantities", f"{self.at * 1e6:.4g} us"
+        if self.inverse:
+            what, at = "energising times", f"{self.at * 1e9:.4g} mm3"
+        if self.largest == 0.0:
+            return f"{what} {WORDS[self.step]}: no quantity error"
+        size = f"quantity error {self.rms * 1e9:.3g} mm3 rms, largest {self.largest * 1e9:+.3g} mm3"
+        return f"{what} {WORDS[self.step]}: {size} at {self.rail_pressure * 1e-6:.4g} MPa and {at}"
+
+
+WORDS = {"smooth": "smoothed", "monotone": "made monotone", "resolution": "rounded"}
+
+
+class Curves(NamedTuple):
+    """Quantities (pressures, times) [m³] over energising times (times,) [s] from 0 on, finer than the axis of a map."""
+
+    time: Floats
+    volume: Floats
+
+
+def adjust(
+    wanted: Adjustment, axes: MapAxes, curves: Curves, inverse: Inverse, simulate: Simulate
+) -> tuple[Curves, Inverse, tuple[Cost, ...]]:
+    """Quantities and energising times after the steps, and the errors of these.
+
+    `simulate` takes the indices of pressures (n,) and energising times (n,) [s].
+    """
+    costs, cells, shut = list[Cost](), np.isin(curves.time, axes.energising_time), curves.volume == 0.0
+    plain, times = curves.volume, inverse.energising_time
+
+    def injected(volume: Floats) -> Floats:
+        return np.where(shut, 0.0, np.maximum(volume, 0.0))
+
+    def smooth_quantities(largest: float) -> Floats:
+        grid, even = (axes.rail_pressure, curves.time), np.ones(plain.shape)
+        return smooth(plain, grid, even, injected, lambda found: _rms((found - plain)[:, cells]), largest)
+
+    for step, volume in _steps(wanted, plain, smooth_quantities, wanted.quantity_resolution, np.array(False)):
+        costs.append(_cost(step, False, axes, (volume - curves.volume)[:, cells]))
+        curves = curves._replace(volume=volume)
+    reached = np.isin(inverse.state, (CellState.REACHED, CellState.SEVERAL))
+    jump = inverse.state == CellState.JUMP  # below its time there is another quantity
+    searched, before = reached | jump, inverse.delivered
+
+    def at(time: Floats) -> Inverse:
+        response = simulate(np.nonzero(searched)[0], time[searched])
+        delivered, lift = np.full((2, *time.shape), np.nan)
+        delivered[searched], lift[searched] = response.volume, response.lift
+        return inverse._replace(energising_time=time, delivered=np.where(searched, delivered, before), lift=lift)
+
+    def smooth_times(largest: float) -> Floats:
+        grid, weight = (axes.rail_pressure, axes.quantity), np.where(reached, _slopes(curves, times), 0.0) ** 2
+
+        def cost(found: Floats) -> float:
+            return _rms((at(found).delivered - before)[reached])
+
+        return smooth(times, grid, weight, lambda found: np.where(reached, found, times), cost, largest)
+
+    for step, time in _steps(wanted, times, smooth_times, wanted.time_resolution, jump):
+        after = at(time)
+        costs.append(_cost(step, True, axes, np.where(searched, after.delivered - inverse.delivered, np.nan)))
+        inverse = after
+    return curves, inverse, tuple(costs)
+
+
+def _steps(
+    wanted: Adjustment, values: Floats, smoothed: Callable[[float], Floats], resolution: float | None, up: Bools
+) -> Iterator[tuple[str, Floats]]:
+    """Values after each step; those of the mask `up` are never rounded down."""
+    if wanted.smooth is not None:
+        values = smoothed(wanted.smooth)
+        yield "smooth", values
+    if wanted.monotone:
+        values = monotone(values)
+        yield "monotone", values
+    if resolution is not None:
+        steps = values / resolution
+        yield "resolution", np.where(up, np.ceil(steps - 1e-9), np.round(steps)) * resolution
+
+
+def _slopes(curves: Curves, time: Floats) -> Floats:
+    """Slopes of the quantity [m³/s] at energising times (pressures, n) [s], at least a thousandth of the largest."""
+    steps = np.array([-SLOPE_STEP, SLOPE_STEP])
+    ends = [
+        np.interp(np.nan_to_num(row)[:, None] + steps, curves.time, np.nan_to_num(volume))
+        for row, volume in zip(time, curves.volume, strict=True)
+    ]
+    slope = np.diff(np.array(ends), axis=2)[:, :, 0] / (2.0 * SLOPE_STEP)
+    return np.asarray(np.maximum(slope, 1e-3 * slope.max(initial=0.0)))
+
+
+def monotone(values: Floats) -> Floats:
+    """Rows that do not fall, nearest to `values` (rows, n) by least squares; NaN stays.
+
+    Neighbours that fall are pooled to their mean (isotonic regression, Barlow et al. 1972; Busing 2022).
+    """
+    found = values.copy()
+    for row in found:
+        sound = np.isfinite(row)
+        if sound.any():
+            row[sound] = isotonic_regression(row[sound]).x
+    return found
+
+
+def smooth(
+    values: Floats,
+    axes: tuple[Floats, Floats],
+    weight: Floats,
+    limited: Callable[[Floats], Floats],
+    cost: Callable[[Floats], float],
+    largest: float,
+) -> Floats:
+    """Smoothest `limited` values (n, m) over two axes whose cost does not exceed the largest one.
+
+    Least squares with a penalty on second divided differences along both axes (Whittaker 1923; Eilers 2003): planes
+    stay as they are. The strength of the penalty is the largest that the cost allows (Morozov 1966). Values that are
+    NaN, or whose weight is zero, follow from the others.
+    """
+    sound = np.isfinite(values) & (weight > 0.0)
+    if not sound.any():
+        return values
+    scaled = np.where(sound, weight / weight[sound].mean(), 0.0)
+    target = scaled * np.where(sound, values, 0.0)
+    identity = [eye_array(len(axis)) for axis in axes]
+    penalty = kron(_bending(axes[0]), identity[1]) + kron(identity[0], _bending(axes[1]))
+    data = diags_array(scaled.ravel() + 1e-12)  # none of the values is undetermined
+
+    def solved(strength: float) -> Floats:
+        matrix = csc_array(data + 10.0**strength * penalty)
+        return limited(spsolve(matrix, target.ravel()).reshape(values.shape))
+
+    weak, strong = STRENGTHS
+    found = solved(strong)
+    if cost(found) <= largest:
+        return found
+    found = values
+    for _ in range(HALVINGS):
+        middle = 0.5 * (weak + strong)
+        if cost(smoothed := solved(middle)) <= largest:
+            weak, found = middle, smoothed
+        else:
+            strong = middle
+    return found
+
+
+def _bending(axis: Floats) -> csc_array:
+    """Matrix (n, n) of the sum of squared second divided differences over an axis in units of its mean spacing."""
+    if len(axis) < 3:
+        return csc_array((len(axis), len(axis)))
+    h = np.diff(axis) / np.mean(np.diff(axis))
+    parts = [1.0 / h[:-1], -1.0 / h[:-1] - 1.0 / h[1:], 1.0 / h[1:]]
+    second = diags_array(parts, offsets=[0, 1, 2], shape=(len(axis) - 2, len(axis)))
+    return csc_array(second.T @ second)
+
+
+def _rms(difference: Floats) -> float:
+    """Root mean square of what is not NaN; zero of nothing."""
+    return float(np.sqrt(np.mean(np.square(difference[np.isfinite(difference)])))) if difference.size else 0.0
+
+
+def _cost(step: str, inverse: bool, axes: MapAxes, difference: Floats) -> Cost:
+    """Error of a step from the differences (pressures, n) of the quantities; NaN where there is none."""
+    size = np.nan_to_num(np.abs(difference))
+    i, j = np.unravel_index(int(np.argmax(size)), size.shape)
+    at = (axes.quantity if inverse else axes.energising_time)[j]
+    largest = float(np.nan_to_num(difference[i, j]))
+    return Cost(step, inverse, _rms(difference), largest, float(axes.rail_pressure[i]), float(at))
