@@ -111,6 +111,8 @@ from .plugins.maps.axes import MapAxes as MapAxes
 from .plugins.maps.choices import Beyond as Beyond
 from .plugins.maps.choices import CellState as CellState
 from .plugins.maps.choices import Several as Several
+from .plugins.maps.compensation import Compensation as Compensation
+from .plugins.maps.compensation import hold as hold
 from .plugins.maps.run import InjectionMap as InjectionMap
 from .plugins.maps.run import map as map
 from .plugins.maps.run import sweep as sweep

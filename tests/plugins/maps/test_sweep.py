@@ -15,6 +15,7 @@ from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.compensation import compensation, fusion_dwell
 from commonrail.plugins.maps.response import Conditions
 from commonrail.plugins.maps.sweep import (
+    OPERATING,
     Base,
     Variable,
     _first_alone,
@@ -266,13 +267,26 @@ def test_compensated_times_hold_the_second_quantity() -> None:
     axes = MapAxes(np.array([160e6]), np.array([5e-9]), np.array([1e-3]))
     found = compensation(INJECTOR, axes, 300e-6, np.array([800e-6, 2e-3]), CONDITIONS)
     first = cr.simulate(INJECTOR, cr.OperatingPoint(160e6, 300e-6)).injected_volume
-    for dwell, (time,) in zip(found.dwell.tolist(), found.energising_time[:, 0], strict=True):
+    for dwell, (time,) in zip(found.condition.values.tolist(), found.energising_time[:, 0], strict=True):
         pulses = [(0.0, 300e-6), (300e-6 + dwell, float(time))]
         second = cr.simulate(INJECTOR, cr.OperatingPoint(160e6, pulses)).injected_volume - first
         assert second == pytest.approx(5e-9, abs=0.02e-9)
     tables = compensation_tables(found, "tiSecond")
     assert [t.label for t in tables] == ["tiSecond_800us", "tiSecond_2000us"]
     assert tables[0].values[0, 0] == pytest.approx(found.energising_time[0, 0, 0] * 1e6, abs=6e-4)
+
+
+def test_energising_times_over_a_condition_deliver_the_quantity_under_it() -> None:
+    """A parameter, and a pressure of the operating point."""
+    for name, values in {"fuel.temperature": [300.0, 340.0], "return_pressure": [0.1e6, 1e6]}.items():
+        found = cr.hold(INJECTOR, {name: values, "rail_pressure": [120e6]}, ["2 mm3"], longest="500 us")
+        assert found.energising_time.shape == (2, 1, 1)
+        for value, time in zip(values, found.energising_time.ravel().tolist(), strict=True):
+            of_point = {name: value} if name in OPERATING else {}
+            injector = INJECTOR if of_point else INJECTOR.with_values({name: value})
+            delivered = cr.simulate(injector, cr.OperatingPoint(120e6, time, **of_point)).injected_volume
+            assert delivered == pytest.approx(2e-9, abs=0.02e-9)
+        assert len(set(found.energising_time.ravel().tolist())) == 2
 
 
 def test_where_the_injections_always_fuse_there_is_no_time() -> None:

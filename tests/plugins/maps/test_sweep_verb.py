@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import commonrail as cr
 from commonrail.plugins.maps.dcm import read_dcm
+from commonrail.plugins.maps.ecu_file import read_ecu_maps
 from tests.cli.conftest import Command
 
 TWO = ("--first-energising-time", "300us", "--energising-time", "400us", "--rail-pressure", "160MPa", "--threads", "1")
@@ -72,6 +74,25 @@ def test_held_quantities_are_written_as_maps(command: Command, tmp_path: Path) -
     assert "Correction of the energising time at 160 MPa" in report.read_text(encoding="utf-8")
 
 
+def test_dead_times_over_a_condition_are_one_map(command: Command, tmp_path: Path) -> None:
+    """Absolute, and as a change against the model's own value, which is one of them."""
+    dead, change, csv = tmp_path / "dead.dcm", tmp_path / "change.cdfx", tmp_path / "dead.csv"
+    vary = ("--vary", "rail_pressure=100,160MPa", "--vary", "temperature=40,60,80degC", "--hold", "1mm3")
+    files = ("--out", dead, "--out", csv)
+    done = command("sweep", "virtual-lino-2016", *vary, "--longest", "500us", *files, "--json")
+    assert done.status == 0, done.err
+    assert command("sweep", "virtual-lino-2016", *vary, "--longest", "500us", "--change", "--out", change).status == 0
+    (found,) = read_dcm(dead)
+    assert (found.label, found.x.unit, found.y.unit, found.unit) == ("tiEnergising", "degC", "hPa", "us")
+    assert found.x.values.tolist() == [40.0, 60.0, 80.0]
+    assert found.values == pytest.approx(np.array(done.record["energising_time"])[:, :, 0].T * 1e6, abs=6e-4)
+    (changed,) = read_ecu_maps(change).tables.values()
+    own = cr.load_injector("virtual-lino-2016").values["fuel.temperature"] - 273.15
+    assert changed.values[:, found.x.values.tolist().index(round(own))].tolist() == [0.0, 0.0]
+    assert np.diff(changed.values, axis=1) == pytest.approx(np.diff(found.values, axis=1), abs=2e-3)
+    assert "temperature [degC]" in csv.read_text(encoding="utf-8")
+
+
 def test_the_change_over_dwell_and_pressure_is_one_map(command: Command, tmp_path: Path) -> None:
     """Of the quantity and of the energising time: one is that of the other sweep's numbers."""
     quantity, time, csv = tmp_path / "dq.dcm", tmp_path / "dt.dcm", tmp_path / "t.csv"
@@ -113,6 +134,8 @@ def test_the_change_over_dwell_and_pressure_is_one_map(command: Command, tmp_pat
         (("--vary", "temperature=20,392.85degC"), "is defined from"),
         (("--vary", "energising_time=1ms", "--out", "-"), "name a file or folder"),
         (("--vary", "energising_time=1ms", "--hold", "1mm3"), "vary rail_pressure and dwell alone"),
+        ((*TWO[:2], "--vary", "temperature=80degC", "--hold", "1mm3"), "one condition of a single injection"),
+        (("--vary", "rail_pressure=100MPa", "--hold", "1mm3"), "one condition of a single injection"),
         (("--vary", "energising_time=1ms", "--longest", "3ms"), "--longest: without --hold it does nothing"),
         (("--vary", "energising_time=1ms", "--label", "ti"), "--label: without --hold or --change and a file of --out"),
     ],

@@ -1,38 +1,67 @@
-"""Energising time of a second injection that holds its quantity whatever the dwell: the pressure wave compensated."""
+"""Energising times that hold a quantity: of a second injection whatever the dwell, of a single one over a condition."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from commonrail.base.arguments import Quantity, array, number
 from commonrail.base.arrays import Bools, Floats, IndexArray
+from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError
+from commonrail.base.units import convert
+from commonrail.calibration.run import Calibration
 from commonrail.engine.status import OK
+from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector
-from commonrail.plugins.maps.axes import MapAxes
+from commonrail.plugins.maps.axes import MapAxes, increasing
 from commonrail.plugins.maps.inverse import Inverse, invert, sampled
 from commonrail.plugins.maps.response import Conditions, Response, knots_of, simulate_many
-from commonrail.plugins.maps.run import InjectionMap, injection_map
-from commonrail.plugins.maps.sweep import Base, fused_of
+from commonrail.plugins.maps.run import InjectionMap, injection_map, read_sweep
+from commonrail.plugins.maps.sweep import OPERATING, TIMES, Base, Variable, check_values, fused_of, table_unit
 
 NARROW = 1e-6  # bracket of the dwell at which two injections fuse [s]
 
 
-@dataclass(frozen=True)
-class Compensation:
-    """Energising times of a second injection over dwell, rail pressure and quantity.
+@dataclass(frozen=True, repr=False)
+class Compensation(Shown):
+    """Energising times that deliver quantities over a condition and rail pressures.
 
-    `alone` is the map of a single injection over the same pressures and quantities; `first_energising_time` [s];
-    `dwell` (d,) lies from the end of the first energising to the start of the second [s]; `energising_time` (d,
-    pressures, quantities) holds the quantity of the second injection [s]; `inverses` has one of each dwell.
+    Attributes
+    ----------
+    alone : InjectionMap
+        Single injections over the same pressures and quantities, without a change of the condition.
+    first_energising_time : float
+        Of a first injection before it [s]; zero for a single injection.
+    condition : Variable
+        Dwell from the end of the first energising to the start of the second, or a variable of a sweep.
+    energising_time : (conditions, pressures, quantities)
+        Of the second, or of the single injection [s].
+    inverses : tuple of Inverse
+        One for each value of the condition.
     """
+
+    presenter = "commonrail.plugins.maps.sweep_page:COMPENSATION"
 
     alone: InjectionMap
     first_energising_time: float
-    dwell: Floats
+    condition: Variable
     energising_time: Floats
     inverses: tuple[Inverse, ...]
+
+    @property
+    def unit(self) -> str:
+        """Unit of the condition in files and tables."""
+        return table_unit(self.condition.unit)
+
+    @property
+    def values(self) -> list[float]:
+        """Values of the condition in that unit."""
+        return [float(f"{v:.9g}") for v in convert(self.condition.values, self.condition.unit, self.unit).tolist()]
 
 
 def compensation(
@@ -65,7 +94,87 @@ def compensation(
     inverse, _ = invert(simulate, lines, axes.quantity, alone.rules)
     parts = [inverse.rows(slice(i * count, (i + 1) * count)) for i in range(len(dwell))]
     times = np.array([part.energising_time for part in parts])
-    return Compensation(alone, first_energising_time, dwell, times, tuple(parts))
+    return Compensation(alone, first_energising_time, Variable("dwell", "s", dwell), times, tuple(parts))
+
+
+def over_condition(injector: Injector, axes: MapAxes, condition: Variable, conditions: Conditions) -> Compensation:
+    """Energising times of single injections over a condition: a pressure, or a parameter such as a voltage.
+
+    A small quantity gives the dead time. ConfigurationError if a value of the condition is refused.
+    """
+    check_values(injector, [condition])
+
+    def at(value: float) -> InjectionMap:
+        if condition.name in OPERATING:
+            changed: dict[str, Any] = {condition.name: value}
+            return injection_map(injector, axes, conditions._replace(**changed))
+        return injection_map(injector.with_values({condition.name: value}), axes, conditions)
+
+    inverses = tuple(at(value).inverse for value in condition.values.tolist())
+    times = np.array([inverse.energising_time for inverse in inverses])
+    return Compensation(injection_map(injector, axes, conditions), 0.0, condition, times, inverses)
+
+
+def hold(
+    model: Injector | Calibration,
+    vary: dict[str, Any],
+    quantities: ArrayLike,
+    *,
+    longest: Quantity = 2e-3,
+    time_step: Quantity = DEFAULT_STEP,
+    threads: int | None = None,
+    **fixed: Quantity,
+) -> Compensation:
+    """Energising times that deliver quantities over rail pressures and a condition, as `commonrail sweep --hold`.
+
+    Parameters
+    ----------
+    model : Injector or Calibration
+    vary : dict of str to array
+        Rail pressures and one condition, such as ``{"rail_pressure": ["80 MPa"], "drive.boost_voltage": [50, 65]}``.
+        With a ``first_energising_time`` the condition is the dwell, and the times are those of the second injection.
+    quantities : array
+        SI or texts with units [m³]; a small one gives the dead time.
+    longest : float or str
+        Longest energising time that is simulated [s].
+    time_step, threads, **fixed
+        As in `sweep`.
+
+    Raises
+    ------
+    ConfigurationError
+        If an argument is of another kind, or other variables are varied.
+    SimulationError
+        If no point could be simulated.
+    """
+    injector, variables, base = read_sweep(model, vary, fixed, time_step, threads)
+    volumes = array(quantities, "m3", "quantities", 1)
+    return hold_quantities(injector, variables, volumes, base, number(longest, "s", "longest energising time"))
+
+
+def hold_quantities(
+    injector: Injector, variables: Sequence[Variable], quantity: Floats, base: Base, longest: float
+) -> Compensation:
+    """Energising times, up to the longest one [s], that deliver quantities (k,) [m³] over the variables of a sweep.
+
+    These are rail pressures and the dwell if there is a first injection, else rail pressures and any one condition.
+    ConfigurationError if others are varied.
+    """
+    varied = {v.name: v for v in variables}
+    rail = varied.pop("rail_pressure", Variable("rail_pressure", "Pa", np.array([base.rail_pressure])))
+    axes = MapAxes(rail.values, quantity, np.array([longest]))
+    if base.first_energising_time > 0.0 and set(varied) <= {"dwell"}:
+        dwells = varied["dwell"].values if varied else np.array([base.dwell])
+        dwells = increasing(dwells, "s", "dwells")
+        return compensation(injector, axes, base.first_energising_time, dwells, base.conditions)
+    if base.first_energising_time > 0.0 or len(varied) != 1 or set(varied) & set(TIMES):
+        raise ConfigurationError(
+            "vary rail_pressure and dwell alone, and give the energising time of a first injection, or vary "
+            "rail_pressure and one condition of a single injection."
+        )
+    (condition,) = varied.values()
+    condition = condition._replace(values=increasing(condition.values, condition.unit, f"values of {condition.name}"))
+    return over_condition(injector, axes, condition, base.conditions)
 
 
 def fusion_dwell(injector: Injector, base: Base, rail_pressure: Floats, longest: float) -> Floats:

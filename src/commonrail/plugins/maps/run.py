@@ -364,6 +364,13 @@ def sweep(
     SimulationError
         If all simulations failed.
     """
+    return swept(*read_sweep(model, vary, fixed, time_step, threads))
+
+
+def read_sweep(
+    model: object, vary: object, fixed: Mapping[str, Quantity], time_step: Quantity, threads: int | None
+) -> tuple[Injector, list[Variable], Base]:
+    """Injector, variables and base of the arguments of `sweep`."""
     injector = _injector(model)
     for name in fixed:
         if name not in OPERATING:
@@ -372,7 +379,7 @@ def sweep(
     pressures = given.pop("cylinder_pressure"), given.pop("return_pressure")
     base = Base(**given, conditions=Conditions(*pressures, number(time_step, "s", "time step"), threads))
     varied = mapping(vary, "variables of a sweep", '{"dwell": ["400 us", "800 us"]}')
-    return swept(injector, [_variable(*item) for item in varied.items()], base)
+    return injector, [_variable(*item) for item in varied.items()], base
 
 
 def _variable(name: str, values: Sequence[Any]) -> Variable:

@@ -253,7 +253,7 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     refused; InputError if the fuel is not defined at a temperature; SimulationError if all simulations failed.
     """
     _check(variables, base)
-    _check_values(injector, variables)
+    check_values(injector, variables)
     operating = [v for v in variables if v.name in OPERATING]
     parameters = [v for v in variables if v.name not in OPERATING]
     columns = _columns(operating)
@@ -339,7 +339,7 @@ def _check(variables: Sequence[Variable], base: Base) -> None:
         )
 
 
-def _check_values(injector: Injector, variables: Sequence[Variable]) -> None:
+def check_values(injector: Injector, variables: Sequence[Variable]) -> None:
     """Refuse values of parameters that a simulation of their own would be refused for, with its sentence."""
     known = injector.quantities
     for name, _, values in variables:

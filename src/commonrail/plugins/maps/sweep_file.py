@@ -41,14 +41,15 @@ def _rows(found: Sweep) -> Iterator[Sequence[str]]:
 
 
 def write_compensation(path: Path, found: Compensation) -> None:
-    """Write a row for each rail pressure, quantity and dwell."""
-    head = ["dwell [us]", "rail_pressure [MPa]", "quantity [mm3]", "energising_time [us]", "alone [us]", "state"]
+    """Write a row for each value of the condition, rail pressure and quantity."""
+    head = [f"{found.condition.name} [{found.unit}]", "rail_pressure [MPa]", "quantity [mm3]"]
+    head += ["energising_time [us]", "alone [us]", "state"]
     axes = found.alone.axes
 
     def rows() -> Iterator[Sequence[str]]:
         for d, i, j in np.ndindex(found.energising_time.shape):
             yield [
-                f"{found.dwell[d] * 1e6:.9g}",
+                f"{found.values[d]:.9g}",
                 f"{axes.rail_pressure[i] * 1e-6:.9g}",
                 f"{axes.quantity[j] * 1e9:.9g}",
                 _text(float(found.energising_time[d, i, j]) * 1e6),
@@ -56,8 +57,10 @@ def write_compensation(path: Path, found: Compensation) -> None:
                 CellState(int(found.inverses[d].state[i, j])).name.lower(),
             ]
 
-    first = f"energising time of the first injection {found.first_energising_time * 1e6:g} us; dwell: end to start"
-    write_csv(path, (*notes_of(found.alone), first), head, rows())
+    note = f"varied: {found.condition.name}"
+    if found.first_energising_time > 0.0:
+        note = f"energising time of the first injection {found.first_energising_time * 1e6:g} us; dwell: end to start"
+    write_csv(path, (*notes_of(found.alone), note), head, rows())
 
 
 def sweep_record(found: Sweep, fusion: Sequence[tuple[float, float]] = ()) -> dict[str, Any]:
@@ -101,7 +104,7 @@ def compensation_record(found: Compensation) -> dict[str, Any]:
         "injector": found.alone.injector.name,
         "synthetic": found.alone.injector.synthetic,
         "first_energising_time": found.first_energising_time,
-        "dwell": found.dwell.tolist(),
+        "condition": {**found.condition._asdict(), "values": found.condition.values.tolist()},
         "rail_pressure": axes.rail_pressure.tolist(),
         "quantity": axes.quantity.tolist(),
         "energising_time": numbers(found.energising_time),

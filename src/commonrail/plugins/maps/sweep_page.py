@@ -143,44 +143,54 @@ def _shown(value: float, unit: str) -> str:
 
 
 def compensation_html(found: Compensation) -> str:
-    """Page of energising times that hold the second of two injections."""
-    axes, dwells = found.alone.axes, points(found.dwell * MICROSECOND)
-    figures = []
+    """Page of energising times that hold quantities over a condition."""
+    title = f"{'Second injection' if found.first_energising_time else 'Energising times'}: {found.alone.injector.name}"
+    facts = [("Conditions", note) for note in notes_of(found.alone)]
+    injector, table = found.alone.injector, compensation_table(found)
+    return page(title, [injector], _compensation_lines(found), _compensation_figures(found), [table], facts=facts)
+
+
+def _compensation_lines(found: Compensation) -> list[str]:
+    if found.first_energising_time:
+        return [f"Energising time of the first injection: {fixed(found.first_energising_time, 0, 1e6)} µs. {DWELL}"]
+    return [f"Energising times that deliver each quantity over {_condition(found)}."]
+
+
+def _compensation_figures(found: Compensation) -> list[Figure]:
+    axes, two, figures = found.alone.axes, found.first_energising_time > 0.0, []
     for i in range(min(len(axes.rail_pressure), MOST_FIGURES)):
-        change = (found.energising_time[:, i] - found.alone.inverse.energising_time[i]) * MICROSECOND
+        times = found.energising_time[:, i] - (found.alone.inverse.energising_time[i] if two else 0.0)
         series = tuple(
-            Series(f"{significant(q, 4, MM3)} mm³", "solid", dwells, points(change[:, j]), BOTH, j)
+            Series(f"{significant(q, 4, MM3)} mm³", "solid", points(found.values), points(times[:, j] * 1e6), BOTH, j)
             for j, q in enumerate(axes.quantity.tolist())
         )
-        figures.append(
-            Figure(
-                f"Correction of the energising time at {pressure(float(axes.rail_pressure[i]))}",
-                "Energising time that holds the second quantity, less that of an injection alone.",
-                "dwell, µs",
-                (Panel("correction, µs", series, zero_line=True),),
-            )
-        )
-    first = f"Energising time of the first injection: {fixed(found.first_energising_time, 0, MICROSECOND)} µs. {DWELL}"
-    facts = [("Conditions", note) for note in notes_of(found.alone)]
-    title = f"Second injection: {found.alone.injector.name}"
-    return page(title, [found.alone.injector], [first], figures, [compensation_table(found)], facts=facts)
+        what = "Correction of the energising time" if two else "Energising time"
+        caption = "Energising time that holds the second quantity, less that of an injection alone." if two else ""
+        panel = Panel("correction, µs" if two else "energising time, µs", series, zero_line=two)
+        at = pressure(float(axes.rail_pressure[i]))
+        figures.append(Figure(f"{what} at {at}", caption, _condition(found), (panel,)))
+    return figures
+
+
+def _condition(found: Compensation) -> str:
+    return f"{_title(found.condition)}, {in_print(found.unit)}"
 
 
 def compensation_table(found: Compensation) -> Table:
-    """Energising times of the second injection, a row for each dwell, rail pressure and quantity."""
-    axes = found.alone.axes
+    """Energising times, a row for each value of the condition, rail pressure and quantity."""
+    axes, two = found.alone.axes, found.first_energising_time > 0.0
     return tabulated(
-        "Energising time of the second injection that holds its quantity",
+        f"Energising time of {'the second' if two else 'an'} injection that holds its quantity",
         list(np.ndindex(found.energising_time.shape)),
         [
             ("state", lambda p: CellState(int(found.inverses[p[0]].state[p[1:]])).name.lower()),
-            ("dwell, µs", lambda p: fixed(found.dwell[p[0]], 0, MICROSECOND)),
+            (_condition(found), lambda p: f"{found.values[p[0]]:.6g}"),
             ("rail pressure, MPa", lambda p: megapascal(float(axes.rail_pressure[p[1]]))),
             ("quantity, mm³", lambda p: significant(float(axes.quantity[p[2]]), 4, MM3)),
             ("energising time, µs", lambda p: fixed(found.energising_time[p], 1, MICROSECOND)),
             ("alone, µs", lambda p: fixed(found.alone.inverse.energising_time[p[1:]], 1, MICROSECOND)),
         ],
-        DWELL,
+        DWELL if two else "Alone: at the model's own value.",
     )
 
 
@@ -196,3 +206,4 @@ def _arrays(found: Sweep) -> Arrays:
 
 
 SWEEP = Presenter(sweep_lines, figures=sweep_figures, arrays=_arrays)
+COMPENSATION = Presenter(_compensation_lines, lambda found: [compensation_table(found)], _compensation_figures)

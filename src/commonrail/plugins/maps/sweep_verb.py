@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import click
 
-from commonrail.base.errors import InputError
+from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.base.output import write_text
 from commonrail.base.units import parse
 from commonrail.cli.console import SIMULATING, print_result, print_table, print_text, say
@@ -29,6 +29,8 @@ from commonrail.cli.options import (
     with_overrides,
 )
 from commonrail.plugins.maps.verb import read_conditions, read_quantities
+
+SECOND, SINGLE = "tiSecond", "tiEnergising"  # labels where none is given
 
 if TYPE_CHECKING:
     from commonrail.physics.injector import Injector
@@ -62,8 +64,8 @@ def sweep(
         str | None,
         Option(
             metavar="QUANTITIES",
-            help="Quantities of the second injection, e.g. 1,2,5mm3, whose energising times are found over the varied "
-            "rail pressures and dwells.",
+            help="Quantities, e.g. 1,2,5mm3, whose energising times are found: of the second injection over the varied "
+            "rail pressures and dwells, of a single one over rail pressures and one condition, as a voltage.",
         ),
     ] = None,
     change: Annotated[
@@ -79,8 +81,12 @@ def sweep(
     time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
     set_: Settings = (),
     label: Annotated[
-        str, Option(help="Label of the maps of --hold and --change; the dwell or quantity is added to several.")
-    ] = "tiSecond",
+        str | None,
+        Option(
+            help="Label of the maps of --hold and --change; the dwell or quantity is added to several. [default: "
+            f"{SECOND}, or {SINGLE} of a single injection]"
+        ),
+    ] = None,
     out: Annotated[
         tuple[Path, ...],
         Option(metavar="FILE", help="File: .csv; of --hold and --change also those of commonrail map; repeatable."),
@@ -92,7 +98,8 @@ def sweep(
     """Sweep variables, or the dwell of injections.
 
     Two injections whose needle does not close in between are fused, and reported as such. With --hold the
-    energising time of the second injection is found that delivers a quantity at each rail pressure and dwell.
+    energising time is found that delivers a quantity at each rail pressure and dwell, or at each rail pressure and
+    value of a condition; a small quantity gives dead times.
 
     \b
     Examples:
@@ -102,6 +109,8 @@ def sweep(
           --first-energising-time 350us --hold 1,2,5,10mm3 --out second.dcm
       commonrail sweep cri2-16 --vary rail_pressure=40:160:20MPa --vary dwell=1000:3000:100us \\
           --first-energising-time 350us --hold 5mm3 --change --label InjWave_dtiET_MAP --out wave.dcm
+      commonrail sweep cri2-16 --vary rail_pressure=40:160:20MPa --vary temperature=-20:80:20degC --hold 0.1mm3 \\
+          --label InjVlv_tiDead_MAP --out dead.dcm
     """
     from commonrail.cli.model_name import read_model_name
     from commonrail.plugins.maps.file import check_map_file
@@ -141,9 +150,9 @@ def sweep(
     injector = with_overrides(named.injector, set_)
     refuse_return_pressure(injector)
     variables = [_variable(text) for text in vary]
-    check_label(label)
+    check_label(label or SECOND)
     if hold is None:
-        tables = _change(injector, variables, base, label) if change else None
+        tables = _change(injector, variables, base, label or SECOND) if change else None
         say(SIMULATING)
         outcome = _swept(run(injector, variables, base), tables)
     else:
@@ -225,35 +234,32 @@ def _fusion(found: Sweep) -> list[tuple[float, float]]:
 
 
 def _held(injector: Injector, variables: list[Variable], base: Base, hold: str, longest: float) -> Compensation:
-    import numpy as np
-
-    from commonrail.plugins.maps.axes import MapAxes, increasing
-    from commonrail.plugins.maps.compensation import compensation
+    from commonrail.plugins.maps.compensation import hold_quantities
     from commonrail.plugins.maps.response import density_at
 
-    varied = {v.name: v.values for v in variables}
-    if set(varied) - {"rail_pressure", "dwell"} or not base.first_energising_time:
-        raise InputError("--hold: vary rail_pressure and dwell alone, and give --first-energising-time.")
     quantity = read_quantities(hold, density_at(injector, base.conditions), "--hold")
-    axes = MapAxes(varied.get("rail_pressure", np.array([base.rail_pressure])), quantity, np.array([longest]))
-    dwells = increasing(varied.get("dwell", np.array([base.dwell])), "s", "dwells")
     say(SIMULATING)
-    return compensation(injector, axes, base.first_energising_time, dwells, base.conditions)
+    try:
+        return hold_quantities(injector, variables, quantity, base, longest)
+    except ConfigurationError as error:
+        raise InputError(f"--hold: {error}") from error
 
 
-def _compensated(found: Compensation, label: str, change: bool) -> _Outcome:
+def _compensated(found: Compensation, label: str | None, change: bool) -> _Outcome:
     from commonrail.plugins.maps.file import write_map_file
     from commonrail.plugins.maps.sweep_file import compensation_record, write_compensation
     from commonrail.plugins.maps.sweep_page import compensation_html, compensation_table
-    from commonrail.plugins.maps.table import compensation_tables, correction_tables
+    from commonrail.plugins.maps.table import compensation_tables, condition_tables
+
+    two = found.first_energising_time > 0.0
+    label = label or (SECOND if two else SINGLE)
 
     def write(path: Path) -> None:
-        if change:
-            write_map_file(path, correction_tables(found, label))
-        elif path.suffix.lower() == ".csv":
+        if path.suffix.lower() == ".csv" and not change:
             write_compensation(path, found)
         else:
-            write_map_file(path, compensation_tables(found, label))
+            tables = compensation_tables(found, label) if two and not change else condition_tables(found, label, change)
+            write_map_file(path, tables)
 
     return _Outcome(
         write,

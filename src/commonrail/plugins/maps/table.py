@@ -213,7 +213,7 @@ def compensation_tables(found: Compensation, label: str) -> list[MapTable]:
     The dwell in µs joins the label: ``label_600us``. InputError as `inverse_table`.
     """
     tables = []
-    for dwell, inverse in zip(found.dwell.tolist(), found.inverses, strict=True):
+    for dwell, inverse in zip(found.condition.values.tolist(), found.inverses, strict=True):
         ballistic = np.zeros(inverse.state.shape, bool)
         table = inverse_table(replace(found.alone, inverse=inverse, inverse_ballistic=ballistic), label)
         pause = (
@@ -225,27 +225,32 @@ def compensation_tables(found: Compensation, label: str) -> list[MapTable]:
     return tables
 
 
-def correction_tables(found: Compensation, label: str) -> list[MapTable]:
-    """Energising time of the second injection less that of one alone, over dwell (x) and rail pressure (y).
+def condition_tables(found: Compensation, label: str, change: bool) -> list[MapTable]:
+    """Energising time over the condition (x) and rail pressure (y), or its change against the time of one alone.
 
     A table for each quantity; where there are several, the quantity joins the label. InputError as `inverse_table`.
     """
     alone = found.alone
-    change = convert(found.energising_time - alone.inverse.energising_time, "s", ECU_UNITS.time)
+    times = found.energising_time - alone.inverse.energising_time if change else found.energising_time
+    times = convert(times, "s", ECU_UNITS.time)
+    what = "Correction of the energising time" if change else "Energising time"
     states = np.vectorize(_state, otypes=[object])(np.array([inverse.state for inverse in found.inverses]), False)
     volumes = _quantities(alone, alone.axes.quantity, ECU_UNITS).tolist()
-    pause = f"first injection: {found.first_energising_time * 1e6:g} us; dwell: from its end to the start of the second"
+    note, injection = f"varied: {found.condition.name}", f"{alone.injector.name} for"
+    if found.first_energising_time > 0.0:
+        note = f"first injection: {found.first_energising_time * 1e6:g} us; dwell: from its end to the second's start"
+        injection = "a second injection of"
     return [
         MapTable(
             check_label(f"{label}_{volume:g}".replace(".", "_") if len(volumes) > 1 else label),
-            f"Correction of the energising time of a second injection of {volume:g} {ECU_UNITS.quantity}",
-            "correction",
+            f"{what} of {injection} {volume:g} {ECU_UNITS.quantity}",
+            "correction" if change else "energising_time",
             ECU_UNITS.time,
-            Axis("dwell", ECU_UNITS.time, _rounded(convert(found.dwell, "s", ECU_UNITS.time))),
+            Axis(found.condition.name, found.unit, np.array(found.values)),
             _pressure_axis(alone, ECU_UNITS),
-            np.round(change[:, :, j].T, DECIMALS),
+            np.round(times[:, :, j].T, DECIMALS),
             tuple(map(tuple, states[:, :, j].T.tolist())),
-            (*notes_of(alone), pause),
+            (*notes_of(alone), note),
         )
         for j, volume in enumerate(volumes)
     ]
