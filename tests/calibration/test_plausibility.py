@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from commonrail.calibration.plausibility import (
     after_fit,
     best_gain,
     best_shift,
+    common_delays,
     of_model,
     of_settings,
     of_values,
@@ -31,6 +33,7 @@ from commonrail.data.quantities.data import QuantityData, QuantityScore
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.physics.injector import Injector, parameter_quantities
 from commonrail.physics.law import Domain, Q
+from commonrail.physics.meters import Meter
 from commonrail.runs.fingerprint import TARGET
 
 BOUNDS = 3e-6 * np.arange(521)
@@ -283,6 +286,40 @@ def test_an_onset_long_after_energising_says_so(pwm: Injector) -> None:
     early = OperatingPoint(160e6, [(-3e-3, 700e-6)], start=-3e-3, horizon=4.56e-3)
     (finding,) = at_start(pwm, curve(pulse(), early), pulse())
     assert "after the last energising begins: that is too late" in finding.sentence
+
+
+def at_pressures(injector: Injector, late: tuple[float, ...], meter: Meter | None = None) -> tuple[Finding, ...]:
+    """Findings about curves at 50, 100 … MPa that begin later than the simulated ones."""
+    data = [
+        curve(pulse(350e-6 + shift, 600e-6), replace(POINT, rail_pressure=50e6 * k), name=f"curve {k}", meter=meter)
+        for k, shift in enumerate(late, 1)
+    ]
+    return of_values(study(injector, *data), [scored(one, pulse(length=600e-6)) for one in data])
+
+
+@pytest.mark.parametrize(
+    ("late", "subjects"),
+    [
+        ((200e-6, 170e-6, 230e-6), ["Title"]),
+        ((-200e-6, -180e-6), ["Title"]),
+        ((340e-6, 330e-6), ["Title"]),  # in place of two onsets
+        ((200e-6,), []),  # of one pressure
+        ((140e-6, 130e-6), []),  # as drawings miss it
+        ((320e-6, 20e-6), ["curve 1"]),
+    ],
+)
+def test_one_delay_is_said_of_curves_that_share_it(pwm: Injector, late: tuple[float, ...], subjects: list[str]) -> None:
+    findings = at_pressures(pwm, late)
+    assert [finding.subject for finding in findings] == subjects
+    assert codes(findings) == ["onset"] * len(subjects)
+
+
+def test_a_delay_starts_from_what_its_meter_has() -> None:
+    meter = Meter("evi", {"delay": "50 us"})
+    data = [curve(pulse(550e-6), replace(POINT, rail_pressure=p), meter=meter) for p in (50e6, 100e6)]
+    (delay,) = common_delays([(one, scored(one, pulse())) for one in data])
+    read = tomllib.loads(f"delay = {delay.text()}")["delay"]
+    assert read == {"lower": "50 us", "upper": "450 us", "start": "250 us"}
 
 
 def test_one_set_that_makes_all_of_j_is_told(pwm: Injector) -> None:

@@ -18,6 +18,9 @@ from commonrail.base.text import quantity
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study, longest_for_all
 from commonrail.data.base import DataSet, Role, Score, ToleratedData, widths_of
+from commonrail.data.curves.data import RateData
+from commonrail.data.quantities.baselines import SCALES, interpolate
+from commonrail.data.quantities.data import QuantityData
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.plan import reference_density
 from commonrail.engine.time_step import step_advice
@@ -71,7 +74,14 @@ QUANTITY_APART = 1e-9  # [m³] a smaller difference is a matter of the opening d
 ONSET_SHARE = 0.05  # of the injected quantity marks the onset: an integral, so that noise does not trigger it
 EARLIEST = 50e-6  # [s] onset after energising begins: coil, valve and control chamber take 150 us or more
 LATEST = 3e-3  # [s] onset after the last energising begins: ten times the opening delay of a slow injector
-ONSET_APART = 300e-6  # [s] onset, measured against simulated: drawings miss the delay by up to 150 us
+ONSET_APART = 300e-6  # [s] onset, measured against simulated: twice what drawings miss
+ONSET_MISSED = 150e-6  # [s] by which drawings miss the opening delay; more than that is not the injector's
+LEAST_ONSET = 0.01  # of the greater quantity: the smaller one may be hardly more than noise
+COMMON = (
+    0.5  # of the median shift, scatter of the onsets up to which it is one shift: an injector's depends on pressure
+)
+DELAY_REACH = 200e-6  # [s] to both sides of a delay from onsets: what drawings miss, and the scatter of the onsets
+DELAY_STEP = 10e-6  # [s] to which such a delay is rounded
 HEAVY, LIGHT = 0.95, 0.01  # shares of J; of many sets, light is below a tenth of an equal share
 
 # After the fit.
@@ -84,6 +94,7 @@ LEAST_SHIFT = 20e-6  # [s] triggers and the delays of meters are known to some u
 GAINS, GAIN_STEP = (0.2, 5.0), 0.01  # search for a gain; beyond, the quantity has told before the fit
 LEAST_GAIN = 0.05  # distance of the gain from 1: rate meters are calibrated to 1 to 3 %
 DENSITY_MATCH = 0.03  # between the gain and the density in g/cm³ or its inverse: the latter are 20 % from 1
+UNIT_MATCH = 0.08  # the same for curves and a map: interpolation adds up to 6 %, and density is 20 % from 1
 AT_BOUNDS = 0.5  # share of the free parameters; single ones are told with the parameters in the report
 
 
@@ -237,6 +248,36 @@ def _range(limits_: tuple[float, float], unit: str) -> str:
     return f"{quantity(limits_[0], unit, 4)} to {quantity(limits_[1], unit, 4)}"
 
 
+# Check of the curves of a study against its maps: nothing is simulated.
+
+
+def unit_findings(data: Sequence[DataSet], injector: Injector) -> Iterator[Finding]:
+    """Curves and maps, one of which mistakes mass for volume: their quantities differ by the fuel's density."""
+    curves = [one for one in data if isinstance(one, RateData) and len(one.point.pulses) == 1]
+    at = np.array([_place(one.point) for one in curves]).reshape(-1, 2)
+    integrals = np.array([np.sum(one.measured * widths_of(one)) for one in curves])
+    for one in data if curves else ():
+        if not isinstance(one, QuantityData) or any(len(point.pulses) != 1 for point in one.points):
+            continue
+        known = np.column_stack([[_place(point) for point in one.points], one.measured])
+        mapped, is_extrapolated = interpolate(known, at, SCALES["√p"])
+        inside = ~is_extrapolated & (mapped > QUANTITY_APART)
+        ratios = integrals[inside] / mapped[inside]
+        ratio = float(np.median(ratios)) if len(ratios) else 1.0
+        slip = _density_slip(ratio, 1e-3 * reference_density(injector, curves[0].point), UNIT_MATCH)
+        if slip and np.ptp(ratios) <= UNIT_MATCH * ratio:
+            yield found(
+                "unit",
+                curves[0].name,
+                f"the integrals of {len(ratios)} curves are {ratio:.3g} times the quantities of {one.name} at the same "
+                f"operating points: {slip}check the units of both.",
+            )
+
+
+def _place(point: OperatingPoint) -> tuple[float, float]:
+    return float(point.initial_pressures()[0]), point.pulses[0].duration
+
+
 # Checks of the data against a simulation, as a rule of the start values: quantity, onset, shares of J.
 
 MM3 = 1e9  # of 1 m³
@@ -262,7 +303,7 @@ def start_findings(data: DataSet, score: Score) -> Iterator[Finding]:
         return
     yield from _quantities(data.name, *score.quantities())
     if data.bounds is not None:
-        yield from _onset(data, onset(data.measured, data.bounds), onset(score.values, data.bounds))
+        yield from _onset(data, onset(data.measured, data.bounds), onset_shift(data, score))
 
 
 def share_findings(data: Sequence[DataSet], scores: Sequence[Score], of: str) -> Iterator[Finding]:
@@ -299,13 +340,82 @@ def set_cost(data: DataSet, score: Score) -> float:
     return data.weight * float(data.misfit(score.values))
 
 
-def onset(rate: Floats, bounds: Floats) -> float | None:
-    """Time after which all but a small share of the quantity is injected [s]; None if nothing is injected in sum."""
+def onset(rate: Floats, bounds: Floats, volume: float | None = None) -> float | None:
+    """Time after which all but a small volume is injected [s]; None if no more than that is injected.
+
+    `volume` [m³]: by default a small share of the quantity.
+    """
     cumulated = np.cumsum(rate * np.diff(bounds))
-    if not cumulated[-1] > 0.0:
+    level = ONSET_SHARE * cumulated[-1] if volume is None else volume
+    if not 0.0 < level < cumulated[-1]:
         return None
-    before = np.flatnonzero(cumulated < ONSET_SHARE * cumulated[-1])
+    before = np.flatnonzero(cumulated < level)
     return float(bounds[before[-1] + 1]) if len(before) else float(bounds[0])
+
+
+def onset_shift(data: DataSet, score: Score) -> float | None:
+    """Time by which the measured injection begins later than the simulated one [s]; None if one injects nothing.
+
+    Both begin when the same volume is injected: a share of each quantity would count an injection that ends too soon as
+    one that begins too soon.
+    """
+    assert data.bounds is not None
+    totals = [float(np.sum(rate * np.diff(data.bounds))) for rate in (data.measured, score.values)]
+    volume = max(ONSET_SHARE * min(totals), LEAST_ONSET * max(totals))
+    measured, simulated = (onset(rate, data.bounds, volume) for rate in (data.measured, score.values))
+    return None if measured is None or simulated is None else measured - simulated
+
+
+class Delay(NamedTuple):
+    """Shift of the onset [s] that curves of one meter share, positive if the measured ones are later."""
+
+    shift: float
+    curves: tuple[DataSet, ...]
+
+    def sentence(self) -> str:
+        """Statement about the curves, without a full stop."""
+        late = f"{quantity(abs(self.shift), 's', 2)} {'later' if self.shift > 0.0 else 'earlier'}"
+        return f"{len(self.curves)} curves begin {late} than the simulated ones, whatever the pressure"
+
+    def text(self) -> str:
+        """Value of the key `delay` of a meter, as TOML: free, with this delay as its start."""
+        assumed = self.curves[0].meter
+        before = 0.0 if assumed is None else assumed.values.get("delay", 0.0)
+        start = DELAY_STEP * round((before + self.shift) / DELAY_STEP)
+        values = (start - DELAY_REACH, start + DELAY_REACH, start)
+        lower, upper, middle = (f'"{1e6 * value:.0f} us"' for value in values)
+        return f"{{ lower = {lower}, upper = {upper}, start = {middle} }}"
+
+
+def common_delays(scored: Iterable[tuple[DataSet, Score]]) -> list[Delay]:
+    """Delays of meters by the onsets of their curves: one for each meter whose curves agree at several pressures.
+
+    `scored`: data sets with their scores; maps have no onset.
+    """
+    shifts: dict[str, list[tuple[DataSet, float]]] = {}
+    for data, score in scored:
+        shift = None if data.bounds is None else onset_shift(data, score)
+        if shift is not None:
+            shifts.setdefault("" if data.meter is None else data.meter.name, []).append((data, shift))
+    delays = []
+    for pairs in shifts.values():
+        curves, values = zip(*pairs, strict=True)
+        middle = float(np.median(values))
+        pressures = {float(curve.points[0].initial_pressures()[0]) for curve in curves}
+        if len(pressures) > 1 and abs(middle) > ONSET_MISSED and np.ptp(values) <= COMMON * abs(middle):
+            delays.append(Delay(middle, curves))
+    return delays
+
+
+def _delay(delay: Delay, subject: str) -> Finding:
+    meter = delay.curves[0].meter
+    name = "bench" if meter is None else meter.name
+    blocks = "" if meter else f' and meter = "{name}" in their blocks'
+    return found(
+        "onset",
+        subject,
+        f"{delay.sentence()}; correct their time_zero, or write delay = {delay.text()} in [meters.{name}]{blocks}.",
+    )
 
 
 def _quantities(name: str, measured: Floats, simulated: Floats) -> Iterator[Finding]:
@@ -341,7 +451,7 @@ def _slip(measured: float, simulated: float) -> str:
     return f" ({times:.3g} times; {likely[0]} would do that)" if likely else f" ({times:.3g} times)"
 
 
-def _onset(data: DataSet, measured: float | None, simulated: float | None) -> Iterator[Finding]:
+def _onset(data: DataSet, measured: float | None, shift: float | None) -> Iterator[Finding]:
     pulses = data.points[0].pulses
     if measured is None or not pulses:
         return
@@ -354,10 +464,9 @@ def _onset(data: DataSet, measured: float | None, simulated: float | None) -> It
     elif measured > last + LATEST:
         ago = quantity(measured - last, "s", 4)
         yield found("onset", data.name, f"{at}, {ago} after the last energising begins: that is too late; {cure}.")
-    elif simulated is not None and abs(measured - simulated) > ONSET_APART:
-        begins = f"the simulated one at {quantity(simulated, 's', 4)}"
-        most = quantity(ONSET_APART, "s", 4)
-        yield found("onset", data.name, f"{at}, and {begins}, more than {most} apart; {cure}.")
+    elif shift is not None and abs(shift) > ONSET_APART:
+        apart, late = quantity(abs(shift), "s", 3), "later" if shift > 0.0 else "earlier"
+        yield found("onset", data.name, f"{at}, {apart} {late} than the simulated one; {cure}.")
 
 
 # Checks of a fitted model: fall of J, values at bounds, size of the error, and shifts or gains that explain it.
@@ -492,10 +601,10 @@ def _gain(data: DataSet, gain: Change, injector: Injector) -> Iterator[Finding]:
     )
 
 
-def _density_slip(gain: float, density: float) -> str:
+def _density_slip(gain: float, density: float, match: float = DENSITY_MATCH) -> str:
     """The mistake between mass and volume that makes such a gain; `density` in g/cm³, which is mg/mm³."""
     for factor, words in ((1.0 / density, "volumes (mm3) labelled as masses (mg)"), (density, "masses (mg) as mm3")):
-        if abs(gain / factor - 1.0) <= DENSITY_MATCH:
+        if abs(gain / factor - 1.0) <= match:
             return f"{words} would do that, at the fuel's {density:.3g} mg/mm³; "
     return ""
 
@@ -507,14 +616,23 @@ def of_settings(study: Study) -> tuple[Finding, ...]:
     """Findings about what a study says: no simulation is needed."""
     findings = [f for data in study.data for f in data_findings(data, study.injector)]
     findings += [*injector_findings(study.injector), *bounds_findings(study.space), *idle_findings(study)]
-    findings += step_findings(study)
+    findings += [*step_findings(study), *unit_findings(study.data, study.injector)]
     return tuple(findings)
 
 
 def of_values(study: Study, scores: Sequence[Score], of: str = "start values") -> tuple[Finding, ...]:
     """Findings about the data beside their simulation with values `of` the parameters, one score for each data set."""
-    findings = [f for data, score in _judged(study, scores) for f in start_findings(data, score)]
-    return (*findings, *share_findings(study.data, scores, of))
+    return (*_start_findings(study, scores), *share_findings(study.data, scores, of))
+
+
+def _start_findings(study: Study, scores: Sequence[Score]) -> Iterator[Finding]:
+    """Findings about each data set beside its simulation, and a delay in place of the onsets that it explains."""
+    scored = list(_judged(study, scores))
+    delays = common_delays(scored)
+    delayed = {data.name for delay in delays for data in delay.curves}
+    for data, score in scored:
+        yield from (f for f in start_findings(data, score) if f.code != "onset" or data.name not in delayed)
+    yield from (_delay(delay, study.title) for delay in delays)
 
 
 def after_fit(fit: Fit, injector: Injector, before: Iterable[Finding] = ()) -> tuple[Finding, ...]:
@@ -533,8 +651,7 @@ def of_model(study: Study, injector: Injector, scores: Sequence[Score], fitted: 
     `scores`: of the injector, one for each data set; `fitted`: judge errors, shifts and gains too.
     """
     findings = [f for data in study.data for f in data_findings(data, injector)]
-    findings += injector_findings(injector)
-    findings += [f for data, score in _judged(study, scores) for f in start_findings(data, score)]
+    findings += [*injector_findings(injector), *_start_findings(study, scores)]
     return tuple(findings) + (_unknown(_of_scores(study, injector, scores), findings) if fitted else ())
 
 

@@ -119,7 +119,7 @@ def point_of_name(text: str) -> dict[str, str]:
     found: dict[str, list[str]] = {"rail_pressure": [], "energising_time": []}
     for match in _POINT.finditer(text):
         found["energising_time" if _placeholder(match) == "{et}" else "rail_pressure"].append(f"{match[1]} {match[3]}")
-    return {key: values[0].replace(",", ".") for key, values in found.items() if len(values) == 1}
+    return {key: values[0].replace(",", ".") for key, values in found.items() if len(set(values)) == 1}
 
 
 def pattern_of(names: Sequence[str]) -> str | None:

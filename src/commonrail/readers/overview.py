@@ -142,7 +142,8 @@ def block_of(path: Path, channels: Sequence[Channel], own_times: bool) -> tuple[
     base |= {"time_unit": time.unit} if time.unit_by_name and not own_times and not taken else {}
     base |= {"rate_unit": rates[0].unit} if rates[0].unit_by_name else {}
     zero = {"time_zero": UNKNOWN} if taken else zero_of(_times(time), rates[0].size)
-    point = {key: point_of_name(path.stem).get(key, UNKNOWN) for key in ("rail_pressure", "energising_time")}
+    stated = point_of_name(path.stem if len(rates) > 1 else f"{path.stem} {rates[0].name}")
+    point = {key: stated.get(key, UNKNOWN) for key in ("rail_pressure", "energising_time")}
     pattern = pattern_of([c.name for c in rates])
     if pattern is not None:
         point = {key: value for key, value in point.items() if _PLACEHOLDERS[key] not in pattern}

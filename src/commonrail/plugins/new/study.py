@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib import resources
@@ -13,17 +14,19 @@ import numpy as np
 
 from commonrail.base.arguments import COUNTS
 from commonrail.base.arrays import Floats
-from commonrail.base.errors import CommonrailError, InputError, nearest
+from commonrail.base.errors import CommonrailError, InputError, nearest, one_line
 from commonrail.base.hooks import note, quiet
 from commonrail.base.input import read_plain
 from commonrail.base.output import replacing, write_text, writing
 from commonrail.base.text import listed
-from commonrail.base.units import parse, to_text
+from commonrail.base.units import fits, parse, to_text
 from commonrail.calibration.influence import around
 from commonrail.calibration.parameter import Parameter, Prior
+from commonrail.calibration.plausibility import Delay, common_delays, unit_findings
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import step_for_all
 from commonrail.data.base import DataSet
+from commonrail.data.quantities.data import QuantityData, chosen_rows
 from commonrail.data.registry import kind_of
 from commonrail.data.simulator import Simulator
 from commonrail.data.study_block import Context, drive_unit
@@ -36,8 +39,8 @@ from commonrail.readers.injector import load_injector
 from commonrail.readers.injector_writer import dump_injector
 from commonrail.readers.location import Place, Reach
 from commonrail.readers.operating_points import pattern_of
-from commonrail.readers.overview import UNKNOWN, ZERO, Survey, survey
-from commonrail.readers.quantity_matrix import FoundMap, GivenUnits
+from commonrail.readers.overview import RATES, UNKNOWN, ZERO, Survey, survey
+from commonrail.readers.quantity_matrix import GivenUnits
 from commonrail.readers.tables import open_sheet
 from commonrail.readers.toml import read_model, read_toml, value_text
 from commonrail.runs.folder import final_text, new_folder
@@ -75,6 +78,7 @@ def write_into(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
 _FREE = ("control_chamber.z_hole_diameter", "control_chamber.a_hole_diameter", "nozzle.discharge_maximum")
 _FREE_OF_DIRECT = ("nozzle.discharge_maximum", "needle_seat.diameter")
 
+METER = "bench"  # name of the meter whose delay the onsets of curves ask for
 _BENCH = ("cylinder_pressure", "return_pressure")
 _OF_NOTES = "by a note above the map"
 _MEANINGS = {
@@ -93,8 +97,8 @@ _CHECKED = {
     "time_zero": "time of the file at which energising starts; no file tells it",
     "time_unit": "unit by the name of the column",
     "rate_unit": "unit by the names of the columns",
-    "rail_pressure": "by the name of the file",
-    "energising_time": "by the name of the file",
+    "rail_pressure": "by the name of the file or its column",
+    "energising_time": "by the name of the file or its column",
     "shots": "the only current begins to rise by offset after the trigger's edge, to a sample of it",
 }
 # Weight of a map beside rates. On two benches of 50 points and 120 shots (`studies/walk_bench.py`, seeds 1 and 2) the
@@ -152,6 +156,7 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise InputError(f"Two of the data files are called {twice}; rename one.")
+    _check_points(surveys, stated.points)
     blocks = [_block(found, surveys, model, stated) for found in surveys]
     with new_folder(folder) as place, writing(folder):
         (place / "data").mkdir()
@@ -163,12 +168,16 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
         noted = {key: text for found in surveys if found.found for key, text in found.found.notes.items()}
         bench = {key: stated.pressures.get(key) or noted.get(key, UNKNOWN) for key in _BENCH}
         read = [key for key in _BENCH if key in noted and not stated.pressures.get(key)]
-        free = named or _screened(model, [bench | block for block in blocks], study, surveys)
+        trial = _Trial(model, [bench | block for block in blocks], study)
+        free, delay, doubts = named or trial.screened(), trial.delay(), trial.doubted_units(surveys)
+        for curve in delay.curves if delay else ():
+            blocks[trial.block_of(curve.name)]["meter"] = METER
         warmth = _temperature_lines(model, noted.get("fuel_temperature", ""))
         lines = [
             *_head(injector, bench, [survey.path.name for survey in surveys], read),
+            *_meter_lines(delay),
             *warmth,
-            *_data_lines(surveys, blocks, stated),
+            *_data_lines(surveys, blocks, stated, doubts),
             *_parameter_lines(model, free, bool(named)),
             *_optimiser_lines(blocks),
         ]
@@ -176,7 +185,9 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
     missing = [*_open(bench), *(f"data[{i}].{key}" for i, block in enumerate(blocks, 1) for key in _open(block))]
     assumed = (
         read
+        + [f"meters.{METER}.delay"] * (delay is not None)
         + ["fixed[1].value"] * bool(warmth)
+        + [f"data[{i + 1}].rate_unit" for i in doubts]
         + [
             f"data[{i}].{'shots.offset' if key == 'shots' else key}"
             for i, block in enumerate(blocks, 1)
@@ -195,6 +206,21 @@ def _surveyed(path: Path, stated: StatedByUser) -> Survey:
     form = stated.form._replace(encoding="") if is_book else stated.form._replace(sheet="")
     found = survey(path, form)
     return found if found.block or not any(stated.units.by_kind().values()) else survey(path, form, stated.units)
+
+
+def _check_points(surveys: Sequence[Survey], points: Mapping[str, str]) -> None:
+    """Refuse an operating point of the command line that contradicts the name of a file, or that no file lacks."""
+    rates = [one for one in surveys if one.block["kind"] == "rate"]
+    for key, text in points.items():
+        option, unit = f"--{key.replace('_', '-')} {text}", "Pa" if key == "rail_pressure" else "s"
+        values = {one.path.name: one.block[key] for one in rates if key in one.block}
+        if text and not values:
+            raise InputError(f"{option}: every file states its operating points, or has no rates; omit the option.")
+        for name, value in values.items() if text else ():
+            if value != UNKNOWN and not math.isclose(parse(value, unit), parse(text, unit)):
+                raise InputError(f"{option}: {name} states {value} by a name; omit the option, or rename it.")
+        if text and len(values) > 1:
+            note(f"{option} is taken for {listed(list(values))}.")
 
 
 def _block(found: Survey, surveys: Sequence[Survey], model: Injector, stated: StatedByUser) -> dict[str, Any]:
@@ -267,54 +293,93 @@ def _copied_injector(source: str, model: Injector, target: Path) -> Path:
     return _copy(Path(source), target)
 
 
-def _screened(
-    model: Injector, blocks: Sequence[Mapping[str, Any]], study: Path, surveys: Sequence[Survey]
-) -> list[Parameter]:
-    """Parameters to free, by a screening at the points of the data that state them; none if there are no such data.
+class _Trial:
+    """Data sets of blocks, which are read before the study is there, with substitutes for what is open.
 
-    A map that has more points than a screening takes is screened on a part of its pressures and times.
+    `blocks`: keys of each with those of the bench; `study`: path of the file.
     """
-    space, at = usual_space(model), Place(str(study))
-    try:
-        step, data = step_for_all(model, space), list[DataSet]()
-        left = MOST_SIMULATIONS // len(around(space, space.reference).values)
-        sizes = [len(one.found.quantity) if one.found else 0 for one in surveys]
-        for rank, i in enumerate(sorted(range(len(blocks)), key=sizes.__getitem__)):
-            most = (left - sum(len(one.simulated_points) for one in data)) // (len(blocks) - rank)
-            block, assumed = blocks[i], _assumed(blocks[i]) | _part_of_map(surveys[i].found, most)
-            kind = kind_of(block["kind"])
-            if not _open(assumed):
-                context = Context(model, step, Reach(study, False), (at / "data")[i])
-                with quiet():  # who reads the study gets its notes
-                    data += kind.read_all(read_model(kind.model, assumed, context.at), context)
-        if found := screen(model, space, data, step):
-            return found
-        reason = "the data see none of them, or state no operating points."
-    except CommonrailError as error:
-        reason = str(error)
-    note(final_text(f"Usual parameters are free within 10 %, because none is screened: {reason}", study.parent))
-    return []
+
+    def __init__(self, model: Injector, blocks: Sequence[Mapping[str, Any]], study: Path) -> None:
+        self.model, self.blocks, self.study = model, blocks, study
+        self.space, self.error = usual_space(model), ""
+        self.step = step_for_all(model, self.space)
+        self.sets: dict[int, list[DataSet]] = {}
+        for i in range(len(blocks)):
+            try:
+                self.sets[i] = self._read(i)
+            except CommonrailError as error:  # who reads the study gets it too
+                self.error = final_text(str(error), study.parent)
+
+    def _read(self, i: int) -> list[DataSet]:
+        """Data sets of a block, none if it states no operating points."""
+        assumed = _assumed(self.blocks[i])
+        if _open(assumed):
+            return []
+        kind = kind_of(self.blocks[i]["kind"])
+        context = Context(self.model, self.step, Reach(self.study, False), (Place(str(self.study)) / "data")[i])
+        with quiet():  # who reads the study gets its notes
+            return list(kind.read_all(read_model(kind.model, assumed, context.at), context))
+
+    def all_sets(self) -> list[DataSet]:
+        """All data sets that were read."""
+        return [one for some in self.sets.values() for one in some]
+
+    def screened(self) -> list[Parameter]:
+        """Parameters to free, by a screening at the points of the data that state them; none if there are no such data.
+
+        A map that has more points than a screening takes is screened on a part of its pressures and times.
+        """
+        left, data = MOST_SIMULATIONS // len(around(self.space, self.space.reference).values), list[DataSet]()
+        sets = sorted(self.all_sets(), key=lambda one: len(one.simulated_points))
+        for rank, one in enumerate(sets):
+            data.append(_thin(one, left // (len(sets) - rank)))
+            left -= len(data[-1].simulated_points)
+        free = [] if self.error else screen(self.model, self.space, data, self.step)
+        if not free:
+            reason = self.error or "the data see none of them, or state no operating points."
+            note(f"Usual parameters are free within 10 %, because none is screened: {reason}")
+        return free
+
+    def delay(self) -> Delay | None:
+        """Delay that all curves share whose time zero and operating point are stated."""
+        simulator = Simulator(self.model, (), self.step)
+        curves = [data for i in self.sets if not {*_open(self.blocks[i])} & _TIMES for data in self.sets[i]]
+        return next(iter(common_delays((one, one.score(simulator)) for one in curves if one.bounds is not None)), None)
+
+    def block_of(self, name: str) -> int:
+        """Number of the block with a data set of this name."""
+        return next(i for i, some in self.sets.items() if any(one.name == name for one in some))
+
+    def doubted_units(self, surveys: Sequence[Survey]) -> dict[int, str]:
+        """Reasons to doubt that rates are volumes, by the numbers of their blocks."""
+        doubts = {}
+        for i, one in enumerate(surveys):
+            units = [channel.unit for channel in one.channels if channel.kind in RATES]
+            texts = [one.path.stem, *(text for channel in one.channels for text in (channel.name, channel.unit))]
+            masses = [text for text in texts if _MASS.search(text)]
+            if masses and units and all(fits(unit, "m3/s") for unit in units):
+                doubts[i] = one_line(f'{one.path.name}: its rate is read in {units[0]}, and "{masses[0]}" names a mass')
+        for finding in unit_findings(self.all_sets(), self.model):
+            doubts[self.block_of(finding.subject)] = finding.sentence
+        return doubts
 
 
-def _part_of_map(found: FoundMap | None, most: int) -> dict[str, list[str]]:
-    """Keys that choose evenly spaced pressures and times of a map, so that at most `most` points remain."""
-    if found is None or len(found.quantity) <= most:
-        return {}
-    axes = found.rail_pressure, found.energising_time
-    for stride in range(2, len(found.quantity) + 1):
-        values = [np.unique(axis)[::stride] for axis in axes]
-        count = np.count_nonzero(np.isin(axes[0], values[0]) & np.isin(axes[1], values[1]))
-        if 0 < count <= most:
-            break
-    else:
-        return {}
-    note(f"The parameters to free are screened at {count} of the {len(found.quantity)} points of the map.")
-    units = found.units["rail pressure"], found.units["energising time"]
-    keys = "rail_pressure", "energising_time"
-    return {
-        key: [f"{value!r} {unit}" for value in axis.tolist()]
-        for key, axis, unit in zip(keys, values, units, strict=True)
-    }
+_TIMES = {"time_zero", "shots.offset"}  # keys without which an onset says nothing
+_MASS = re.compile(r"(?<![a-z])mg(?![a-z])", re.I)
+
+
+def _thin(data: DataSet, most: int) -> DataSet:
+    """Data set with evenly spaced pressures and times of a map that has more than `most` points."""
+    if not isinstance(data, QuantityData) or len(data.points) <= most:
+        return data
+    rails = np.array([point.initial_pressures()[0] for point in data.points])
+    times = np.array([sum(pulse.duration for pulse in point.pulses) for point in data.points])
+    for stride in range(2, len(rails) + 1):
+        rows = np.isin(rails, np.unique(rails)[::stride]) & np.isin(times, np.unique(times)[::stride])
+        if 0 < np.count_nonzero(rows) <= most:
+            note(f"The parameters to free are screened at {np.count_nonzero(rows)} of {len(rails)} points of the map.")
+            return chosen_rows(data, rows)
+    return data
 
 
 def _assumed(keys: Mapping[str, Any]) -> dict[str, Any]:
@@ -361,10 +426,25 @@ def _head(injector: str, bench: Mapping[str, str], files: Sequence[str], noted: 
     ]
 
 
-def _data_lines(surveys: Sequence[Survey], blocks: Sequence[dict[str, Any]], stated: StatedByUser) -> list[str]:
+def _meter_lines(delay: Delay | None) -> list[str]:
+    """Meter with a free delay, which the onsets of the curves ask for."""
+    if delay is None:
+        return []
+    note(f"{delay.sentence()}: the delay of their meter is free, as [meters.{METER}].delay; check it.")
+    lines = [f"[meters.{METER}]", f"delay = {delay.text()} # CHECK IT: {delay.sentence()}, or their time_zero is wrong"]
+    return [*lines, 'mark = "E"', f"source = {_toml(delay.sentence())}", ""]
+
+
+def _data_lines(
+    surveys: Sequence[Survey], blocks: Sequence[dict[str, Any]], stated: StatedByUser, doubts: Mapping[int, str]
+) -> list[str]:
     lines: list[str] = []
-    for found, block in zip(surveys, blocks, strict=True):
-        lines += [f"# {found.taken_for}{'; ' + found.said if found.said else ''}", "[[data]]"]
+    for i, (found, block) in enumerate(zip(surveys, blocks, strict=True)):
+        lines.append(f"# {found.taken_for}{'; ' + found.said if found.said else ''}")
+        if i in doubts:
+            note(doubts[i])
+            lines.append(f"# CHECK IT: {doubts[i]}")
+        lines.append("[[data]]")
         lines += [_line(key, value, _checked(key, block, stated)) for key, value in block.items()]
         if block["kind"] == "quantities" and any(other["kind"] == "rate" for other in blocks):
             lines.append(
