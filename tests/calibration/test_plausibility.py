@@ -468,7 +468,11 @@ def test_a_sentence_is_one_line_whatever_a_data_set_is_called(pwm: Injector) -> 
 def test_the_page_tells_every_code() -> None:
     root = Path(__file__).resolve().parents[2]
     sources = [root / "src/commonrail/calibration/plausibility.py"]
-    codes = {code for path in sources for code in re.findall(r'found\(\s*"(\w+)"', path.read_text(encoding="utf-8"))}
+    codes = {
+        code
+        for path in sources
+        for code in re.findall(r'(?:found|_unusual)\(\s*"(\w+)"', path.read_text(encoding="utf-8"))
+    }
     told = set(re.findall(r"(?m)^\| `(\w+)` \| ", (root / "docs/howto/plausibility.md").read_text(encoding="utf-8")))
     assert codes
     assert codes | {TARGET} == told - {"compare", "fleet"}

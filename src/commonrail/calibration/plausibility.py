@@ -21,7 +21,7 @@ from commonrail.data.base import DataSet, Role, Score, ToleratedData, widths_of
 from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.baselines import SCALES, interpolate
 from commonrail.data.quantities.data import QuantityData
-from commonrail.engine.operating_point import Course, OperatingPoint, Trace
+from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.plan import reference_density
 from commonrail.engine.time_step import step_advice
 from commonrail.physics.elementary import exp, log
@@ -114,11 +114,17 @@ def data_findings(data: DataSet, injector: Injector) -> Iterator[Finding]:
     """Findings about one data set by itself: values, times, pressures, measured drive."""
     yield from signal_findings(data)
     if data.bounds is not None:
-        yield from _sampling(data.name, data.bounds)
+        interval = float(np.median(np.diff(data.bounds)))
+        yield from _unusual("sampling", data.name, "interval of its samples", [interval], SAMPLING, "s")
     yield from _drive(data, injector)
-    yield from _energising(data.name, data.points, rests=data.bounds is None)
+    times = [pulse.duration for point in data.points for pulse in point.pulses]
+    if data.bounds is None:  # a map of the return of a closed injector has zeros
+        times = [time for time in times if time != 0.0]
+    yield from _unusual("energising", data.name, "energising time", times, ENERGISING, "s")
     for key, words, usual in _PRESSURES:
-        yield from _pressure(data.name, words, [getattr(point, key) for point in data.points], usual)
+        courses = [getattr(point, key) for point in data.points]
+        levels = [float(np.mean(course.value)) if isinstance(course, Trace) else float(course) for course in courses]
+        yield from _unusual("pressure", data.name, words, levels, usual, "Pa")
 
 
 def injector_findings(injector: Injector) -> Iterator[Finding]:
@@ -187,14 +193,17 @@ def signal_findings(data: DataSet) -> Iterator[Finding]:
         )
 
 
-def _sampling(name: str, bounds: Floats) -> Iterator[Finding]:
-    interval = float(np.median(np.diff(bounds)))
-    if not SAMPLING[0] <= interval <= SAMPLING[1]:
+def _unusual(
+    code: str, name: str, words: str, values: Sequence[float], usual: tuple[float, float], unit: str
+) -> Iterator[Finding]:
+    """Values outside a usual range, as one finding; `words`: name of the quantity."""
+    odd = [value for value in values if not usual[0] <= value <= usual[1]]
+    if odd:
+        others = f" (and {len(odd) - 1} more such values)" if len(odd) > 1 else ""
         yield found(
-            "sampling",
+            code,
             name,
-            f"its samples are {quantity(interval, 's', 4)} apart, and {_range(SAMPLING, 's')} is usual; check "
-            "the unit of its times.",
+            f"the {words} is {quantity(odd[0], unit, 4)}{others}, and {_range(usual, unit)} is usual; check its unit.",
         )
 
 
@@ -205,43 +214,8 @@ def _drive(data: DataSet, injector: Injector) -> Iterator[Finding]:
         return
     q = parameter_quantities()[name]
     peak = float(np.max(np.abs(np.concatenate(drives))))
-    if q.usual is not None and not q.is_usual(peak):
-        yield found(
-            "drive",
-            data.name,
-            f"the measured drive reaches {quantity(peak, q.unit, 4)}, and {_range(q.usual, q.unit)} is usual; check "
-            "its unit.",
-        )
-
-
-def _energising(name: str, points: Sequence[OperatingPoint], rests: bool) -> Iterator[Finding]:
-    """Odd energising times; `rests`: zero is none, as of the return of a closed injector."""
-    low, high = ENERGISING
-    times = [pulse.duration for point in points for pulse in point.pulses]
-    odd = [time for time in times if not (low <= time <= high or (rests and time == 0.0))]
-    if odd:
-        yield found(
-            "energising",
-            name,
-            f"the injector is energised for {quantity(odd[0], 's', 4)}{_others(odd)}, and "
-            f"{_range(ENERGISING, 's')} is usual; check the unit of the energising time.",
-        )
-
-
-def _pressure(name: str, words: str, courses: Sequence[Course], usual: tuple[float, float]) -> Iterator[Finding]:
-    levels = [float(np.mean(course.value)) if isinstance(course, Trace) else float(course) for course in courses]
-    odd = [level for level in levels if not usual[0] <= level <= usual[1]]
-    if odd:
-        yield found(
-            "pressure",
-            name,
-            f"the {words} is {quantity(odd[0], 'Pa', 4)}{_others(odd)}, and {_range(usual, 'Pa')} is usual; check its "
-            "unit.",
-        )
-
-
-def _others(odd: Sequence[float]) -> str:
-    return f" (and {len(odd) - 1} more such values)" if len(odd) > 1 else ""
+    if q.usual is not None:
+        yield from _unusual("drive", data.name, "peak of the measured drive", [peak], q.usual, q.unit)
 
 
 def _range(limits_: tuple[float, float], unit: str) -> str:

@@ -149,6 +149,38 @@ def test_the_report_shows_the_plan_among_the_fitted_points(study: cr.Study, plan
     assert all(tile.figure in plan_html(plan, study) for tile in plan_tiles(plan))
 
 
+def test_a_curve_that_the_bench_can_measure_too_gains_what_a_plan_of_it_promises(study: cr.Study) -> None:
+    bounds = 10e-6 * np.arange(151.0)
+    point = replace(study.data[0].points[0], rail_pressure=100e6, horizon=1.5e-3)
+    noise = cr.Noise(sigma=1e-6, law=Law.GAUSSIAN, uncertain=EXACT | {"delay": 1e-9})
+    curve = cr.RateData("curve", Role.FIT, point, bounds, np.zeros(150), 1.0, "model", "", noise=noise)
+    simulator = Simulator(study.injector, study.space.names, study.time_step, 1)
+    curve = curve.changed(rate=curve.simulated(simulator, np.array([list(BEST.values())]))[0])
+    both = replace(study, data=(*study.data, curve))
+    plan = cr.next_measurements(both, BEST, candidates(both), SETTINGS, threads=1)
+    (other,) = plan.alternatives
+    assert {one.candidate.kind for one in plan.measurements} == {"quantities"}
+    assert other.candidate.kind == "rate"
+    assert plan.widest == "control_chamber.a_hole_diameter"
+    alone = cr.next_measurements(both, BEST, [other.candidate], SETTINGS, threads=1)
+    assert other.ratio == pytest.approx(alone.ratio, rel=1e-6)
+    assert 0.0 < other.ratio < 1.0
+    assert plan_record(plan)["alternatives"][0]["kind"] == "rate"
+
+
+@pytest.mark.parametrize(("after", "factor", "worth"), [(0.96, 0.97, False), (0.96, 0.85, True), (0.8, 0.97, True)])
+def test_a_plan_that_gains_less_than_an_estimate_is_uncertain_by_is_not_worth_measuring(
+    plan: cr.Plan, after: float, factor: float, worth: bool
+) -> None:
+    small = replace(
+        plan,
+        measurements=(plan.measurements[0]._replace(factor=factor),),
+        after={plan.widest: after * plan.before[plan.widest]},
+    )
+    assert small.is_worth_measuring is worth
+    assert plan_record(small)["worth_measuring"] is worth
+
+
 def test_candidates_that_are_too_close_to_all_data_leave_no_plan(study: cr.Study) -> None:
     points = [cr.Candidate("quantities", point) for point in study.data[0].points]
     with pytest.raises(ConfigurationError, match="No candidate may be measured"):

@@ -8,7 +8,7 @@ from typing import Any
 from commonrail.base.csv_output import write_csv
 from commonrail.base.text import number
 from commonrail.plugins.next.run import Measurement, Plan
-from commonrail.plugins.next.study import place_of
+from commonrail.plugins.next.study import Candidate, place_of
 
 HEADER = (
     "order",
@@ -48,24 +48,25 @@ def _row(one: Measurement) -> list[str]:
     ]
 
 
+def _place(candidate: Candidate) -> dict[str, Any]:
+    rail, time, dwell = place_of(candidate.point)
+    return {
+        "kind": candidate.kind,
+        "rail_pressure": rail,
+        "energisings": [list(pulse) for pulse in candidate.point.pulses],
+        "energising_time": time,
+        "dwell": dwell,
+        "cost": candidate.cost,
+    }
+
+
 def plan_record(plan: Plan) -> dict[str, Any]:
     """JSON-able form of a plan [SI]."""
-    rows = []
-    for one in plan.measurements:
-        rail, time, dwell = place_of(one.candidate.point)
-        rows.append(
-            {
-                "kind": one.candidate.kind,
-                "rail_pressure": rail,
-                "energisings": [list(pulse) for pulse in one.candidate.point.pulses],
-                "energising_time": time,
-                "dwell": dwell,
-                "cost": one.candidate.cost,
-                "quantity": number(one.value),
-                "standard_deviation": number(one.deviation),
-                "factor": one.factor,
-            }
-        )
+    rows = [
+        _place(one.candidate)
+        | {"quantity": number(one.value), "standard_deviation": number(one.deviation), "factor": one.factor}
+        for one in plan.measurements
+    ]
     settings = plan.settings
     return {
         "kind": "next",
@@ -79,5 +80,10 @@ def plan_record(plan: Plan) -> dict[str, Any]:
         "standard_errors": {
             name: {"before": before, "after": plan.after[name]} for name, before in plan.before.items()
         },
+        "widest": {"parameter": plan.widest, "ratio": plan.ratio},
+        "worth_measuring": plan.is_worth_measuring,
+        "alternatives": [
+            {**_place(one.candidate), "factor": one.factor, "widest_ratio": one.ratio} for one in plan.alternatives
+        ],
         "notes": list(plan.notes),
     }

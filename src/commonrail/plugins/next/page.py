@@ -15,7 +15,7 @@ from commonrail.data.records import MICROSECOND, MPA
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.physics.meters import known_quantity
 from commonrail.plugins.next.run import Measurement, Plan
-from commonrail.plugins.next.study import Criterion, place_of
+from commonrail.plugins.next.study import Candidate, Criterion, place_of
 from commonrail.report.analysis import result_html
 from commonrail.report.fit.rules import Tile
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
@@ -65,9 +65,36 @@ def plan_tables(plan: Plan) -> list[Table]:
     return [first, second]
 
 
+_KINDS = {"quantities": "a quantity", "rate": "a rate curve", "return quantities": "a return quantity"}
+
+
+def plan_headline(plan: Plan) -> str:
+    """Cost of the plan, what it gains, whether that is worth measuring, and what another kind would gain."""
+    cost = f"{counted(len(plan.measurements), 'measurement')} at cost {plan.cost:g}"
+    if not plan.measurements:
+        return cost
+    aims = "predictions" if plan.settings.criterion is Criterion.V else "the parameters"
+    gains = f"the widest interval, of {plan.widest}, becomes {_fall(plan.ratio)} narrower, and {aims} become "
+    gains += f"{_fall(plan.measurements[-1].factor)} less uncertain"
+    others = "".join(
+        f"; {_KINDS[one.candidate.kind]} at {_where(one.candidate)} would narrow it by {_fall(one.ratio)}"
+        for one in plan.alternatives
+    )
+    return f"{cost}: {gains}{'' if plan.is_worth_measuring else ': not worth measuring'}{others}"
+
+
+def _fall(ratio: float) -> str:
+    return f"{fixed(max(1.0 - ratio, 0.0), 0, 100.0)} %"
+
+
+def _where(candidate: Candidate) -> str:
+    rail, time, _ = place_of(candidate.point)
+    return f"{pressure(rail)}, {fixed(time, 0, MICROSECOND)} µs"
+
+
 def plan_lines(plan: Plan) -> list[str]:
-    """Cost, number of candidates, and what the plan takes for granted."""
-    lines = [f"cost {plan.cost:g}; chosen from {plan.candidates} candidates"]
+    """Gain and cost, number of candidates, and what the plan takes for granted."""
+    lines = [plan_headline(plan), f"chosen from {plan.candidates} candidates"]
     if len(plan.measurements) < plan.settings.points:
         asked = counted(plan.settings.points, "measurement")
         lines.append(
@@ -82,18 +109,16 @@ def plan_lines(plan: Plan) -> list[str]:
 def plan_html(plan: Plan, study: Study) -> str:
     """Page of a plan for a study."""
     fitted = [point for data in study.data if data.role is Role.FIT for point in data.points]
-    lines = [plan_headline(plan), *plan_lines(plan)[1:]]
-    return result_html("Plan", study, lines, plan_tiles(plan), plan_figures(plan, fitted), plan_tables(plan))
+    return result_html("Plan", study, plan_lines(plan), plan_tiles(plan), plan_figures(plan, fitted), plan_tables(plan))
 
 
 def plan_tiles(plan: Plan) -> list[Tile]:
     """The first measurements, and what the plan gains until then."""
     tiles = []
     for k, one in enumerate(plan.measurements[:TILES], 1):
-        rail, time, _ = place_of(one.candidate.point)
         dwell = f"dwell {_dwell(one)} µs; " if len(one.candidate.point.pulses) > 1 else ""
         words = f"{dwell}standard deviation {signed(100.0 * (one.factor - 1.0), 0)} % with it and those before"
-        tiles.append(Tile(f"{k}. {one.candidate.kind}", f"{pressure(rail)}, {fixed(time, 0, MICROSECOND)} µs", words))
+        tiles.append(Tile(f"{k}. {one.candidate.kind}", _where(one.candidate), words))
     return tiles
 
 
@@ -116,12 +141,6 @@ def _dwell(one: Measurement) -> str:
     return fixed(place_of(one.candidate.point)[2], 0, 1e6) if len(one.candidate.point.pulses) > 1 else "–"
 
 
-def plan_headline(found: Plan) -> str:
-    """Number of measurements, cost and gain."""
-    gain = f"; standard deviation times {fixed(found.measurements[-1].factor, 3)}" if found.measurements else ""
-    return f"{counted(len(found.measurements), 'measurement')} at cost {found.cost:g}{gain}"
-
-
 def _arrays(found: Plan) -> Arrays:
     """Measurements in their order."""
     ones = found.measurements
@@ -140,4 +159,4 @@ def _arrays(found: Plan) -> Arrays:
     return Arrays({"measurement": Array(axis, np.arange(1, len(ones) + 1))}, values, "Next measurements")
 
 
-PLAN = Presenter(lambda plan: [plan_headline(plan), *plan_lines(plan)], plan_tables, plan_figures, _arrays)
+PLAN = Presenter(plan_lines, plan_tables, plan_figures, _arrays)

@@ -24,6 +24,7 @@ from commonrail.plugins.certainty.noise_fit import FittedNoise
 from commonrail.plugins.certainty.run import certify
 from commonrail.plugins.certainty.uncertain import with_uncertain_free
 from commonrail.plugins.next.problem import (
+    Aim,
     Responder,
     Response,
     has_discrepancy,
@@ -140,6 +141,8 @@ def _ordered(problem: Problem, rules: Rules, plan: Sequence[int]) -> list[int]:
 
 
 TRUSTED = 5.0  # degrees of freedom from which a scale that was estimated is believed
+WORTH = 0.1  # fall of an error from which it is worth measuring: an error that 50 values estimate is uncertain by that
+MOST_TRIED = 16  # places at which a kind that is not planned is tried: the best of them is named, no plan is made
 
 
 @dataclass(frozen=True)
@@ -208,6 +211,17 @@ class Measurement(NamedTuple):
     factor: float
 
 
+class Alternative(NamedTuple):
+    """Best single measurement of a kind that the study has data of and the plan does not choose from.
+
+    `factor` is as in `Measurement`; `ratio` is the standard error of the widest parameter, after over before.
+    """
+
+    candidate: Candidate
+    factor: float
+    ratio: float
+
+
 @dataclass(frozen=True, repr=False)
 class Plan(Shown):
     """Plan of measurements.
@@ -226,6 +240,10 @@ class Plan(Shown):
         Simulations of candidates that failed, each at one draw; there the candidate counts as telling nothing.
     notes : tuple of str
         What the plan takes for granted.
+    widest : str
+        Parameter whose standard error is the largest share of its range before the plan.
+    alternatives : tuple of Alternative
+        One for each fitted kind that the plan does not choose from.
     """
 
     presenter = "commonrail.plugins.next.page:PLAN"
@@ -238,6 +256,18 @@ class Plan(Shown):
     after: Mapping[str, float]
     failed: int
     notes: tuple[str, ...] = field(default=())
+    widest: str = ""
+    alternatives: tuple[Alternative, ...] = ()
+
+    @property
+    def ratio(self) -> float:
+        """Standard error of the widest parameter, with the plan over before; 1 of an empty plan."""
+        return self.after[self.widest] / self.before[self.widest] if self.widest else 1.0
+
+    @property
+    def is_worth_measuring(self) -> bool:
+        """True if the plan lowers what the criterion is about, or the widest interval, by `WORTH`."""
+        return min(self.ratio, *(one.factor for one in self.measurements[-1:])) <= 1.0 - WORTH
 
 
 def candidates_of(
@@ -304,6 +334,7 @@ def next_measurements(
     free = with_uncertain_free(study)
     data = in_order(free.data)
     _check(wanted, data)
+    n, wanted = len(wanted), [*wanted, *_of_other_kinds(wanted, data)]
     note("fitting the noise of the data ...")
     certainty = certify(study, best, threads=threads, seed=settings.seed)
     found, likelihood = certainty.estimate, certainty.estimate.likelihood
@@ -315,18 +346,42 @@ def next_measurements(
     by_kind = {one.kind: noise for one, noise in reversed(list(zip(data, noises, strict=True)))}
     responses = Responder(simulator, likelihood.space, unit).of(wanted, data, by_kind)
     trusted = likelihood.with_noises(noises)
-    problem = problem_of(found, trusted, data, unit, responses, (settings.criterion, columns, study.space.dimension))
+    aim = Aim(settings.criterion, columns, study.space.dimension, n)
+    problem = problem_of(found, trusted, data, unit, responses, aim)
     rules = _rules(wanted, data, settings)
-    plan = select(problem, rules)
+    plan = select(problem, rules._replace(costs=np.where(np.arange(len(wanted)) < n, rules.costs, np.inf)))
     if not plan:
         raise ConfigurationError(
             "No candidate may be measured within the budget and the distance to the points that there are, or none "
             "tells anything; state other rail pressures and energising times, or a smaller distance."
         )
     before, after = (_standard_errors(study, found, problem, chosen) for chosen in ([], plan))
-    failed = sum(one.failed for one in responses)
-    measurements = tuple(_measurements(problem, plan, responses))
-    return Plan(measurements, rules.cost(plan), settings, len(responses), before, after, failed, tuple(notes))
+    widest = max(study.space.parameters, key=lambda one: before[one.name] / (one.upper - one.lower)).name
+    others, scores = [], np.where(np.isfinite(rules.costs), problem.scores([]), np.inf)
+    for kind in dict.fromkeys(one.kind for one in wanted[n:]):
+        i = min((i for i, one in enumerate(wanted) if one.kind == kind), key=scores.__getitem__)
+        ratio = _standard_errors(study, found, problem, [i])[widest] / before[widest]
+        if np.isfinite(scores[i]):
+            others.append(Alternative(wanted[i], math.exp(scores[i] - problem.score([])), ratio))
+    return Plan(
+        tuple(_measurements(problem, plan, responses)),
+        rules.cost(plan),
+        settings,
+        n,
+        before,
+        after,
+        sum(one.failed for one in responses[:n]),
+        tuple(notes),
+        widest,
+        tuple(others),
+    )
+
+
+def _of_other_kinds(wanted: Sequence[Candidate], data: Sequence[DataSet]) -> list[Candidate]:
+    """Candidates of the fitted kinds that are not wanted, at some of the same points."""
+    stride = len(wanted) // MOST_TRIED | 1  # odd, so that it meets all times of a grid
+    kinds = [kind for kind in fitted_kinds(data) if kind not in {one.kind for one in wanted}]
+    return [Candidate(kind, one.point) for kind in kinds for one in wanted[::stride]]
 
 
 def _check(wanted: Sequence[Candidate], data: Sequence[DataSet]) -> None:
