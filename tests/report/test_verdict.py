@@ -131,6 +131,15 @@ def test_parameters_at_a_bound_and_those_not_pinned_are_named() -> None:
     assert (levels["parameters"], levels["search"], levels["unseen"]) == ("care", "good", "good")
 
 
+def test_no_bound_is_widened_beyond_what_a_study_accepts() -> None:
+    record = sound()
+    record["parameters"][0] |= {"name": "nozzle.discharge_maximum", "best": 1.0, "at_bound": True}
+    steps = verdict(record, "r").steps
+    assert not any("nozzle.discharge_maximum" in step.text for step in steps)
+    record["parameters"][0]["best"] = 0.9
+    assert any("nozzle.discharge_maximum" in step.text for step in verdict(record, "r").steps)
+
+
 @pytest.mark.parametrize("at_bound", [False, True])
 def test_steps_go_from_bounds_over_the_search_to_the_map(at_bound: bool) -> None:
     """Whatever the subjects: a map of values that a bound holds is made twice."""

@@ -119,3 +119,24 @@ def test_one_operating_point_is_not_taken_for_curves_that_state_others(
         path.write_text((tmp_path / "500bar_600us.csv").read_text().replace("rate", text), encoding="utf-8")
     assert run_command("new", tmp_path / "s", *common, "--from", tmp_path / "a.csv").status == 2
     assert run_command("new", tmp_path / "s", *common, "--from", tmp_path / "b.csv").status == 0
+
+
+@pytest.mark.parametrize(
+    ("line", "other"),
+    [
+        ('base = "cri2-16"', 'base = "cri2-99"'),
+        ('base = "cri2-16"', ""),
+        ("holes = 7", "holes = 7 7"),
+        ("holes = 7", 'hole_diameter = "7 kg"'),
+        ("holes = 7", 'holes = 7\n[fuel]\nfile = "fuel.toml"'),
+    ],
+)
+def test_a_broken_drawing_leaves_no_folder(line: str, other: str, rates: Rates, tmp_path: Path) -> None:
+    """The same drawing without a fault, which has no table `[fuel]`, is enough."""
+    text = 'format = "commonrail-injector/1"\nname = "half"\nbase = "cri2-16"\n[nozzle]\nmark = "M"\nholes = 7\n'
+    words = ("--free", "valve.lift", *write_map(tmp_path, rates))
+    for name, content in (("broken", text.replace(line, other)), ("sound", text)):
+        (tmp_path / f"{name}.toml").write_text(content, encoding="utf-8")
+    assert run_command("new", tmp_path / "a", "--injector", tmp_path / "broken.toml", *words).status == 2
+    assert not (tmp_path / "a").exists()
+    assert run_command("new", tmp_path / "a", "--injector", tmp_path / "sound.toml", *words).status == 0

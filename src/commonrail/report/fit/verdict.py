@@ -14,6 +14,7 @@ from commonrail.calibration.search import ONE_POINT
 from commonrail.data.bands import band_sentence, too_few_inside
 from commonrail.data.records import JUDGED, LABELS, MEAN, MICROSECOND, MM3, Record
 from commonrail.data.registry import kind_of
+from commonrail.physics.injector import parameter_quantities
 from commonrail.report.fit.record import by_kind, map_line, meter_lines, of_role
 from commonrail.report.fit.rules import BAD, CARE, GOOD, TITLES, Kind, Point, Step, Tile, judge, worst_level
 
@@ -418,13 +419,21 @@ def _beaten(records: Iterable[Record]) -> list[str]:
 def _parameters(record: Record, folder: str) -> Iterator[Point]:
     parameters = record["parameters"]
     if bounded := [p["name"] for p in parameters if p.get("at_bound")]:
-        text = f"Widen the bounds of {_some(bounded)} in study.toml if the parts allow it, and calibrate again."
-        step = Step(text, f"commonrail calibrate {folder}/study.toml", WIDEN)
+        step = Step("Free what acts like a coefficient at 1, such as the holes: no bound is beyond.", turn=WIDEN)
+        if movable := [p["name"] for p in parameters if p["name"] in bounded and not _is_at_end(p)]:
+            text = f"Widen the bounds of {_some(movable)} in study.toml if the parts allow it, and calibrate again."
+            step = Step(text, f"commonrail calibrate {folder}/study.toml", WIDEN)
         yield Point(Kind.BOUND, f"At a bound: {_some(bounded)}.", step)
     loose = [p["name"] for p in parameters if p.get("verdict") and p["verdict"] != "pinned"]
     if loose:
         reason = f"The data do not pin down {len(loose)} of {len(parameters)} parameters: {_some(loose)}."
         yield Point(Kind.NOTE, reason, _plan(record, folder))
+
+
+def _is_at_end(parameter: Record) -> bool:
+    """True for a coefficient at 1, beyond which no bound is accepted."""
+    known = parameter_quantities().get(parameter["name"])
+    return known is not None and not known.domain.admits(parameter["best"] * (1.0 + 1e-6))
 
 
 def _plan(record: Record, folder: str) -> Step:
