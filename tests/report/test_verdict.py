@@ -124,7 +124,8 @@ def test_parameters_at_a_bound_and_those_not_pinned_are_named() -> None:
     assert found.level == "care"
     assert "At a bound: plunger_needle.k1." in found.reasons
     assert "The data do not pin down 1 of 3 parameters: plunger_needle.k2." in found.notes
-    assert found.steps[0].command == "commonrail calibrate runs/a/study.toml"  # the bounds before what rests on them
+    again = "commonrail calibrate runs/a/study.toml --widen runs/a"
+    assert found.steps[0].command == again  # the bounds before what rests on them
     assert found.steps[0].text.startswith("Widen the bounds of plunger_needle.k1 ")
     assert found.steps[1].command == "commonrail next runs/a --points 3 --out plan.csv"
     levels = {tile.head: tile.level for tile in tiles(record)}

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import itertools
 from base64 import b64encode
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from commonrail.base import registry
 from commonrail.base.arguments import file_path, not_whole
@@ -38,7 +39,7 @@ from commonrail.physics.meters import QUANTITIES, Meter, parameter_name
 from commonrail.readers.injector import load_injector, load_meters
 from commonrail.readers.location import Place, Reach, located
 from commonrail.readers.meters import Amount, MeterHead, installed_meters, meters_of_tables
-from commonrail.readers.toml import UNSTATED, read_model, read_model_file, read_toml
+from commonrail.readers.toml import UNSTATED, parse_toml, read_model, read_model_file, read_toml
 
 MOST_SAMPLES = 3_000_000  # of curves and courses; a course takes 64 bytes for each
 
@@ -68,12 +69,28 @@ def load_study(path: str | Path) -> Study:
     Files that the study names lie in its folder or below, unless it says ``allow_outside = true``.
     """
     with noting_files() as files:
-        study = _study(file_path(path, "path of a study"))
+        file = file_path(path, "path of a study")
+        study = _study(file, *read_model_file(StudyModel, file))
     return replace(study, files=files)
 
 
-def _study(file: Path) -> Study:
-    model, at, reach, text = read_model_file(StudyModel, file)
+def edit_study(path: Path, edit: Callable[[Any], None]) -> Study:
+    """Read a study whose text `edit`, a function of the TOML document, changes; the file stays as it is.
+
+    The edited text may name files anywhere: a run folder has copies of them. Errors are those of `load_study`.
+    """
+    import tomlkit  # slow to import
+
+    with noting_files() as files:
+        document = tomlkit.parse(read_toml(path)[1])
+        edit(document)
+        text, at = tomlkit.dumps(document), Place(str(path))
+        model = read_model(StudyModel, parse_toml(text, str(path)), at)
+        study = _study(path, model, at, Reach(path, True, announced=True), text)
+    return replace(study, files=files)
+
+
+def _study(file: Path, model: StudyModel, at: Place, reach: Reach, text: str) -> Study:
     injector = named_injector(model.injector, file.parent, reach, at / "injector")
     if model.type is not None:
         model = registry.needed("study_keys", "type").call(model, injector, reach, at)

@@ -5,15 +5,16 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from commonrail.base.errors import InputError, StudyError
+from commonrail.base.errors import CommonrailError, InputError, StudyError
 from commonrail.base.input import SUMS, listed, read_plain, sha256
 from commonrail.base.output import replacing, writing
 from commonrail.runs.folder import DRAWS, MEMBER, RESULT, STUDY, TRACES
-from commonrail.runs.journal import JOURNAL, LOCK, Input
+from commonrail.runs.journal import JOURNAL, LOCK, Input, read_inputs
 
 OUTSIDE = "inputs"  # folder for files from beyond the study's own, and for those with the name of a result
 RESERVED = (STUDY, "calibrated.toml", DRAWS, RESULT, TRACES, "report.html", SUMS.lower(), JOURNAL, LOCK)
@@ -46,16 +47,18 @@ def _is_result(place: Path, results: Sequence[str]) -> bool:
     return name in RESERVED or any(fnmatchcase(name, pattern) for pattern in (MEMBER.format("*"), *results))
 
 
-def copy_files(sources: Mapping[Path, str], folder: Path, places: Mapping[Path, Path]) -> list[Input]:
+def copy_files(sources: Mapping[Path, str], folder: Path, places: Mapping[Path, Path], text: str = "") -> list[Input]:
     """Copy files of known SHA-256 to their places; where one names another that has a new path, the copy names that.
 
-    `StudyError` if a file has changed since it was read, `OutputError` if a copy cannot be written.
+    The first one has the content `text`, if that is stated. `StudyError` if a file has changed since it was read,
+    `OutputError` if a copy cannot be written.
     """
-    copied = []
+    copied: list[Input] = []
     for source, digest in sources.items():
         content = read_plain(source)
         if sha256(content) != digest:
             raise StudyError(f"{source}: the file was changed while the study was read; start again.")
+        content = text.encode() if text and not copied else content
         if source.suffix == ".toml":
             content = _relocated(content, source, places)
         path = folder / places[source]
@@ -111,6 +114,20 @@ def set_in_text(text: str, keys: tuple[str, ...], value: int | str) -> str:
         table = table[key]
     table[keys[-1]] = value
     return tomlkit.dumps(document)
+
+
+def study_of_run(folder: str | Path, file: str = STUDY) -> str:
+    """File to edit and to calibrate again after a run: the user's as long as it exists, else the run's own copy.
+
+    `file` is the name of the copy. A file that lies in a run folder is a copy itself, and the later one counts.
+    """
+    copy = Path(folder) / file
+    with suppress(CommonrailError, OSError):
+        for origin in (Path(item.origin) for item in read_inputs(Path(folder)) if item.name == file):
+            if origin.is_file() and not (origin.parent / JOURNAL).exists():
+                below = origin.is_relative_to(Path.cwd())
+                return (origin.relative_to(Path.cwd()) if below else origin).as_posix()
+    return copy.as_posix()
 
 
 # Files that belong to a run folder, and that no other output may take the place of.

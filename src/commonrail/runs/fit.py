@@ -26,6 +26,8 @@ from commonrail.calibration.run import Calibration, at_values, calibrate
 from commonrail.calibration.search import Checkpoint, CheckpointError, Progress, Searched
 from commonrail.calibration.study import Study, objective_of
 from commonrail.calibration.study_file import load_study
+from commonrail.readers.location import read_text
+from commonrail.readers.toml import LARGEST_TOML
 from commonrail.runs.copies import copy_files, copy_paths, set_in_text
 from commonrail.runs.fingerprint import check_files, content_of, other_targets
 from commonrail.runs.folder import (
@@ -165,7 +167,8 @@ class FitKind(Generic[_Study, _Fit]):
         if not study.files:
             return [], study, content
         with summed(folder):
-            inputs = copy_files(study.files, folder, copy_paths(study.files, self.file, self.results))
+            edited = study.text if study.text != read_text(next(iter(study.files)), LARGEST_TOML) else ""
+            inputs = copy_files(study.files, folder, copy_paths(study.files, self.file, self.results), edited)
         with quiet():
             own = self.load(folder / self.file)
         wanted: dict[str, Any] = {name: getattr(study, name) for name in self.chosen}

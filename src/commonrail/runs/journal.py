@@ -411,6 +411,12 @@ def best_course(folder: Path) -> Floats:
     return np.array(best)
 
 
+def read_inputs(folder: Path) -> list[Input]:
+    """Files that the settings of the run in a folder were read from, without holding it; errors as `read_about`."""
+    with opened_to_read(folder / JOURNAL, RUN) as connection:
+        return [Input(*map(str, row)) for row in read_rows(connection, "input")]
+
+
 def read_about(folder: Path) -> dict[str, Any]:
     """Facts of the run in a folder, without holding it; `StudyError` if there is no journal, or it cannot be read.
 

@@ -6,7 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
+import click
+
 from commonrail.base.errors import InputError
+from commonrail.base.units import to_text
+from commonrail.cli.console import say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import (
     ClusterAddress,
@@ -43,6 +47,10 @@ def calibrate(
             "--strict", help="Treat warnings as errors: before the fit nothing is run, after it the exit status is 2."
         ),
     ] = False,
+    widen: Annotated[
+        Path | None,
+        Option(metavar="RUN", help="Run of this study: bounds that it has met are widened, see below."),
+    ] = None,
     no_live: NoLive = False,
     full: Full = False,
     json: Json = False,
@@ -53,23 +61,38 @@ def calibrate(
     Ctrl-C stops the search: the best values so far are scored and written, and the exit status is 130.
     `commonrail resume RUN` resumes a run, however it was stopped.
 
+    --widen moves each bound that RUN has met by the width of its range, within the physical limits and the usual range
+    of the parameter. The study file stays as it is; the new bounds are in study.toml of the new run, and printed.
+
     \b
-    Example:
+    Examples:
       commonrail calibrate cases/paper/study.toml --out runs/paper --seed 1
+      commonrail calibrate my/study.toml --widen runs/my-1
     """
     from commonrail.calibration.study_file import load_study
     from commonrail.cli.fit import print_outcome, run_study
     from commonrail.cli.study_kind import RunOptions, kind_of_study
+    from commonrail.runs.folder import STUDY
+    from commonrail.runs.study_edits import widen_study
 
     kind = kind_of_study(study)
     if kind and kind.calibrate:
+        if widen is not None:
+            raise InputError(f"--widen: {study} is no study of one injector; change the bounds in the file.")
         kind.calibrate(study, out, RunOptions(seed, threads=threads, workers=workers, cluster=cluster, json=json))
         return
-    loaded = load_study(study)
+    loaded, moved = (load_study(study), []) if widen is None else widen_study(study, widen)
+    for bound in moved:
+        before, after = (to_text(value, bound.unit) for value in (bound.before, bound.after))
+        say(f"{bound.name}: {bound.side} bound {before} -> {after}")
     if seed is not None:
         loaded = replace(loaded, seed=seed)
     with open_workers(workers, cluster) as crew:
         outcome = run_study(loaded, out or free_run_folder(stem_of(study)), threads, crew, strict=strict)
+    if moved and not json:
+        click.echo(
+            f"{outcome.folder}/{STUDY} has the wider bounds; {study} is unchanged: change it there to keep them."
+        )
     print_outcome(outcome, json, full=full, strict=strict, live=not no_live)
 
 

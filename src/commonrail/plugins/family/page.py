@@ -10,10 +10,10 @@ from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import fixed, listed, quantity, quantity_range, significant
 from commonrail.data.records import Record
 from commonrail.plugins.family.file import KIND, TEXTS
-from commonrail.plugins.family.run import RECORD
+from commonrail.plugins.family.run import FAMILY, RECORD
 from commonrail.report.figure import drawings, small_drawings
 from commonrail.report.fit.figures import figures_of
-from commonrail.report.fit.record import short_names
+from commonrail.report.fit.record import Advice, short_names
 from commonrail.report.fit.search import convergence_section, search_facts
 from commonrail.report.fit.tables import tables_of
 from commonrail.report.fit.verdict import baseline_lines, merits
@@ -125,10 +125,10 @@ def family_figures(record: Record) -> list[Figure]:
 
 
 def _commands(record: Record, run: str) -> list[tuple[str, str]]:
-    folder, known = shlex.quote(run), shlex.quote(f"{run}/type.toml")
+    advice, known = Advice.of(run, FAMILY), shlex.quote(f"{run}/type.toml")
     return [
-        ("Fit again", f"commonrail type {shlex.quote(f'{run}/family.toml')} --out type.toml"),
+        ("Fit again", f"commonrail type {shlex.quote(advice.study)} --out type.toml"),
         ("Reference points that tell most of the next part", f"commonrail adapt {known} --advise --injector PART.toml"),
         ("Model of the next part", f"commonrail adapt {known} --from POINTS.csv --injector PART.toml --out MODEL.toml"),
-        ("Make this report again", f"commonrail report {folder}"),
+        ("Make this report again", advice.of_run("report")),
     ]

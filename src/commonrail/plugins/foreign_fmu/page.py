@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 
 from commonrail.base.chart import BOTH, MARKERS, Figure, Panel, Series, points
@@ -10,8 +9,9 @@ from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import number, quantity, quantity_range, significant
 from commonrail.data.records import Record, origin_of, present
 from commonrail.plugins.foreign_fmu.file import KIND
-from commonrail.plugins.foreign_fmu.run import RECORD
+from commonrail.plugins.foreign_fmu.run import RECORD, STUDY
 from commonrail.report.figure import drawings
+from commonrail.report.fit.record import Advice
 from commonrail.report.fit.rules import CARE, GOOD, Tile
 from commonrail.report.fit.search import convergence_section, search_facts
 from commonrail.report.html import render
@@ -22,7 +22,7 @@ TOLD = 0.1  # tolerances that half the communication step moves a value by
 
 def _page(record: Record, folder: Path) -> str:
     """Page of a calibration of an FMU; `folder` is its name for the command lines in it."""
-    figures, run = list(drawings(fmu_figures(record))), folder.as_posix()
+    figures, advice = list(drawings(fmu_figures(record))), Advice.of(folder.as_posix(), STUDY)
     return render(
         "fmu.html",
         package=__package__,
@@ -37,8 +37,8 @@ def _page(record: Record, folder: Path) -> str:
         convergence=convergence_section(record),
         data=record["data"],
         commands=[
-            ("Run again", f"commonrail calibrate {shlex.quote(f'{run}/fmu-study.toml')} --seed {record['seed']}"),
-            ("Make this report again", f"commonrail report {shlex.quote(run)}"),
+            ("Run again", f"{advice.calibrate()} --seed {record['seed']}"),
+            ("Make this report again", advice.of_run("report")),
         ],
         facts=_facts(record),
     )

@@ -5,12 +5,16 @@ from __future__ import annotations
 import shlex
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
 
 from commonrail.base.text import counted, listed, quantity
 from commonrail.base.units import to_text
 from commonrail.data.base import View
 from commonrail.data.records import LABELS, Record, Shown
 from commonrail.data.registry import kind_of, kinds_of
+from commonrail.runs.copies import study_of_run
+from commonrail.runs.folder import STUDY, final_text
 
 # Meters in reports: a sentence on each, from the record of a result.
 
@@ -67,6 +71,30 @@ def of_role(data: Sequence[Record], role: str) -> list[Record]:
 
 # Command lines that repeat a calibration or use what it found.
 
+MORE = "--generations 50"  # option of `resume` where more of a search is advised
+
+
+class Advice(NamedTuple):
+    """Commands that a report advises: names of the run folder and of the study file to edit and calibrate again."""
+
+    run: str
+    study: str
+
+    @classmethod
+    def of(cls, run: str, file: str = STUDY) -> Advice:
+        """Advice on the run in a folder; its study, whose copy there has the name `file`, is that of `study_of_run`."""
+        return cls(run, final_text(study_of_run(run, file), Path(run)))
+
+    def calibrate(self, *, widen: bool = False) -> str:
+        """Command that calibrates the study again, with the bounds wider that this run has met."""
+        again = f"commonrail calibrate {shlex.quote(self.study)}"
+        return f"{again} --widen {shlex.quote(self.run)}" if widen else again
+
+    def of_run(self, verb: str, options: str = "") -> str:
+        """Command of a verb that takes the run folder."""
+        return f"commonrail {verb} {shlex.quote(self.run)} {options}".rstrip()
+
+
 _PRESSURES = {"cylinder_pressure": "Pa", "return_pressure": "Pa"}
 _POINT = {"rail_pressure": "Pa", "energising_time": "s"} | _PRESSURES
 _STEP = {"time_step": "s"}
@@ -103,20 +131,17 @@ def _options(values: Record, units: Mapping[str, str]) -> str:
 
 def rerun_lines(record: Record, run: str) -> list[tuple[str, str]]:
     """Purpose and command line, for the run folder of that name."""
-    folder, injector = shlex.quote(run), shlex.quote(f"{run}/calibrated.toml")
+    advice, injector = Advice.of(run), shlex.quote(f"{run}/calibrated.toml")
     first = record["data"][0]
     point = _options(kind_of(first["kind"]).view.operating_point(first), _POINT)
     return [
-        ("Calibrate again", f"commonrail calibrate {shlex.quote(f'{run}/study.toml')}"),
-        ("Add generations", f"commonrail resume {folder} --generations 50"),
-        ("Judge on other data", f"commonrail compare {folder} --data OTHER-STUDY.toml"),
+        ("Calibrate again", advice.calibrate()),
+        ("Add generations", advice.of_run("resume", MORE)),
+        ("Judge on other data", advice.of_run("compare", "--data OTHER-STUDY.toml")),
         (
             "Simulate the calibrated injector",
             " ".join(filter(None, ["commonrail simulate", injector, point, _options(record, _STEP)])),
         ),
-        (
-            "Move the parameters and see the injection change",
-            f"commonrail report {folder} --page",
-        ),
-        ("Make this report again", f"commonrail report {folder}"),
+        ("Move the parameters and see the injection change", advice.of_run("report", "--page")),
+        ("Make this report again", advice.of_run("report")),
     ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -15,7 +14,7 @@ from commonrail.data.bands import band_sentence, too_few_inside
 from commonrail.data.records import JUDGED, LABELS, MEAN, MICROSECOND, MM3, Record
 from commonrail.data.registry import kind_of
 from commonrail.physics.injector import parameter_quantities
-from commonrail.report.fit.record import by_kind, map_line, meter_lines, of_role
+from commonrail.report.fit.record import MORE, Advice, by_kind, map_line, meter_lines, of_role
 from commonrail.report.fit.rules import BAD, CARE, GOOD, TITLES, Kind, Point, Step, Tile, judge, worst_level
 
 # Result of a calibration in sentences.
@@ -258,9 +257,9 @@ class ReportVerdict(NamedTuple):
 
 def verdict(record: Record, run: str) -> ReportVerdict:
     """Verdict on a calibration by its record; `run` is the folder's name for the command lines."""
-    folder = shlex.quote(run)
+    advice = Advice.of(run)
     parts = (_ending, _plausibility, _tests, _errors, _prediction, _parameters)
-    points = [point for part in parts for point in part(record, folder)]
+    points = [point for part in parts for point in part(record, advice)]
     level, against = judge(points)
     notes = [point for point in points if point.kind is Kind.NOTE]
     urgent = {point.step for point in against if point.level == BAD}
@@ -307,19 +306,19 @@ def _search_tile(record: Record) -> list[Tile]:
     return [Tile("search", figure, f"{search_words(found)} after {generations}", level)]
 
 
-def _tests(record: Record, folder: str) -> Iterator[Point]:
+def _tests(record: Record, advice: Advice) -> Iterator[Point]:
     """Statistical tests that found something."""
-    text = "State or free in study.toml what the data look like, or a discrepancy of theirs, and calibrate again."
+    text = f"State or free in {advice.study} what the data look like, or a discrepancy of theirs, and calibrate again."
     for test in (record.get("certainty") or {}).get("tests", ()):
         if test["found"]:
             words = str(test.get("looks_like") or test["sentence"])
             chances = (number(test.get(key)) for key in ("probability", "score", "size"))
-            step = Step(text, f"commonrail calibrate {folder}/study.toml", WIDEN)
+            step = Step(text, advice.calibrate(), WIDEN)
             reason = f"{words[:1].upper()}{words[1:]}."
             yield Point(Kind.TEST, reason, step, probability=min(p for p in (*chances, 1.0) if p is not None))
 
 
-def _errors(record: Record, folder: str) -> Iterator[Point]:
+def _errors(record: Record, advice: Advice) -> Iterator[Point]:
     """Errors on each data set, fitted or not."""
     step = Step("Check units, time zero and operating points of the data, then the bounds of the parameters.")
     for data in record["data"]:
@@ -329,17 +328,17 @@ def _errors(record: Record, folder: str) -> Iterator[Point]:
             yield Point(Kind.ERROR, f"The model misses {name} by {size}.", step, error)
 
 
-def _full(folder: str, record: Record) -> Step:
+def _full(advice: Advice, record: Record) -> Step:
     starts = (record.get("certainty") or {}).get("starts", 1)
     if starts > MANY_STARTS:
         return Step(f"Free fewer parameters, or give them priors: {starts} starts have confirmed no best fit.")
     if starts > 1:
         text = "Search for the most likely values from more starts; a shorter time_step in the study helps too."
-        return Step(text, f"commonrail certainty {folder} --starts {4 * starts}", ON)
-    return Step("Search for the most likely values from several starts.", f"commonrail certainty {folder}", ON)
+        return Step(text, advice.of_run("certainty", f"--starts {4 * starts}"), ON)
+    return Step("Search for the most likely values from several starts.", advice.of_run("certainty"), ON)
 
 
-def _ending(record: Record, folder: str) -> Iterator[Point]:
+def _ending(record: Record, advice: Advice) -> Iterator[Point]:
     """Search that failed, was stopped or is unfinished, and values that fit better than the calibrated ones."""
     best, start = (number(record["objective"].get(key)) for key in ("best", "start"))
     if best is None:
@@ -347,13 +346,13 @@ def _ending(record: Record, folder: str) -> Iterator[Point]:
         yield Point(Kind.FAULT, "No candidate could be simulated.", step)
         return
     if record["status"] == "interrupted":
-        step = Step("Run the search to its end.", f"commonrail resume {folder}", ON)
+        step = Step("Run the search to its end.", advice.of_run("resume"), ON)
         yield Point(Kind.FAULT, "The search was stopped before its end.", step)
     certainty, convergence = record.get("certainty") or {}, record.get("convergence", {})
     kind = Kind.SEARCH if _unfinished(record) else Kind.NOTE
     if record["status"] != "interrupted" and convergence.get("converged") is False and not confirms(certainty):
-        step = Step("Continue the search.", f"commonrail resume {folder} --generations 50", ON)
-        step = step if convergence.get("cut_short", True) else _full(folder, record)
+        step = Step("Continue the search.", advice.of_run("resume", MORE), ON)
+        step = step if convergence.get("cut_short", True) else _full(advice, record)
         yield Point(kind, f"The search has not converged: {search_words(convergence)}.", step)
     errors = (kind_of(d["kind"]).view.fit_error(d) for d in of_role(record["data"], "fit"))
     if start is not None and not best < start and worst_level(filter(None, errors)) != GOOD:
@@ -370,14 +369,14 @@ def _unfinished(record: Record) -> bool:
     return not (certainty and certainty.get("settled")) and record.get("convergence", {}).get("converged") is False
 
 
-def _plausibility(record: Record, folder: str) -> Iterator[Point]:
+def _plausibility(record: Record, advice: Advice) -> Iterator[Point]:
     errors = {d["name"]: kind_of(d["kind"]).view.fit_error(d) for d in record["data"]}
     usable = [(QUANTITY, name) for name, error in errors.items() if error and worst_level([error]) != BAD]
     mild = [w for w in record["warnings"] if w["code"] == WEIGHTS or (w["code"], w["subject"]) in usable]
     if odd := [w for w in record["warnings"] if w not in mild] or mild:
         more = f" {counted(len(odd) - 1, 'more finding')} at the top of the report." if len(odd) > 1 else ""
         text = "Check the findings at the top of the report against the test bench, correct the study, calibrate again."
-        step = Step(text, f"commonrail calibrate {folder}/study.toml")
+        step = Step(text, advice.calibrate())
         yield Point(Kind.NOTE if odd[0] in mild else Kind.FAULT, f"{odd[0]['sentence']}{more}", step)
     if synthetic := [d["name"] for d in record["data"] if d.get("synthetic")]:
         reason = f"{_some(synthetic)} {'are' if len(synthetic) > 1 else 'is'} synthetic, not measured."
@@ -385,11 +384,11 @@ def _plausibility(record: Record, folder: str) -> Iterator[Point]:
         yield Point(Kind.NOTE, reason, step)
 
 
-def _prediction(record: Record, folder: str) -> Iterator[Point]:
+def _prediction(record: Record, advice: Advice) -> Iterator[Point]:
     """Data that the fit has not seen: none, or met worse than a trivial model meets them."""
     validation, held_out = of_role(record["data"], "validation"), record.get("refits", {}).get("left_out", ())
     if not validation and not held_out:
-        step = Step('Set role = "validation" for one data set of study.toml, or measure another one.')
+        step = Step(f'Set role = "validation" for one data set of {advice.study}, or measure another one.')
         yield Point(Kind.NOTE, "No data were held back: errors on unseen points are not known.", step)
     if lost := [d["name"] for d in validation if _is_lost(d)]:
         cure = Step("Correct these operating points, or narrow the bounds until the calibrated model runs there.")
@@ -416,18 +415,18 @@ def _beaten(records: Iterable[Record]) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def _parameters(record: Record, folder: str) -> Iterator[Point]:
+def _parameters(record: Record, advice: Advice) -> Iterator[Point]:
     parameters = record["parameters"]
     if bounded := [p["name"] for p in parameters if p.get("at_bound")]:
         step = Step("Free what acts like a coefficient at 1, such as the holes: no bound is beyond.", turn=WIDEN)
         if movable := [p["name"] for p in parameters if p["name"] in bounded and not _is_at_end(p)]:
-            text = f"Widen the bounds of {_some(movable)} in study.toml if the parts allow it, and calibrate again."
-            step = Step(text, f"commonrail calibrate {folder}/study.toml", WIDEN)
+            text = f"Widen the bounds of {_some(movable)} if the parts allow it."
+            step = Step(text, advice.calibrate(widen=True), WIDEN)
         yield Point(Kind.BOUND, f"At a bound: {_some(bounded)}.", step)
     loose = [p["name"] for p in parameters if p.get("verdict") and p["verdict"] != "pinned"]
     if loose:
         reason = f"The data do not pin down {len(loose)} of {len(parameters)} parameters: {_some(loose)}."
-        yield Point(Kind.NOTE, reason, _plan(record, folder))
+        yield Point(Kind.NOTE, reason, _plan(record, advice))
 
 
 def _is_at_end(parameter: Record) -> bool:
@@ -436,7 +435,7 @@ def _is_at_end(parameter: Record) -> bool:
     return known is not None and not known.domain.admits(parameter["best"] * (1.0 + 1e-6))
 
 
-def _plan(record: Record, folder: str) -> Step:
+def _plan(record: Record, advice: Advice) -> Step:
     """Measurements to plan; of data at one operating point `next` needs the range of the bench."""
     text = "Plan the measurements that would pin them down"
     points = [p for d in of_role(record["data"], "fit") for p in kind_of(d["kind"]).view.operating_points(d)]
@@ -445,7 +444,7 @@ def _plan(record: Record, folder: str) -> Step:
             f"{text} with commonrail next. The fitted data are of one operating point: state what the bench can run by "
             "--rail-pressure and --energising-time."
         )
-    return Step(f"{text}.", f"commonrail next {folder} --points 3 --out plan.csv")
+    return Step(f"{text}.", advice.of_run("next", "--points 3 --out plan.csv"))
 
 
 def _some(names: list[str]) -> str:
