@@ -167,6 +167,9 @@ from .plugins.tolerance.study import Tolerances as Tolerances
 from .plugins.tolerance.study import Triangular as Triangular
 from .plugins.tolerance.study import Trim as Trim
 from .plugins.tolerance.study import Uniform as Uniform
+from .plugins.update.run import Agreement as Agreement
+from .plugins.update.run import Update as Update
+from .plugins.update.run import update as update
 from .readers.fuel import load_fuel as load_fuel
 from .readers.injector import injector_catalogue as injector_catalogue
 from .readers.injector import load_injector as load_injector

@@ -22,7 +22,7 @@ from commonrail.cli.console import say
 from commonrail.cli.guard import check_paths, guarded
 
 HEADINGS = {
-    "Fit a model to data": ("new", "inspect", "calibrate", "resume", "runs", "certainty", "next", "report"),
+    "Fit a model to data": ("new", "inspect", "calibrate", "resume", "runs", "update", "certainty", "next", "report"),
     "Use a model": ("simulate", "map", "sweep", "features", "predict", "observe", "page", "export"),
     "Many parts": ("fleet", "type", "adapt", "tolerance"),
     "Judge and look up": (

@@ -71,6 +71,7 @@ SHIPPED: dict[str, dict[str, str]] = {
         "calibrate": "commonrail.cli.verbs.calibrate:calibrate",
         "resume": "commonrail.cli.verbs.calibrate:resume",
         "runs": "commonrail.cli.verbs.runs:runs",
+        "update": "commonrail.plugins.update.verb:update",
         "certainty": "commonrail.plugins.certainty.verb:certainty",
         "next": "commonrail.plugins.next.verb:next_",
         "predict": "commonrail.plugins.prediction.verb:predict",

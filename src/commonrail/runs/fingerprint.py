@@ -23,7 +23,7 @@ from commonrail.compiler.target import differences, package_versions
 from commonrail.readers.injector_writer import injector_text
 from commonrail.readers.location import read_text
 from commonrail.readers.toml import LARGEST_TOML
-from commonrail.runs.journal import Journal
+from commonrail.runs.journal import Input, Journal
 
 # Fingerprint of a study: equal fingerprints mean identical searches.
 
@@ -155,14 +155,23 @@ def check_files(journal: Journal, as_begun: bool) -> None:
                 f"{path} {'is missing' if not now else f'has been changed since the run was begun{what}'}; bring it "
                 "back as it was, or begin a new run."
             )
-    for i, item in enumerate(inputs if not as_begun else []):
+    if not as_begun:
+        again = f"go on with the copy as it was: `commonrail resume {shlex.quote(str(journal.folder))} --as-begun`"
+        check_origins(journal.folder, inputs, about.get("given", ""), again)
+
+
+def check_origins(folder: Path, inputs: Sequence[Input], given: str, cure: str) -> None:
+    """Refuse (`StudyError`) a run one of whose files has changed since, where it still is.
+
+    `inputs` are those of the run in a folder, `given` is the text of its study, and `cure` says what to do besides
+    beginning a new run.
+    """
+    for i, item in enumerate(inputs):
         path = Path(item.origin)
         if (now := fingerprint(path)) and now != item.original:
-            what = _what(about.get("given", ""), path) if i == 0 else ""
+            what = _what(given, path) if i == 0 else ""
             raise StudyError(
-                f"{path} has been changed since the run in {journal.folder} was begun{what}; begin a new run for it, "
-                f"or go on with the copy as it was: `commonrail resume {shlex.quote(str(journal.folder))} "
-                "--as-begun`."
+                f"{path} has been changed since the run in {folder} was begun{what}; begin a new run for it, or {cure}."
             )
 
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -147,17 +148,14 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
     or two have one name. Raises `OutputError` if the folder cannot be written.
     """
     model = load_injector(injector)
-    surveys = tuple(_surveyed(path, stated) for path in sources)
-    for found in surveys:
-        if not found.block:
-            raise InputError(f"{found.path}: {found.reason()}; correct the file, or write its block by hand.")
+    surveys = tuple(survey_file(path, stated) for path in sources)
     named = list(usual_space(model, stated.free).parameters) if stated.free else []
     names = [path.name for path in sources]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise InputError(f"Two of the data files are called {twice}; rename one.")
     _check_points(surveys, stated.points)
-    blocks = [_block(found, surveys, model, stated) for found in surveys]
+    blocks = [block_of_file(found, surveys, model, stated) for found in surveys]
     with new_folder(folder) as place, writing(folder):
         (place / "data").mkdir()
         copies = [_copy(path, place / "data" / path.name) for path in sources]
@@ -177,12 +175,15 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
             *_head(injector, bench, [survey.path.name for survey in surveys], read),
             *_meter_lines(delay),
             *warmth,
-            *_data_lines(surveys, blocks, stated, doubts),
+            *data_lines(surveys, blocks, stated, doubts),
             *_parameter_lines(model, free, bool(named)),
             *_optimiser_lines(blocks),
         ]
         write_text(study, "\n".join(lines))
-    missing = [*_open(bench), *(f"data[{i}].{key}" for i, block in enumerate(blocks, 1) for key in _open(block))]
+    missing = [
+        *open_keys(bench),
+        *(f"data[{i}].{key}" for i, block in enumerate(blocks, 1) for key in open_keys(block)),
+    ]
     assumed = (
         read
         + [f"meters.{METER}.delay"] * (delay is not None)
@@ -192,7 +193,7 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
             f"data[{i}].{'shots.offset' if key == 'shots' else key}"
             for i, block in enumerate(blocks, 1)
             for key in block
-            if _checked(key, block, stated)
+            if is_to_check(key, block, stated)
         ]
     )
     screened = () if named else tuple(parameter.name for parameter in free)
@@ -200,12 +201,19 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
     return Started(files[0], files, surveys, tuple(missing), tuple(assumed), screened)
 
 
-def _surveyed(path: Path, stated: StatedByUser) -> Survey:
-    """Survey of a file; with the units that the user states only if the file does not tell them."""
+def survey_file(path: Path, stated: StatedByUser) -> Survey:
+    """Survey of a file; with the units that the user states only if the file does not tell them.
+
+    `InputError` if it cannot be read, or is no data of a study.
+    """
     is_book = format_of(path) == "xlsx"
     form = stated.form._replace(encoding="") if is_book else stated.form._replace(sheet="")
     found = survey(path, form)
-    return found if found.block or not any(stated.units.by_kind().values()) else survey(path, form, stated.units)
+    if not found.block and any(stated.units.by_kind().values()):
+        found = survey(path, form, stated.units)
+    if not found.block:
+        raise InputError(f"{found.path}: {found.reason()}; correct the file, or write its block by hand.")
+    return found
 
 
 def _check_points(surveys: Sequence[Survey], points: Mapping[str, str]) -> None:
@@ -223,8 +231,8 @@ def _check_points(surveys: Sequence[Survey], points: Mapping[str, str]) -> None:
             note(f"{option} is taken for {listed(list(values))}.")
 
 
-def _block(found: Survey, surveys: Sequence[Survey], model: Injector, stated: StatedByUser) -> dict[str, Any]:
-    """Keys of the block of a file, `UNKNOWN` where they are to be stated."""
+def block_of_file(found: Survey, surveys: Sequence[Survey], model: Injector, stated: StatedByUser) -> dict[str, Any]:
+    """Keys of the block of a file, `UNKNOWN` where they are to be stated; `surveys` are those of all files."""
     names = [s.path.stem for s in surveys]
     name = found.path.name if names.count(found.path.stem) > 1 else found.path.stem
     block: dict[str, Any] = {"kind": found.block["kind"], "name": name, "role": "fit"}
@@ -313,7 +321,7 @@ class _Trial:
     def _read(self, i: int) -> list[DataSet]:
         """Data sets of a block, none if it states no operating points."""
         assumed = _assumed(self.blocks[i])
-        if _open(assumed):
+        if open_keys(assumed):
             return []
         kind = kind_of(self.blocks[i]["kind"])
         context = Context(self.model, self.step, Reach(self.study, False), (Place(str(self.study)) / "data")[i])
@@ -343,7 +351,7 @@ class _Trial:
     def delay(self) -> Delay | None:
         """Delay that all curves share whose time zero and operating point are stated."""
         simulator = Simulator(self.model, (), self.step)
-        curves = [data for i in self.sets if not {*_open(self.blocks[i])} & _TIMES for data in self.sets[i]]
+        curves = [data for i in self.sets if not {*open_keys(self.blocks[i])} & _TIMES for data in self.sets[i]]
         return next(iter(common_delays((one, one.score(simulator)) for one in curves if one.bounds is not None)), None)
 
     def block_of(self, name: str) -> int:
@@ -435,9 +443,13 @@ def _meter_lines(delay: Delay | None) -> list[str]:
     return [*lines, 'mark = "E"', f"source = {_toml(delay.sentence())}", ""]
 
 
-def _data_lines(
-    surveys: Sequence[Survey], blocks: Sequence[dict[str, Any]], stated: StatedByUser, doubts: Mapping[int, str]
+def data_lines(
+    surveys: Sequence[Survey],
+    blocks: Sequence[dict[str, Any]],
+    stated: StatedByUser,
+    doubts: Mapping[int, str] = MappingProxyType({}),
 ) -> list[str]:
+    """Lines of the blocks of files, each key that is to be stated or checked with a comment; `doubts` by block."""
     lines: list[str] = []
     for i, (found, block) in enumerate(zip(surveys, blocks, strict=True)):
         lines.append(f"# {found.taken_for}{'; ' + found.said if found.said else ''}")
@@ -445,8 +457,8 @@ def _data_lines(
             note(doubts[i])
             lines.append(f"# CHECK IT: {doubts[i]}")
         lines.append("[[data]]")
-        lines += [_line(key, value, _checked(key, block, stated)) for key, value in block.items()]
-        if block["kind"] == "quantities" and any(other["kind"] == "rate" for other in blocks):
+        lines += [_line(key, value, is_to_check(key, block, stated)) for key, value in block.items()]
+        if block["kind"] == "quantities" and "weight" not in block and any(one["kind"] == "rate" for one in blocks):
             lines.append(
                 f"weight = {WEIGHT} # few quantities have little say in the search beside the samples of rates; "
                 "the most likely values and intervals take each set by its noise instead"
@@ -505,7 +517,7 @@ def _optimiser_lines(blocks: Sequence[Mapping[str, Any]]) -> list[str]:
     return [head, *search, ""]
 
 
-def _checked(key: str, block: Mapping[str, Any], stated: StatedByUser) -> bool:
+def is_to_check(key: str, block: Mapping[str, Any], stated: StatedByUser) -> bool:
     """Return whether a key has a value that is to be checked: neither content of the file nor user tells it."""
     return (
         key in _CHECKED
@@ -516,11 +528,11 @@ def _checked(key: str, block: Mapping[str, Any], stated: StatedByUser) -> bool:
     )
 
 
-def _open(keys: Mapping[str, Any]) -> list[str]:
+def open_keys(keys: Mapping[str, Any]) -> list[str]:
     """Keys whose values are unknown, those of an inline table with its name."""
     found = [key for key, value in keys.items() if value == UNKNOWN]
     for key, value in keys.items():
-        found += [f"{key}.{inner}" for inner in _open(value)] if isinstance(value, Mapping) else []
+        found += [f"{key}.{inner}" for inner in open_keys(value)] if isinstance(value, Mapping) else []
     return found
 
 
@@ -532,7 +544,7 @@ def _line(key: str, value: Any, is_checked: bool = False) -> str:
     }
     if is_checked:
         comments[key] = f"CHECK IT: {_CHECKED[key]}"
-    if _open({key: value}) and key in _MEANINGS:
+    if open_keys({key: value}) and key in _MEANINGS:
         comments[key] = f"STATE IT: {_MEANINGS[key]}"
     return f"{key} = {_toml(value)}" + (f" # {comments[key]}" if key in comments else "")
 

@@ -23,6 +23,15 @@ from commonrail.cli.options import DecimalSign, Encoding, Json, SheetName, check
 if TYPE_CHECKING:
     from commonrail.plugins.new.study import Started, StatedByUser
 
+# What the user states for files that do not.
+BenchCylinderPressure = Annotated[str, Option(help="Cylinder pressure of the bench, e.g. 5MPa.")]
+BenchReturnPressure = Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")]
+RateRailPressure = Annotated[str, Option(help="Rail pressure of rates whose files do not state it.")]
+RateEnergisingTime = Annotated[str, Option(help="Energising time of rates whose files do not state it.")]
+PressureUnit = Annotated[str, Option(help="Unit of the rail pressures of maps that have none.")]
+TimeUnit = Annotated[str, Option(help="Unit of the energising times of maps that have none.")]
+QuantityUnit = Annotated[str, Option(help="Unit of the quantities of maps that have none, e.g. mm3.")]
+
 
 @verb
 def new(
@@ -37,19 +46,19 @@ def new(
         tuple[Path, ...],
         Option("--from", metavar="FILE", help="Data file for the study, see inspect; repeatable."),
     ] = (),
-    cylinder_pressure: Annotated[str, Option(help="Cylinder pressure of the bench, e.g. 5MPa.")] = "",
-    return_pressure: Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")] = "",
-    rail_pressure: Annotated[str, Option(help="Rail pressure of rates whose files do not state it.")] = "",
-    energising_time: Annotated[str, Option(help="Energising time of rates whose files do not state it.")] = "",
+    cylinder_pressure: BenchCylinderPressure = "",
+    return_pressure: BenchReturnPressure = "",
+    rail_pressure: RateRailPressure = "",
+    energising_time: RateEnergisingTime = "",
     free: Annotated[
         tuple[str, ...], Option(metavar="NAME", help="Parameter to fit; repeatable. [default: screened by the data]")
     ] = (),
     sheet: SheetName = None,
     encoding: Encoding = None,
     decimal: DecimalSign = None,
-    pressure_unit: Annotated[str, Option(help="Unit of the rail pressures of maps that have none.")] = "",
-    time_unit: Annotated[str, Option(help="Unit of the energising times of maps that have none.")] = "",
-    quantity_unit: Annotated[str, Option(help="Unit of the quantities of maps that have none, e.g. mm3.")] = "",
+    pressure_unit: PressureUnit = "",
+    time_unit: TimeUnit = "",
+    quantity_unit: QuantityUnit = "",
     plugin: Annotated[str, Option(metavar="NAME", help="Write a package with a verb and an optimiser instead.")] = "",
     json: Json = False,
 ) -> None:
@@ -85,11 +94,8 @@ def new(
             raise InputError(
                 "Give --injector and one or more files with --from, or neither; `commonrail catalogue` lists injectors."
             )
-        from commonrail.plugins.new.study import StatedByUser
-        from commonrail.readers.quantity_matrix import GivenUnits
-
-        form = read_form(encoding, decimal, sheet, from_)
-        _of_files(folder, injector, from_, StatedByUser(pressures, points, form, GivenUnits(*units), free), json)
+        stated = read_stated(pressures, points, (encoding, decimal, sheet), units, from_)
+        _of_files(folder, injector, from_, stated._replace(free=free), json)
         return
     if of_data:
         raise InputError("Pressures, times, units, form of the files and --free belong to --from; omit them.")
@@ -147,7 +153,6 @@ def write_plugin(folder: Path, name: str) -> list[Path]:
 def _of_files(folder: Path, injector: str, sources: Sequence[Path], stated: StatedByUser, json: bool) -> None:
     from commonrail.plugins.new.study import write_study_from
 
-    _check_stated({**stated.pressures, **stated.points})
     started = write_study_from(folder, injector, sources, stated)
     if json:
         taken = {found.path.name: found.taken_for for found in started.surveys}
@@ -158,20 +163,33 @@ def _of_files(folder: Path, injector: str, sources: Sequence[Path], stated: Stat
     _print(started)
 
 
-def _check_stated(values: Mapping[str, str]) -> None:
-    """Refuse pressures and times, texts by keys of a study, that no operating point has; warn of unusual ones."""
+def read_stated(
+    pressures: Mapping[str, str],
+    points: Mapping[str, str],
+    form: tuple[str | None, str | None, str | None],
+    units: tuple[str, str, str],
+    files: Sequence[Path],
+) -> StatedByUser:
+    """Values that the options of a verb state for data files, as texts by keys of a study.
+
+    Pressures and times that no operating point has are refused (`InputError`), and unusual ones noted. `form`:
+    encoding, decimal sign, sheet; `units`: of rail pressures, energising times and quantities.
+    """
     from commonrail.base.arguments import amount
     from commonrail.base.hooks import note
     from commonrail.base.units import to_text
     from commonrail.engine.operating_point import ENERGISING_TIMES, OTHER_PRESSURES, RAIL_PRESSURES
+    from commonrail.plugins.new.study import StatedByUser
+    from commonrail.readers.quantity_matrix import GivenUnits
 
     known = {"energising_time": ("s", ENERGISING_TIMES), "rail_pressure": ("Pa", RAIL_PRESSURES)}
-    for key, text in values.items():
+    for key, text in {**pressures, **points}.items():
         if text:
             option, (unit, limits) = f"--{key.replace('_', '-')}", known.get(key, ("Pa", OTHER_PRESSURES))
             low, high = limits.likely
             if not low <= amount(text, unit, option, limits) <= high:
                 note(f"{option}: {text} was read, and {to_text(low, unit)} to {to_text(high, unit)} is usual.")
+    return StatedByUser(pressures, points, read_form(*form, files), GivenUnits(*units))
 
 
 def _print(started: Started) -> None:

@@ -1,0 +1,1 @@
+"""Update of a calibrated run with new data."""
