@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from commonrail.base.errors import StudyError
-from commonrail.base.units import to_text
+from commonrail.base.errors import InputError, StudyError, nearest
+from commonrail.base.units import parse, to_text
+from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file import edit_study, load_study
-from commonrail.physics.injector import FUEL_TEMPERATURE
-from commonrail.physics.meters import is_of_meter, known_quantity, parameter_name
+from commonrail.calibration.usual import USUAL, USUAL_OF_METER, usual_parameter, with_usual_prior
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
+from commonrail.physics.meters import QUANTITIES, is_of_meter, known_quantity, parameter_name, parts_of
 from commonrail.runs.folder import read_result
 
 
@@ -98,3 +100,65 @@ def widen_study(path: Path, run: Path) -> tuple[Study, list[MovedBound]]:
                         table[side].comment(f"widened from {to_text(before, unit)}, which a run has met")
 
     return edit_study(path, change), moved
+
+
+def free_in(injector: Injector, free: Sequence[str], names: Sequence[str]) -> Callable[[Any], None]:
+    """Edit for `edit_study` that frees parameters within their usual ranges, those of the injector with a prior.
+
+    `free`: names that the study has free; `names`: dotted names of parameters, or of quantities of meters as
+    "meter.bench.delay". A meter that is not there is that of all data of a bench that state none. Raises `InputError`
+    for a name that is unknown, or free before.
+    """
+    for name in names:
+        if name in free:
+            raise InputError(f"--free {name}: it is free already; widen its bounds in the study, or with --widen.")
+        if is_of_meter(name):
+            if name.count(".") != 2 or parts_of(name)[1] not in USUAL_OF_METER:
+                quantities = ", ".join(parameter_name("NAME", key) for key in USUAL_OF_METER)
+                raise InputError(f"--free {name}: the quantities of a meter that can be freed are {quantities}.")
+        elif name not in injector.values:
+            raise InputError(
+                f"--free {name}: {injector.name} has no parameter of that name{nearest(name, injector.values)}."
+            )
+    injector.check_read([name for name in names if not is_of_meter(name)])
+
+    def change(document: Any) -> None:
+        for name in names:
+            if is_of_meter(name):
+                _free_of_meter(document, *parts_of(name))
+            else:
+                _free_of_injector(document, with_usual_prior(injector, usual_parameter(injector, name)))
+
+    return change
+
+
+def _free_of_injector(document: Any, parameter: Parameter) -> None:
+    import tomlkit  # slow to import
+
+    table = tomlkit.table()
+    table["name"] = parameter.name
+    table.update({key: exact(getattr(parameter, key), parameter.unit) for key in ("lower", "upper")})
+    if parameter.prior is not None:
+        value, sigma = (exact(size, parameter.unit) for size in (parameter.prior.value, parameter.prior.sigma))
+        table["prior"] = tomlkit.inline_table() | {"value": value, "sigma": sigma, "source": USUAL}
+    document.setdefault("parameter", tomlkit.aot()).append(table)
+
+
+def _free_of_meter(document: Any, meter: str, key: str) -> None:
+    import tomlkit  # slow to import
+
+    meters = document.setdefault("meters", tomlkit.table(is_super_table=True))
+    if meter not in meters:
+        meters[meter] = tomlkit.table() | {"mark": "E", "source": USUAL}
+        kind = "quantities" if key == "quantity_offset" else "rate"
+        for block in document["data"]:
+            if block["kind"] == kind:
+                block.setdefault("meter", meter)
+    quantity = tomlkit.inline_table() | USUAL_OF_METER[key]
+    stated = meters[meter].get(key)  # the search starts from what is stated
+    if stated is not None:
+        value = stated["value"] if isinstance(stated, Mapping) else stated
+        at, unit = parse(value, QUANTITIES[key].unit), QUANTITIES[key].unit
+        low, high = (parse(quantity[side], unit) for side in ("lower", "upper"))
+        quantity |= {"start": value, "lower": exact(min(low, at), unit), "upper": exact(max(high, at), unit)}
+    meters[meter][key] = quantity

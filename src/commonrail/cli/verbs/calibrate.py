@@ -51,6 +51,9 @@ def calibrate(
         Path | None,
         Option(metavar="RUN", help="Run of this study: bounds that it has met are widened, see below."),
     ] = None,
+    free: Annotated[
+        tuple[str, ...], Option(metavar="NAME", help="Parameter to free besides, see below; may be repeated.")
+    ] = (),
     no_live: NoLive = False,
     full: Full = False,
     json: Json = False,
@@ -62,26 +65,31 @@ def calibrate(
     `commonrail resume RUN` resumes a run, however it was stopped.
 
     --widen moves each bound that RUN has met by the width of its range, within the physical limits and the usual range
-    of the parameter. The study file stays as it is; the new bounds are in study.toml of the new run, and printed.
+    of the parameter. --free frees a parameter within its usual range, with a prior if it is one of the injector:
+    valve.mass, meter.bench.delay. The study file stays as it is; study.toml of the new run has the changes.
 
     \b
     Examples:
       commonrail calibrate cases/paper/study.toml --out runs/paper --seed 1
       commonrail calibrate my/study.toml --widen runs/my-1
     """
-    from commonrail.calibration.study_file import load_study
+    from commonrail.calibration.study_file import edit_study, load_study
     from commonrail.cli.fit import print_outcome, run_study
     from commonrail.cli.study_kind import RunOptions, kind_of_study
     from commonrail.runs.folder import STUDY
-    from commonrail.runs.study_edits import widen_study
+    from commonrail.runs.study_edits import free_in, widen_study
 
     kind = kind_of_study(study)
     if kind and kind.calibrate:
-        if widen is not None:
-            raise InputError(f"--widen: {study} is no study of one injector; change the bounds in the file.")
+        if widen is not None or free:
+            raise InputError(f"{study} is no study of one injector: change its bounds and parameters in the file.")
         kind.calibrate(study, out, RunOptions(seed, threads=threads, workers=workers, cluster=cluster, json=json))
         return
+    if widen is not None and free:
+        raise InputError("--widen and --free: one change at a time shows what it does; omit one of them.")
     loaded, moved = (load_study(study), []) if widen is None else widen_study(study, widen)
+    if free:
+        loaded = edit_study(study, free_in(loaded.injector, loaded.space.names, free))
     for bound in moved:
         before, after = (to_text(value, bound.unit) for value in (bound.before, bound.after))
         say(f"{bound.name}: {bound.side} bound {before} -> {after}")
@@ -89,10 +97,8 @@ def calibrate(
         loaded = replace(loaded, seed=seed)
     with open_workers(workers, cluster) as crew:
         outcome = run_study(loaded, out or free_run_folder(stem_of(study)), threads, crew, strict=strict)
-    if moved and not json:
-        click.echo(
-            f"{outcome.folder}/{STUDY} has the wider bounds; {study} is unchanged: change it there to keep them."
-        )
+    if (moved or free) and not json:
+        click.echo(f"{outcome.folder}/{STUDY} has the changes; {study} is as it was: change it there to keep them.")
     print_outcome(outcome, json, full=full, strict=strict, live=not no_live)
 
 

@@ -17,6 +17,7 @@ from commonrail.base.text import quantity
 from commonrail.calibration.parameter import Parameter, Prior
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study
+from commonrail.calibration.usual import UNNAMED
 from commonrail.data.base import DataSet, Role
 from commonrail.data.noise import OF_METER, TEMPERATURE
 from commonrail.data.registry import of_role
@@ -27,7 +28,6 @@ from commonrail.physics.meters import QUANTITIES, Meter, known_quantity
 # Standard deviations of what a bench leaves open where a study neither states nor frees it: the delay of a meter is
 # seldom known to better than a fraction of a sample, its gain to better than a calibration. Engineering estimates.
 USUAL = {"delay": 1e-6, "gain": 0.01}  # [s], [1]
-UNNAMED = "unnamed"  # meter of data sets that have none
 STATED, ASSUMED = "stated as uncertain", "usual for a bench, the study states nothing"
 REACH = 6.0  # standard deviations that a quantity may go to either side, as far as its domain admits
 HALVINGS = 40  # of the interval that holds an end of the domain

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from types import MappingProxyType
@@ -22,17 +21,17 @@ from commonrail.base.output import replacing, write_text, writing
 from commonrail.base.text import listed
 from commonrail.base.units import fits, parse, to_text
 from commonrail.calibration.influence import around
-from commonrail.calibration.parameter import Parameter, Prior
+from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.plausibility import Delay, common_delays, unit_findings
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import step_for_all
+from commonrail.calibration.usual import BENCH, usual_parameter, with_usual_prior
 from commonrail.data.base import DataSet
 from commonrail.data.quantities.data import QuantityData, chosen_rows
 from commonrail.data.registry import kind_of
 from commonrail.data.simulator import Simulator
 from commonrail.data.study_block import Context, drive_unit
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
-from commonrail.physics.law import Domain
 from commonrail.physics.variants import unread_parameters
 from commonrail.readers.columns import PLAIN, TIME, Column, FileForm, Sheet
 from commonrail.readers.formats import format_of
@@ -79,7 +78,6 @@ def write_into(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
 _FREE = ("control_chamber.z_hole_diameter", "control_chamber.a_hole_diameter", "nozzle.discharge_maximum")
 _FREE_OF_DIRECT = ("nozzle.discharge_maximum", "needle_seat.diameter")
 
-METER = "bench"  # name of the meter whose delay the onsets of curves ask for
 _BENCH = ("cylinder_pressure", "return_pressure")
 _OF_NOTES = "by a note above the map"
 _MEANINGS = {
@@ -169,7 +167,7 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
         trial = _Trial(model, [bench | block for block in blocks], study)
         free, delay, doubts = named or trial.screened(), trial.delay(), trial.doubted_units(surveys)
         for curve in delay.curves if delay else ():
-            blocks[trial.block_of(curve.name)]["meter"] = METER
+            blocks[trial.block_of(curve.name)]["meter"] = BENCH
         warmth = _temperature_lines(model, noted.get("fuel_temperature", ""))
         lines = [
             *_head(injector, bench, [survey.path.name for survey in surveys], read),
@@ -186,7 +184,7 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
     ]
     assumed = (
         read
-        + [f"meters.{METER}.delay"] * (delay is not None)
+        + [f"meters.{BENCH}.delay"] * (delay is not None)
         + ["fixed[1].value"] * bool(warmth)
         + [f"data[{i + 1}].rate_unit" for i in doubts]
         + [
@@ -438,8 +436,8 @@ def _meter_lines(delay: Delay | None) -> list[str]:
     """Meter with a free delay, which the onsets of the curves ask for."""
     if delay is None:
         return []
-    note(f"{delay.sentence()}: the delay of their meter is free, as [meters.{METER}].delay; check it.")
-    lines = [f"[meters.{METER}]", f"delay = {delay.text()} # CHECK IT: {delay.sentence()}, or their time_zero is wrong"]
+    note(f"{delay.sentence()}: the delay of their meter is free, as [meters.{BENCH}].delay; check it.")
+    lines = [f"[meters.{BENCH}]", f"delay = {delay.text()} # CHECK IT: {delay.sentence()}, or their time_zero is wrong"]
     return [*lines, 'mark = "E"', f"source = {_toml(delay.sentence())}", ""]
 
 
@@ -558,18 +556,12 @@ def _toml(value: Any) -> str:
 
 # Screening of an injector's parameters at the points of measured data: those that a first fit should free.
 
-# Half widths of ranges as shares of the value, chosen: how far an estimate is off where nobody has measured.
-LENGTH, SMALL_LENGTH, ANGLE, COEFFICIENT, OTHER = 0.05, 0.2, 0.1, 0.15, 0.4
-# Length below which a part is measured with difficulty [m]: estimates of the catalogue's injectors differ by 10 to 37 %
-# up to the diameter of the needle's seat, and by 0.2 % for the plunger's.
-SMALL = 2.5e-3
 # Ranges of lengths that the user names, over those of a screening: so wide that values of other types lie inside.
 NAMED = 2.0
 # Rms change of the data over their rms from which a parameter is freed, chosen at a bench's noise: where a model is far
 # from the part, its slopes say little of what the part will ask for, and a prior holds what the data do not.
 SEEN = 0.01
 MOST = 12  # parameters that are freed
-REACH, LEAST_SHARE = 2.5, 0.2  # bounds about a prior, in half widths; smallest share of the value
 MOST_SIMULATIONS = 40_000  # some 10 s
 
 
@@ -584,7 +576,7 @@ def usual_space(injector: Injector, names: Sequence[str] = ()) -> Space:
             raise InputError(f"{injector.name} has no parameter {name}{nearest(name, injector.values)}.")
     injector.check_read(names)
     wider = NAMED if names else 1.0
-    return Space([_ranged(injector, name, wider) for name in names or _names(injector)])
+    return Space([usual_parameter(injector, name, wider) for name in names or _names(injector)])
 
 
 def screen(injector: Injector, space: Space, data: Sequence[DataSet], time_step: float) -> list[Parameter]:
@@ -607,23 +599,7 @@ def screen(injector: Injector, space: Space, data: Sequence[DataSet], time_step:
         return []
     changes = np.concatenate(slopes) / np.sqrt(len(slopes))
     seen = _best_seen(np.where(np.isfinite(changes).all(axis=0), changes, 0.0))
-    return [_with_prior(injector, space.parameters[i]) for i in seen]
-
-
-def _with_prior(injector: Injector, parameter: Parameter) -> Parameter:
-    """Parameter whose usual range is the standard deviation of a prior, within bounds beyond it."""
-    value, half = parameter.reference, abs(parameter.reference - parameter.lower)
-    ends = (
-        value - math.copysign(min(REACH * half, (1.0 - LEAST_SHARE) * abs(value)), value),
-        value + math.copysign(REACH * half, value),
-    )
-    low, high = sorted(ends)
-    if injector.quantities[parameter.name].domain in (Domain.COEFFICIENT, Domain.UNIT):
-        high = min(high, 1.0)
-    return replace(parameter, lower=low, upper=high, prior=Prior(value, half, USUAL))
-
-
-USUAL = "how far an estimate is usually off"
+    return [with_usual_prior(injector, space.parameters[i]) for i in seen]
 
 
 def _best_seen(changes: Floats) -> list[int]:
@@ -648,17 +624,3 @@ def _names(injector: Injector) -> list[str]:
         for name, value in injector.values.items()
         if value != 0.0 and name not in fixed and injector.sources[name].mark not in ("M", "C")
     ]
-
-
-def _ranged(injector: Injector, name: str, wider: float) -> Parameter:
-    """Parameter with the range that is usual for what nobody has measured, within the domain; a length's is wider."""
-    q, value = injector.quantities[name], injector.values[name]
-    is_coefficient = q.domain in (Domain.COEFFICIENT, Domain.UNIT)
-    share = {"m": LENGTH, "rad": ANGLE, "1": COEFFICIENT}.get(q.unit, OTHER)
-    if q.unit == "m" and abs(value) < SMALL:
-        share = SMALL_LENGTH
-    share *= wider if q.unit == "m" else 1.0
-    low, high = sorted((value * (1.0 - share), value * (1.0 + share)))
-    high = min(high, 1.0) if is_coefficient else high
-    source = injector.sources[name]
-    return Parameter(name, value, low, high, q.unit, mark=source.mark, source=source.text, signed=True)  # type: ignore[arg-type]

@@ -85,9 +85,10 @@ class Advice(NamedTuple):
         """Advice on the run in a folder; its study, whose copy there has the name `file`, is that of `study_of_run`."""
         return cls(run, final_text(study_of_run(run, file), Path(run)))
 
-    def calibrate(self, *, widen: bool = False) -> str:
-        """Command that calibrates the study again, with the bounds wider that this run has met."""
+    def calibrate(self, *, widen: bool = False, free: str = "") -> str:
+        """Command that calibrates the study again, with wider bounds where this run met them, or a parameter free."""
         again = f"commonrail calibrate {shlex.quote(self.study)}"
+        again += f" --free {free}" if free else ""
         return f"{again} --widen {shlex.quote(self.run)}" if widen else again
 
     def of_run(self, verb: str, options: str = "") -> str:

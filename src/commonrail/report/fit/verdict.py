@@ -10,10 +10,12 @@ from commonrail.base.text import MISSING, counted, fixed, in_print, listed, numb
 from commonrail.calibration.optimisers.base import ALIKE
 from commonrail.calibration.result import confirms
 from commonrail.calibration.search import ONE_POINT
+from commonrail.calibration.usual import BENCH, UNNAMED, USUAL_OF_METER
 from commonrail.data.bands import band_sentence, too_few_inside
 from commonrail.data.records import JUDGED, LABELS, MEAN, MICROSECOND, MM3, Record
 from commonrail.data.registry import kind_of
 from commonrail.physics.injector import parameter_quantities
+from commonrail.physics.meters import is_of_meter, parameter_name, parts_of
 from commonrail.report.fit.record import MORE, Advice, by_kind, map_line, meter_lines, of_role
 from commonrail.report.fit.rules import BAD, CARE, GOOD, TITLES, Kind, Point, Step, Tile, judge, worst_level
 
@@ -308,14 +310,33 @@ def _search_tile(record: Record) -> list[Tile]:
 
 def _tests(record: Record, advice: Advice) -> Iterator[Point]:
     """Statistical tests that found something."""
-    text = f"State or free in {advice.study} what the data look like, or a discrepancy of theirs, and calibrate again."
+    text = f"State in {advice.study} what the data look like, or a discrepancy of theirs, and calibrate again."
     for test in (record.get("certainty") or {}).get("tests", ()):
         if test["found"]:
-            words = str(test.get("looks_like") or test["sentence"])
+            words = str(test["sentence"])
             chances = (number(test.get(key)) for key in ("probability", "score", "size"))
             step = Step(text, advice.calibrate(), WIDEN)
+            if free := _suspect(record, test):
+                words_of_step = f"Free {free}, which the data look like, unless you can measure and state it."
+                step = Step(words_of_step, advice.calibrate(free=free), WIDEN)
             reason = f"{words[:1].upper()}{words[1:]}."
             yield Point(Kind.TEST, reason, step, probability=min(p for p in (*chances, 1.0) if p is not None))
+
+
+_OF_METER = {"delay": "delay", "bandwidth": "cutoff", "gain": "gain", "offset": "offset"}  # suspects of a data set
+
+
+def _suspect(record: Record, test: Record) -> str:
+    """Dotted name of what a test suspects and a study can free; empty if there is none."""
+    known, suspect = {p["name"] for p in record["parameters"]}, str(test["suspect"])
+    name = suspect if suspect in parameter_quantities() else str(test["name"])
+    for data in record["data"]:
+        if data["name"] == name and suspect in _OF_METER and data["kind"] == "rate":
+            name = parameter_name(data.get("meter") or BENCH, _OF_METER[suspect])
+    if is_of_meter(name) and parts_of(name)[0] == UNNAMED:
+        name = parameter_name(BENCH, parts_of(name)[1])
+    can_be = name in parameter_quantities() or (is_of_meter(name) and parts_of(name)[1] in USUAL_OF_METER)
+    return name if can_be and name not in known else ""
 
 
 def _errors(record: Record, advice: Advice) -> Iterator[Point]:
