@@ -375,10 +375,9 @@ def write(folder: Path, family: str, parts: Sequence[Part], shifts: Floats) -> N
     entries |= {name: (value, "E", fitted) for name, value in found.items()}
     title = f"CRIN{family[4]}" if family.startswith("CRIN") else f"CRI{family[3]}.{family[4]}"
     label = title.lower().replace(".", "-")
-    numbers = sorted(p.data.name for p in parts)
-    listed = ", ".join(numbers[:7]) + ",\n# " + ", ".join(numbers[7:])
+    numbers = ", ".join(sorted(p.data.name for p in parts))
     lines = [
-        HEADER.format(title=title, parts=listed),
+        HEADER.format(title=title, parts=numbers),
         "",
         'format = "commonrail-injector/1"',
         f'base = "{base_of(family)}"',

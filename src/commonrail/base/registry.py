@@ -274,22 +274,17 @@ class Catalogue(NamedTuple):
 
     def meant(self, name: str) -> str:
         """The nearest name, or of a part number, as 0 445 110 191, the names of the files that state it."""
-        if number := part_digits(name):
-            if named := dict.fromkeys(file for part, file in self.parts().items() if number in part):
-                return f" (did you mean {' or '.join(named)}, whose file names this part?)"
-            if self.parts():
-                return f" (`commonrail catalogue --search {number}` names the nearest part)"
+        number = part_digits(name)
+        if number and (named := dict.fromkeys(file for part, file in self.parts().items() if number in part)):
+            return f" (did you mean {' or '.join(named)}, whose file names this part?)"
         return nearest(name, self.names())
 
 
 def part_digits(text: str) -> str:
-    """Digits of a part number or of four and more of them, with the zero that spreadsheets drop; empty if it is none.
-
-    Words such as a maker's may be beside six digits and more; of fewer the text is a name, as iso4113.
-    """
+    """Digits of a part number: four or more, six beside words; empty if there are fewer, as in iso4113."""
     digits = re.sub(r"\D", "", text)
     if len(digits) == 9 and digits.startswith("445"):
-        digits = f"0{digits}"
+        digits = f"0{digits}"  # which spreadsheets drop
     is_plain = not any(map(str.isalpha, text))
     return digits if (4 if is_plain else 6) <= len(digits) <= 10 and digits.isascii() else ""
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.plugins.family.drawn import FLOW
-from commonrail.plugins.family.limits import shut_points
+from commonrail.plugins.family.drawn import FLOW, shut_points
 from tests.cli.conftest import Command
 from tests.plugins.family.samples import INJECTOR, MASS, PRELOAD, injected, small_type
 

@@ -10,13 +10,13 @@ from typing import Annotated, Any, TypeVar
 
 from commonrail.base.errors import CommonrailError, InputError
 from commonrail.base.registry import part_digits
-from commonrail.base.text import listed
 from commonrail.cli.console import print_json, print_rows, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json
 
 _Found = TypeVar("_Found")
-_SIGNS = re.compile(r"[\s._-]")
+NO_SUCH_PART = "; the part numbers of the catalogue are Bosch's, as 0445110191 and 0445120077"
+_SIGNS = re.compile(r"[^\S\n]|[._-]")
 
 
 class Section(StrEnum):
@@ -67,18 +67,15 @@ def catalogue(
             raise InputError("--write stands alone, as in commonrail catalogue injectors --write cri2-16.")
         _write_injector(write, json)
         return
-    if report is not None:
-        _write_gallery(report, search, json)
-        return
-    from commonrail.readers.part_number import find_part, part_kinds
+    from commonrail.readers.part_number import find_part
 
-    chosen = [section] if section else list(Section)
+    chosen = [Section.INJECTORS] if report is not None else [section] if section else list(Section)
     parts = find_part(search) if Section.INJECTORS in chosen and part_digits(search) else ()
-    named = {part.injector for part in parts if part.numbers}
-    found = {
-        s.value: [e for e in _ENTRIES[s]() if _matches(e, search) or (s is Section.INJECTORS and e["name"] in named)]
-        for s in chosen
-    }
+    named = {part.injector for part in parts}
+    found = {s.value: [e for e in _ENTRIES[s]() if _matches(e, search) or e["name"] in named] for s in chosen}
+    if report is not None:
+        _write_gallery(report, [entry["name"] for entry in found["injectors"]], search, json)
+        return
     if json:
         print_json({"kind": "catalogue", **found, "parts": [part._asdict() for part in parts]})
         return
@@ -89,8 +86,7 @@ def catalogue(
     for part in parts:
         say(f"commonrail: {part.reason}")
     if not any(found.values()):
-        known = f"; the part numbers that it names begin with {listed(part_kinds())}" if part_digits(search) else ""
-        say(f'commonrail: nothing contains "{search}"{known}.')
+        say(f'commonrail: nothing contains "{search}"{NO_SUCH_PART * bool(part_digits(search))}.')
 
 
 def _write_injector(name: str, json: bool) -> None:
@@ -110,18 +106,15 @@ def _write_injector(name: str, json: bool) -> None:
         say(f"wrote {path}")
 
 
-def _write_gallery(path: Path, search: str, json: bool) -> None:
-    """Write the page of the injectors that contain a text."""
+def _write_gallery(path: Path, names: Sequence[str], search: str, json: bool) -> None:
+    """Write the page of injectors that a search has matched."""
     from importlib.metadata import version
 
     from commonrail.base.output import write_text, writing
     from commonrail.cli.options import check_report
     from commonrail.plugins.catalogue.page import exhibit, gallery_html
     from commonrail.readers.injector import load_injector
-    from commonrail.readers.part_number import find_part
 
-    named = {part.injector for part in find_part(search)} if part_digits(search) else set()
-    names = [entry["name"] for entry in _injectors() if _matches(entry, search) or entry["name"] in named]
     if not names:
         raise InputError(f'No injector of the catalogue contains "{search}"; omit --search to show all.')
     check_report(path)
@@ -214,10 +207,8 @@ _ENTRIES: dict[Section, Callable[[], list[dict[str, Any]]]] = {
 
 def _matches(entry: dict[str, Any], search: str) -> bool:
     """Return whether an entry contains a text; between words a blank, a point, a dash and none are equal."""
-    asked = _SIGNS.sub("", search.casefold())
-    if not asked:
-        return search.casefold() in " ".join(map(str, entry.values())).casefold()
-    return any(asked in _SIGNS.sub("", str(value).casefold()) for value in entry.values())
+    text = "\n".join(map(str, entry.values()))
+    return _SIGNS.sub("", search.casefold()) in _SIGNS.sub("", text.casefold())
 
 
 def _text(value: object) -> str:

@@ -38,13 +38,14 @@ from commonrail.plugins.family.drawn import (
     doubts_of,
     flow_about_drawing,
     held_parameters,
+    missed_references,
     one_change,
     scattering,
+    shut_points,
     stays_shut,
 )
 from commonrail.plugins.family.from_results import OF_PART
 from commonrail.plugins.family.injector_type import InjectorType, load_type
-from commonrail.plugins.family.limits import missed_references, shut_points
 from commonrail.readers.columns import Column
 from commonrail.readers.injector import load_injector
 from commonrail.readers.location import Place, Reach

@@ -1,4 +1,4 @@
-"""Parts drawn from a type, and doubts whether a part with measured reference quantities is one of them."""
+"""Parts drawn from a type, doubts whether a measured part is one of them, and limits of its adapted model."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from scipy.special import chdtrc
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import SimulationError
 from commonrail.base.hooks import quiet
-from commonrail.base.text import listed
+from commonrail.base.text import listed, signed
 from commonrail.calibration.parameter import Parameter, Prior
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.space import Space, sample_priors
 from commonrail.calibration.study import step_for_all
 from commonrail.data.quantities.data import QuantityData
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.simulate import simulate_batch
+from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector, parameter_quantities
-from commonrail.plugins.diagnose.evidence import BenchNoise, Response, judge, responses
+from commonrail.plugins.diagnose.evidence import RESOLUTION, BenchNoise, Response, judge, responses
 from commonrail.plugins.diagnose.faults import SEAT_LEAK, Change, Fault, Parts, shipped_faults
 from commonrail.plugins.family.injector_type import InjectorType
 
@@ -38,16 +38,7 @@ def held_parameters(known: InjectorType, part: Injector) -> list[Parameter]:
     measured = {p.name for p in known.parameters} - {p.name for p in known.given_to(part)}
     units = parameter_quantities()
     return [
-        Parameter(
-            p.name,
-            p.value,
-            p.lower,
-            p.upper,
-            units[p.name].unit,
-            mark=p.mark,
-            source=p.source,
-            prior=p.prior,
-        )
+        Parameter(p.name, p.value, p.lower, p.upper, units[p.name].unit, mark=p.mark, source=p.source, prior=p.prior)
         for p in known.parameters
         if p.name != FLOW and p.name not in measured
     ]
@@ -242,3 +233,38 @@ def _change_words(part: Injector, response: Response, weights: Floats) -> str:
     size = response.fault.size_text(part, float(response.sizes[np.argmax(weights)]))
     name = response.fault.names[0]
     return f"{name} {size}" if response.name == name else f"{response.name} ({name} {size})"
+
+
+# Limits of an adapted model.
+
+
+def missed_references(points: QuantityData, adapted: Floats) -> list[str]:
+    """Sentence on reference quantities that the adapted model (points,) [m³] misses by more than their tolerance."""
+    off = adapted - points.quantity
+    texts = [
+        f"{points.quantity[i] * 1e9:.4g} mm³ at {at_point(points.points[i])} by {signed(off[i] * 1e9, 2)} mm³"
+        for i in np.flatnonzero(np.abs(off) > points.discrepancy(points.quantity)).tolist()
+    ]
+    return [f"the adapted model misses reference quantities beyond their tolerance: {listed(texts)}"] if texts else []
+
+
+def shut_points(
+    fit: Calibration, adapted: Injector, points: Sequence[OperatingPoint], threads: int | None = None
+) -> list[str]:
+    """Sentence on points where the adapted model injects nothing, whether the type does, and why at the first."""
+    space = fit.study.space
+    values = np.array([space.reference, [fit.best[name] for name in space.names]])
+    batch = simulate_batch(
+        fit.study.injector, points, space.names, values, time_step=fit.study.time_step, threads=threads
+    )
+    of_type, injected = batch.injected_volume
+    shut = np.flatnonzero((batch.status[1] == OK) & (injected < RESOLUTION)).tolist()
+    words = [f"{at_point(points[i])}{' as the type' * bool(of_type[i] < RESOLUTION)}" for i in shut]
+    places = listed(list(dict.fromkeys(words)))
+    return [f"the adapted model injects nothing at {places}: {_why_shut(adapted, points[shut[0]])}"] if shut else []
+
+
+def _why_shut(injector: Injector, point: OperatingPoint) -> str:
+    """The part that does not move where an injector injects nothing."""
+    lift = simulate(injector, point).channels.get("valve_lift", np.ones(1))  # a direct-acting injector has no valve
+    return "the needle stays shut" if lift.max() > 0.0 else "the coil does not lift the valve"
