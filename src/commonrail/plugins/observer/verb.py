@@ -19,6 +19,7 @@ from commonrail.cli.options import (
     Settings,
     SheetName,
     Threads,
+    command_again,
     is_given,
     read_axis,
     read_form,
@@ -218,7 +219,7 @@ def observe(
     source = injector.sources.get("rail.volume", UNSTATED)
     origin = {
         "log": log.name,
-        "command": _command_line(),
+        "command": command_again("online", out="again"),
         "volume_source": "--set" if "rail.volume" in " ".join(set_) else f"{model}: {source.mark}, {source.text}",
         "errors": [error if error < float("inf") else None for error in read.errors],
     }
@@ -343,21 +344,6 @@ def _deviation(text: str) -> tuple[str, float]:
             f"--uncertain {text}: there is no such state{nearest(name, units)}; choose from {', '.join(units)}."
         )
     return name, parse_difference(value, units[name], f"--uncertain {name}")  # of a temperature: 2 degC are 2 K
-
-
-def _command_line() -> str:
-    """The command line with all that was given but where it writes."""
-    import shlex
-
-    import click
-
-    context, words = click.get_current_context(), ["commonrail", "observe"]
-    for p in context.command.params:
-        if is_given(str(p.name)) and p.name not in ("out", "online", "threads", "json"):
-            value = context.params[str(p.name)]
-            for one in value if isinstance(value, tuple) else (value,):
-                words += [str(one)] if isinstance(p, click.Argument) else [p.opts[0], str(one)]
-    return shlex.join([*words, "--out", "again"])
 
 
 def _run(injector: Injector, read: Log, settings: ObserverSettings, threads: int | None) -> Observation:
