@@ -37,6 +37,7 @@ from commonrail.plugins.diagnose.run import (
     SOUND,
     TOLD,
     UNEXPLAINED,
+    WORKSHOP,
     PlanBench,
     bench_noise,
     sound_parts,
@@ -140,7 +141,7 @@ def main() -> None:
     parts, centre = sound_parts(injector, known, DRAWS)
     found = responses(injector, parts, centre, faults, PlanBench(injector, data, 1e-6, 1))
     made = drawn(injector, known, faults, args.parts, args.seed)
-    noise = bench_noise(data.tests, args.noise)
+    noise = bench_noise(data.tests, args.noise or WORKSHOP)
     quantities, moved = measured(PlanBench(injector, data, 0.5e-6, 1), made, noise, args.seed)
     there = [bool(np.isfinite(row).all()) for row in quantities]
     print(f"{there.count(False)} of {len(made)} parts could not be simulated")

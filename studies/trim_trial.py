@@ -21,8 +21,8 @@ import commonrail as cr
 from commonrail.base.arrays import Floats
 from commonrail.engine.operating_point import Energising
 from commonrail.plugins.diagnose.faults import Parts, shipped_faults
-from commonrail.plugins.diagnose.run import PlanBench
-from commonrail.plugins.diagnose.trim import NOISE, STEP, regression
+from commonrail.plugins.diagnose.run import BENCHES, MAKER, PlanBench
+from commonrail.plugins.diagnose.trim import STEP, regression
 from commonrail.plugins.plans.data import PlanData
 from commonrail.plugins.plans.study import PlanTest, TestPlan
 
@@ -58,13 +58,13 @@ def main() -> None:
     data = PlanData.of(TestPlan("trial", tests_of(TESTS)), injector, PRESSURES, "trial")
     bench = PlanBench(injector, data, threads=1)
     grid = tests_of(tuple((f"{p} MPa {t} us", p, t) for p, t in MAP))
-    kept, nominal, trimming = regression(bench, grid, known, NOISE, STEP)
+    kept, nominal, trimming = regression(bench, grid, known, MAKER, STEP)
     random, scatter = np.random.default_rng([args.seed, 79]), known.scatter_of(injector)
     middle = np.array([injector.values[name] for name in scatter])
     values = middle + random.standard_normal((args.parts, len(middle))) * np.array([*scatter.values()])
     parts = Parts(tuple(scatter), values)
     true = bench(parts)
-    measured = true * (1.0 + NOISE * random.standard_normal(true.shape))
+    measured = true * (1.0 + BENCHES[MAKER].delivery * random.standard_normal(true.shape))
     classes = np.round((nominal - measured) / trimming.slopes[: len(TESTS)] / STEP)
     at_tests = classes * STEP
     places = np.array([[t.rail_pressure / 160e6, t.energisings[0].duration / 1e-3] for t in (*data.tests, *grid)])

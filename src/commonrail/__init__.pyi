@@ -69,6 +69,8 @@ from .plugins.compare.run import compare as compare
 from .plugins.diagnose.faults import Fault as Fault
 from .plugins.diagnose.faults import FaultTable as FaultTable
 from .plugins.diagnose.faults import load_faults as load_faults
+from .plugins.diagnose.judgement import PartJudgement as PartJudgement
+from .plugins.diagnose.judgement import judge_part as judge_part
 from .plugins.diagnose.run import Diagnosis as Diagnosis
 from .plugins.diagnose.run import diagnose as diagnose
 from .plugins.diagnose.trim import PartTrim as PartTrim

@@ -282,11 +282,10 @@ class Catalogue(NamedTuple):
 
 def part_digits(text: str) -> str:
     """Digits of a part number: four or more, six beside words; empty if there are fewer, as in iso4113."""
-    digits = re.sub(r"\D", "", text)
+    digits = re.sub(r"\D", "", text, flags=re.ASCII)
     if len(digits) == 9 and digits.startswith("445"):
         digits = f"0{digits}"  # which spreadsheets drop
-    is_plain = not any(map(str.isalpha, text))
-    return digits if (4 if is_plain else 6) <= len(digits) <= 10 and digits.isascii() else ""
+    return digits if (6 if any(map(str.isalpha, text)) else 4) <= len(digits) <= 10 else ""
 
 
 def installed_text(group: str, name: str) -> str | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from dataclasses import is_dataclass
 from enum import Enum
 from pathlib import Path
 from types import UnionType
@@ -25,18 +26,8 @@ HEADINGS = {
     "Fit a model to data": ("new", "inspect", "calibrate", "resume", "runs", "update", "certainty", "next", "report"),
     "Use a model": ("simulate", "map", "sweep", "features", "predict", "observe", "page", "export"),
     "Many parts": ("fleet", "type", "adapt", "tolerance"),
-    "Judge and look up": (
-        "compare",
-        "plan",
-        "diagnose",
-        "trim",
-        "sensitivity",
-        "catalogue",
-        "cite",
-        "fuel",
-        "doctor",
-        "lab",
-    ),
+    "A part on the bench": ("plan", "diagnose", "trim", "judge"),
+    "Judge and look up": ("compare", "sensitivity", "catalogue", "cite", "fuel", "doctor", "lab"),
 }
 
 
@@ -110,11 +101,23 @@ def verb(function: Callable[..., None]) -> Verb:
 
     Each of its parameters is annotated with ``Annotated[type, Option(...)]`` or ``Annotated[type, Argument(...)]``. The
     type is str, int, float, bool (a flag), Path or an enumeration of texts; a ``tuple[type, ...]`` may be repeated, and
-    ``type | None`` is None where it is not given.
+    ``type | None`` is None where it is not given. A dataclass of such fields is a group that several verbs share.
     """
+    params: list[click.Parameter] = []
+    groups: dict[str, tuple[Callable[..., Any], list[str]]] = {}
+    for each in inspect.signature(function, eval_str=True).parameters.values():
+        fields = [each]
+        if is_dataclass(group := each.annotation) and isinstance(group, type):
+            fields = [*inspect.signature(group, eval_str=True).parameters.values()]
+            groups[each.name] = group, [field.name for field in fields]
+        params += map(_parameter, fields)
+
+    def call(**values: Any) -> None:
+        made = {name: kind(**{key: values.pop(key) for key in keys}) for name, (kind, keys) in groups.items()}
+        function(**made, **values)
+
     name = function.__name__.rstrip("_").replace("_", "-")
-    params = [_parameter(each) for each in inspect.signature(function, eval_str=True).parameters.values()]
-    return Verb(name, callback=function, params=params, help=inspect.getdoc(function))
+    return Verb(name, callback=call if groups else function, params=params, help=inspect.getdoc(function))
 
 
 def _parameter(parameter: inspect.Parameter) -> click.Parameter:

@@ -79,6 +79,7 @@ SHIPPED: dict[str, dict[str, str]] = {
         "plan": "commonrail.plugins.plans.verb:plan",
         "diagnose": "commonrail.plugins.diagnose.verb:diagnose",
         "trim": "commonrail.plugins.diagnose.verb:trim",
+        "judge": "commonrail.plugins.diagnose.verb:judge",
         "fleet": "commonrail.plugins.fleet.verb:fleet",
         "type": "commonrail.plugins.family.verb:type_",
         "adapt": "commonrail.plugins.family.adapt_verb:adapt",

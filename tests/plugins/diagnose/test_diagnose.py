@@ -23,9 +23,9 @@ from commonrail.plugins.diagnose.evidence import FREEDOM, RESOLUTION, BenchNoise
 from commonrail.plugins.diagnose.faults import SEAT_LEAK, Change, Fault, FaultTable, Parts, load_faults, shipped_faults
 from commonrail.plugins.diagnose.page import diagnosis_lines
 from commonrail.plugins.diagnose.run import (
-    BAND_NOISE,
+    BENCHES,
     FAILS,
-    NOISE,
+    WORKSHOP,
     Diagnosis,
     PlanBench,
     bench_noise,
@@ -141,8 +141,8 @@ def test_no_fault_is_likely_that_moves_a_result_the_other_way(fails: bool) -> No
 def test_a_workshop_measures_small_deliveries_and_returns_less_well() -> None:
     bands = ((0.8e-9, 1.2e-9), (None, 1.0), (4e-9, 6e-9), (1e-9, 9e-9))  # of a return last
     tests = [replace(test, lower=low, upper=high) for test, (low, high) in zip(plan().tests, bands, strict=True)]
-    delivery, back, noise = NOISE[Measure.DELIVERY], NOISE[Measure.RETURN], bench_noise(tests)
-    np.testing.assert_allclose(noise.deviation(np.zeros(4)), BAND_NOISE * np.array([0.2e-9, 0.2e-9, 1e-9, 0.2e-9]))
+    (delivery, back, band, *_), noise = BENCHES[WORKSHOP], bench_noise(tests)
+    np.testing.assert_allclose(noise.deviation(np.zeros(4)), band * np.array([0.2e-9, 0.2e-9, 1e-9, 0.2e-9]))
     np.testing.assert_allclose(noise.shares, [delivery, delivery, delivery, back])
     assert bench_noise(tests, 0.02) == BenchNoise(0.02)
 

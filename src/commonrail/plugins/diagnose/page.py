@@ -1,27 +1,29 @@
-"""Diagnoses in reports: verdict, probabilities, quantities beside sound parts; and trims on the terminal."""
+"""Diagnoses, trims and judgements in reports: verdict, probabilities, quantities beside sound parts, code."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 from commonrail.base.chart import MARKERS, Bars, Figure, Panel, Series, points
 from commonrail.base.csv_output import comment_line
 from commonrail.base.table import LARGE, SMALL, Cell, Part, Table, table_of, tabulated
 from commonrail.base.text import fixed, listed, megapascal, percent, signed
 from commonrail.data.records import MEASURED, MICROSECOND, MM3, Record
-from commonrail.plugins.diagnose.run import BAND_NOISE, FAILS, NOISE
-from commonrail.plugins.plans.page import test_name
+from commonrail.plugins.diagnose.run import BENCHES, FAILS, USUAL
+from commonrail.plugins.plans.page import (
+    Section,
+    bench_html,
+    plan_figures,
+    plan_lines,
+    plan_section,
+    plan_tables,
+    test_name,
+)
 from commonrail.plugins.plans.study import State
-from commonrail.report.figure import drawings
 from commonrail.report.fit.rules import BAD, CARE, GOOD, Tile
-from commonrail.report.html import render
 from commonrail.report.presenter import Presenter
 
-BAND = 2.0  # standard deviations of the band of sound parts in figure and table: 95 % of a normal distribution
-SHOWN_ON_TERMINAL = 9  # rows of the table, so that the answer fits a screen
 LEAST = 0.005  # probability from which a diagnosis is named in a sentence
 FEWEST_BARS = 3
-HEIGHT = 230  # of a figure [px]: verdict, probabilities and quantities share a screen
+_FAILS = {False: FAILS, True: f"{FAILS}; inside makers’ scatter"}  # of a result, and of one as sound parts have
 WIDEST = 15.0  # standard deviations beyond which a marker stays at the edge; chosen
 
 
@@ -59,15 +61,24 @@ def _verdict(record: Record) -> str:
 
 def _outside(record: Record) -> str:
     """Sentence, with a space before it, on the results outside their bands; empty without one."""
-    names = [f"{test_name(row)} {row['state']}" for row in record["tests"] if row["state"] != State.INSIDE.value]
+    names = [
+        f"{test_name(row)} {row['state']}{f' ({_FAILS[True]})' * row['usual']}"
+        for row in record["tests"]
+        if row["state"] != State.INSIDE.value
+    ]
     return f" Outside the band: {listed(names)}." if names else ""
+
+
+def _place(item: Record) -> str:
+    """Measure, rail pressure and energising time of a next test."""
+    what = "return" if item["measure"] == "return" else "delivery"
+    return f"{what} at {megapascal(item['rail_pressure'])} MPa and {fixed(item['energising_time'], 0, MICROSECOND)} µs"
 
 
 def _next_sentence(item: Record, nominal: bool) -> str:
     """The test and what is expected; beside nominal quantities those of the model are no more than relative."""
     (first, second), (one, other) = item["names"], item["expected"]
-    what = "return" if item["measure"] == "return" else "delivery"
-    at = f"{what} at {megapascal(item['rail_pressure'])} MPa and {fixed(item['energising_time'], 0, MICROSECOND)} µs"
+    at = _place(item)
     apart = f"{fixed(one, 2, MM3)} mm³ if {first}, {fixed(other, 2, MM3)} mm³ if {second}"
     if nominal and item["sound"]:
         away = (f"{signed(100.0 * (value / item['sound'] - 1.0), 1)} %" for value in (one, other))
@@ -82,12 +93,12 @@ def _distance(row: Record, key: str) -> float:
     return float((row[key] - row["sound"]) / row["deviation"])
 
 
-def _test_table(record: Record, rows: Sequence[Record], note: str = "") -> Table:
+def _test_table(record: Record) -> Table:
     best = record["diagnoses"][0]["name"]
 
     def measured(row: Record) -> tuple[str, Cell]:
         far = _distance(row, "measured")
-        return fixed(row["measured"], 2, MM3), Cell(signed(far, 1), SMALL if abs(far) <= BAND else LARGE)
+        return fixed(row["measured"], 2, MM3), Cell(signed(far, 1), SMALL if abs(far) <= USUAL else LARGE)
 
     parts = [
         Part(("test",), lambda row: (test_name(row),)),
@@ -98,23 +109,18 @@ def _test_table(record: Record, rows: Sequence[Record], note: str = "") -> Table
         Part(("measured", "st. dev. off"), measured),
         Part(
             ("sound ± 2 st. dev.",),
-            lambda row: (f"{fixed(row['sound'], 2, MM3)} ± {fixed(BAND * row['deviation'], 2, MM3)}",),
+            lambda row: (f"{fixed(row['sound'], 2, MM3)} ± {fixed(USUAL * row['deviation'], 2, MM3)}",),
         ),
+        Part(("plan",), lambda row: (_FAILS[row["usual"]] if row["state"] != State.INSIDE.value else "passes",)),
     ]
     if best != "sound":
         parts.append(Part((f"with {best}",), lambda row: (fixed(row["leading"], 2, MM3),)))
-    return table_of("Quantities, mm³ per stroke", rows, parts, note)
+    return table_of("Quantities, mm³ per stroke", record["tests"], parts)
 
 
 def diagnosis_tables(record: Record) -> list[Table]:
-    """Table of the tests for a terminal: those farthest from sound parts."""
-    rows = record["tests"]
-    if len(rows) <= SHOWN_ON_TERMINAL:
-        return [_test_table(record, rows)]
-    far = sorted(rows, key=lambda row: -abs(_distance(row, "measured")))[:SHOWN_ON_TERMINAL]
-    return [
-        _test_table(record, [r for r in rows if r in far], f"{len(rows) - len(far)} more are nearer to sound parts.")
-    ]
+    """Table of the tests."""
+    return [_test_table(record)]
 
 
 def _fault_table(record: Record) -> Table:
@@ -150,14 +156,10 @@ def quantity_figure(record: Record) -> Figure:
     """Measured quantities and those of the leading fault beside the band of sound parts."""
     rows, best = record["tests"], record["diagnoses"][0]["name"]
     places = points(float(i) for i in range(len(rows)))
-
-    def at(key: str) -> Series:
-        x = points(max(-WIDEST, min(WIDEST, _distance(row, key))) for row in rows)
-        label, look = ("measured", MEASURED) if key == "measured" else (best, "best")
-        return Series(label, look, x, places, MARKERS)
-
-    series = (at("leading"), at("measured")) if best != "sound" else (at("measured"),)
-    band = Bars("95 % of sound parts", "level", points(-BAND for _ in rows), points(BAND for _ in rows))
+    shown = [("leading", best, "best")] * (best != "sound") + [("measured", "measured", MEASURED)]
+    distances = {key: points(max(-WIDEST, min(WIDEST, _distance(row, key))) for row in rows) for key, *_ in shown}
+    series = tuple(Series(label, look, distances[key], places, MARKERS) for key, label, look in shown)
+    band = Bars("95 % of sound parts", "level", points(-USUAL for _ in rows), points(USUAL for _ in rows))
     caption = f"Distances from the mean of sound parts, with noise; a marker beyond {WIDEST:.0f} is at the edge."
     panel = Panel("", series, bars=(band,), rows=tuple(map(test_name, rows)))
     return Figure("Measured beside sound parts", caption, "standard deviations", (panel,))
@@ -171,36 +173,25 @@ def diagnosis_figures(record: Record) -> list[Figure]:
 def _tiles(record: Record) -> list[Tile]:
     best, verdict = record["diagnoses"][0], record["verdict"]
     level = CARE if verdict in ("cannot be told", "unexplained", FAILS) else GOOD if verdict == "sound" else BAD
-    tiles = [
-        Tile("diagnosis", verdict, listed(record["leading"]) if verdict == "cannot be told" else "", level),
-    ]
+    tiles = [Tile("diagnosis", verdict, listed(record["leading"]) if verdict == "cannot be told" else "", level)]
     if verdict != "unexplained":
         tiles.append(Tile("probability", _share(best["probability"]), f"of {best['name']}"))
     if best["size"]:
         tiles.append(Tile("size", best["size"][0], best["parameter"]))
-    far = max(record["tests"], key=lambda row: abs(_distance(row, "measured")))
-    tiles.append(Tile("farthest test", signed(_distance(far, "measured"), 1), f"standard deviations: {test_name(far)}"))
     return tiles
 
 
-def diagnosis_html(record: Record, command: str) -> str:
-    """Page of a diagnosis, with the command that makes it again."""
-    injector = record["injector"]
-    first, second = drawings(diagnosis_figures(record), HEIGHT)
-    return render(
-        "diagnosis.html",
-        package=__package__,
-        record=record,
-        kind="Diagnosis",
-        lines=diagnosis_lines({**record, "synthetic": ""}),  # a banner of the page has it
-        tiles=_tiles(record),
-        first=first,
-        second=second,
-        tables=[_test_table(record, record["tests"]), _fault_table(record)],
-        synthetic=[text for text in (injector["synthetic"], record["synthetic"]) if text],
-        commands=[("Diagnose again", command)],
-        facts=[
-            ("Model of a sound part", f"{injector['title'] or injector['name']} ({injector['variant']})"),
+def diagnosis_section(record: Record) -> Section:
+    """Probabilities of the faults, and quantities beside those of sound parts."""
+    return Section(
+        "Diagnosis",
+        diagnosis_lines({**record, "synthetic": ""}),  # a banner of the page has it
+        _tiles(record),
+        diagnosis_figures(record),
+        [_test_table(record), _fault_table(record)],
+        "One fault at a time is judged. Ranges of faults and scatter of sound parts are estimates; the probabilities "
+        "hold as far as these estimates do, and for this model: one fitted to other data may name another fault.",
+        [
             ("Noise of bench and model", _noise(record["noise"])),
             ("Sound before the measurement", _share(record["sound"])),
             *((d["name"], f"range and source: {d['source']}") for d in record["diagnoses"] if d["source"]),
@@ -208,11 +199,18 @@ def diagnosis_html(record: Record, command: str) -> str:
     )
 
 
-def _noise(share: float | None) -> str:
-    if share is not None:
-        return f"{percent(share, 1)} % of a quantity"
-    one, other, band = (percent(value, 0) for value in (*NOISE.values(), BAND_NOISE))
-    return f"{one} % of a delivery and {band} % of its half band, {other} % of a return (estimates)"
+def diagnosis_html(record: Record, command: str) -> str:
+    """Page of a diagnosis, with the command that makes it again."""
+    return bench_html(record, "Diagnosis", [diagnosis_section(record)], command)
+
+
+def _noise(noise: float | str) -> str:
+    if noise not in BENCHES:
+        return f"{percent(noise, 1)} % of a quantity, as stated"
+    bench = BENCHES[str(noise)]
+    one, other, band = (percent(value, 0) for value in bench[:3])
+    shares = f"{one} % of a delivery and {band} % of its half band, {other} % of a return"
+    return f"{noise}: {shares}; {bench.mark}: {bench.source}"
 
 
 DIAGNOSIS = Presenter.of_record(diagnosis_lines, diagnosis_tables, diagnosis_figures)
@@ -231,6 +229,10 @@ def corrections_text(record: Record) -> str:
     return "\n".join([*notes, "rail_pressure [MPa],energising_time [us],correction [us]", *rows, ""])
 
 
+def _code(record: Record) -> str:
+    return f"{record['code']}, in steps of {fixed(record['step'], 2, MICROSECOND)} µs."
+
+
 def trim_lines(record: Record) -> list[str]:
     """Sentences on a trim: the code, and what it leaves of the scatter."""
     points = record["points"]
@@ -238,10 +240,9 @@ def trim_lines(record: Record) -> list[str]:
     ends = [f(p["correction"] for p in points) for f in (min, max)]
     low, high = (signed(1e6 * value, 1) for value in ends)
     return [
-        f"{record['plan']}: {record['code']}, in steps of {fixed(record['step'], 2, MICROSECOND)} µs.",
+        f"{record['plan']}: {_code(record)}",
         f"Corrections at {len(points)} points of the map: {low} to {high} µs. A linear model estimates that parts "
-        f"within makers' tolerances then scatter by {fixed(after / before, 2)} of what they do without a trim; "
-        "simulated ones scattered more in a trial.",
+        f"within makers' tolerances then scatter by {fixed(after / before, 2)} of what they do without a trim.",
         *([record["synthetic"]] if record["synthetic"] else []),
     ]
 
@@ -262,3 +263,53 @@ def trim_table(record: Record) -> Table:
             ("correction, µs", lambda t: signed(1e6 * t["correction"], 1)),
         ],
     )
+
+
+def trim_section(record: Record) -> Section:
+    """Code of a part and its corrections."""
+    tile = Tile("trim", record["code"], f"steps of {fixed(record['step'], 2, MICROSECOND)} µs")
+    note = "A trim is for sound parts and no repair."
+    return Section("Trim", trim_lines({**record, "synthetic": ""}), [tile], [], [trim_table(record)], note)
+
+
+def trim_html(record: Record, command: str) -> str:
+    """Page of a trim, with the command that makes it again."""
+    return bench_html(record, "Trim", [trim_section(record)], command)
+
+
+TRIM = Presenter.of_record(trim_lines, lambda record: [trim_table(record)], lambda _: [])
+
+
+# A part judged: all three.
+
+
+def judgement_lines(record: Record) -> list[str]:
+    """Verdict, tests outside, causes with their probabilities, next test and trim."""
+    diagnosis, trimmed = record["diagnosis"], record["trim"]
+    _, words, *more = plan_lines({**record["plan"], "synthetic": ""})
+    words = f"The part fails.{_outside(diagnosis)}" if record["verdict"] == "fail" else words
+    use = "" if diagnosis["diagnoses"][0]["name"] == "sound" else " A trim is for sound parts: repair comes first."
+    code = f"Trim: {_code(trimmed)}{use}" if trimmed else f"No trim: {record['reason']}"
+    cause = f"{'Cause' if record['verdict'] == 'fail' else 'Diagnosis'}: {_verdict(diagnosis)}"
+    causes = diagnosis_lines({**diagnosis, "synthetic": ""})[1:]
+    return [record["verdict"].upper(), words, cause, *causes, code, *more, *filter(None, [record["synthetic"]])]
+
+
+def judgement_html(record: Record, command: str) -> str:
+    """Page of a judgement, with the command that makes it again."""
+    diagnosis, trimmed = record["diagnosis"], record["trim"]
+    cause, *more = _tiles(diagnosis)
+    tiles = [cause._replace(head="likely cause"), *more[: diagnosis["verdict"] != "unexplained"]]
+    if diagnosis["next"]:
+        item = diagnosis["next"][0]
+        tiles.append(Tile("next test", _place(item), "tells most" if item["tells"] else "tells little"))
+    tests = plan_section(record["plan"])._replace(lines=judgement_lines({**record, "synthetic": ""})[1:])
+    sections = [diagnosis_section(diagnosis), *([trim_section(trimmed)] if trimmed else [])]
+    tests = tests._replace(tiles=[*tiles, *(tile for section in sections[1:] for tile in section.tiles)])
+    own = [tests, *(section._replace(lines=(), tiles=()) for section in sections)]
+    return bench_html(record, "Judgement", own, command)
+
+
+JUDGEMENT = Presenter.of_record(
+    judgement_lines, lambda record: plan_tables(record["plan"]), lambda record: plan_figures(record["plan"])
+)

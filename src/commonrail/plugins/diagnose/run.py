@@ -35,16 +35,34 @@ from commonrail.plugins.diagnose.evidence import (
 )
 from commonrail.plugins.diagnose.faults import SEAT_LEAK, FaultTable, Parts, load_faults, shipped_faults
 from commonrail.plugins.plans.data import PlanData
-from commonrail.plugins.plans.page import without_rate
+from commonrail.plugins.plans.page import note_without_rate
+from commonrail.plugins.plans.run import injector_record
 from commonrail.plugins.plans.study import BENCH_PRESSURES, Measure, PlanTest, State, TestPlan, load_plan
 
+USUAL = 2.0  # standard deviations of measured sound parts within which makers' scatter explains a result: 95 %
 DRAWS = 64  # sound parts that are simulated with each size of each fault
-# Standard deviations of workshop benches and of the model's relative changes, as shares of the quantity. A return is
-# mostly what guides leak, which follows the viscosity: 2 to 3 % for each kelvin. Estimates [E].
-NOISE = {Measure.DELIVERY: 0.03, Measure.RETURN: 0.10}
-# Of a delivery besides, as a share of its half band: an expanded uncertainty (twice that) of 30 % of the tolerance [E].
-# Small deliveries have wide bands since they are hard to make and to measure.
-BAND_NOISE = 0.15
+WORKSHOP, MAKER = "workshop", "maker"  # classes of benches
+
+
+class BenchClass(NamedTuple):
+    """Standard deviations of a bench and of the model's relative changes, with mark and source.
+
+    Shares of a `delivery`, of a return (`back`), and besides of the `half_band` of a delivery.
+    """
+
+    delivery: float
+    back: float
+    half_band: float
+    mark: str
+    source: str
+
+
+# Small deliveries have wide bands since they are hard to make and to measure. A return is mostly what guides leak,
+# which follows the viscosity: 2 to 3 % for each kelvin.
+BENCHES = {
+    WORKSHOP: BenchClass(0.03, 0.10, 0.15, "E", "with the band 3 to 4 % of a usual delivery"),
+    MAKER: BenchClass(0.01, 0.03, 0.0, "E", "a bench with controlled temperature, on which parts are classified"),
+}
 SOUND = 0.5  # probability of a sound part before the measurement
 FAILS = "fails the plan"
 TOLD = 0.9  # probability from which a diagnosis is stated as told; chosen
@@ -129,7 +147,7 @@ class Diagnosis(Shown):
     next : tuple of NextTest
         Tests that tell the two leading diagnoses apart best, the best first; empty where one is told already.
     noise, sound : float
-        As they were given; the noise may be None.
+        As they were stated; the noise may be a class of `BENCHES`.
     time_step : float
         [s].
     factors : (tests,)
@@ -143,7 +161,7 @@ class Diagnosis(Shown):
     responses: tuple[Response, ...]
     judged: Judged
     next: tuple[NextTest, ...]
-    noise: float | None
+    noise: float | str
     sound: float
     time_step: float
     factors: Floats | float = 1.0
@@ -193,13 +211,13 @@ class Diagnosis(Shown):
                 "deviation": float(self._deviation[j]),
                 "leading": float(leading.mean[at, j]),
                 "state": state.value,
+                "usual": bool(abs(test.bench - sound.mean[0, j]) <= USUAL * self._deviation[j]),
             }
             for j, (test, state) in enumerate(zip(self.data.tests, _states(self.data), strict=True))
         ]
-        texts = {key: getattr(self.injector, key) for key in ("name", "title", "synthetic")}
         return {
             **record_head("diagnosis", f"Diagnosis: {self.data.name}", self.data.synthetic),
-            "injector": texts | {"variant": self.injector.variant.label},
+            "injector": injector_record(self.injector),
             "plan": self.data.name,
             "noise": self.noise,
             "sound": self.sound,
@@ -240,7 +258,7 @@ def diagnose(
     results: TestPlan | str | PathLike[str],
     *,
     faults: FaultTable | str | PathLike[str] | None = None,
-    noise: float | str | None = None,
+    noise: float | str = WORKSHOP,
     sound: float | str = SOUND,
     nominal: bool = False,
     stroke_rate: Quantity | None = None,
@@ -260,9 +278,9 @@ def diagnose(
         Test plan with a column bench; tests without a result are left out.
     faults : FaultTable or path, optional
         Table of faults and of the scatter of sound parts; by default the one that ships.
-    noise : float or str, optional
-        Standard deviation of the bench and of the model's own error, as a share of each quantity; by default that of
-        `bench_noise`.
+    noise : float or str
+        Standard deviation of the bench and of the model's own error: a share of each quantity, or a class of `BENCHES`,
+        "workshop" or "maker".
     sound : float or str
         Probability before the measurement that the part is sound; all faults are equally likely.
     nominal : bool
@@ -284,13 +302,11 @@ def diagnose(
     """
     instance(injector, Injector, "injector")
     known = read_table(faults)
-    share, prior = None if noise is None else fraction(noise, "noise"), fraction(sound, "sound")
+    share, prior = read_noise(noise), fraction(sound, "sound")
     step, count = check_step(time_step), whole(draws, "draws", 40, 4096)
     plan = results if isinstance(results, TestPlan) else load_plan(results)
     data = measured_tests(plan.at_stroke_rate(stroke_rate), injector, (cylinder_pressure, return_pressure))
-    without = [t.name for t in data.tests if t.measure is Measure.RETURN and t.stroke_rate is None]
-    if without:
-        note(f"{data.name}: {without_rate([f'{name} (return)' for name in without])} State stroke_rate.")
+    note_without_rate(data.name, data.tests)
     parts, centre = sound_parts(injector, known, count)
     bench = PlanBench(injector, data, step, thread_count(threads))
     found = responses(injector, parts, centre, visible_faults(injector, data, known), bench)
@@ -312,17 +328,24 @@ def _states(data: PlanData) -> list[State]:
     return [test.state(test.bench or 0.0) for test in data.tests]
 
 
-def bench_noise(tests: Sequence[PlanTest], share: float | None = None) -> BenchNoise:
-    """Noise of a bench at tests [m³]: a share of each quantity, or that of a workshop.
+def bench_noise(tests: Sequence[PlanTest], noise: float | str = WORKSHOP) -> BenchNoise:
+    """Noise of a bench at tests [m³]: a share of each quantity, or that of a class of `BENCHES`.
 
-    That is the shares `NOISE`, and `BAND_NOISE` half bands of a delivery with two limits; of others the least of these.
+    A band counts where a delivery has two limits; others have the least of these.
     """
-    if share is not None:
-        return BenchNoise(share)
+    if isinstance(noise, float):
+        return BenchNoise(noise)
+    bench = BENCHES[noise]
     closed = [test.measure is Measure.DELIVERY and None not in (test.lower, test.upper) for test in tests]
-    bands = [BAND_NOISE * min(test.half_bands) if full else math.inf for test, full in zip(tests, closed, strict=True)]
-    least = min(bands) if any(closed) else RESOLUTION
-    return BenchNoise(np.array([NOISE[test.measure] for test in tests]), np.where(closed, bands, least))
+    bands = [min(test.half_bands) if full else math.inf for test, full in zip(tests, closed, strict=True)]
+    floors = bench.half_band * np.where(closed, bands, min(bands)) if any(closed) else np.zeros(len(tests))
+    shares = [bench.delivery if test.measure is Measure.DELIVERY else bench.back for test in tests]
+    return BenchNoise(np.array(shares), np.maximum(floors, RESOLUTION))
+
+
+def read_noise(noise: float | str) -> float | str:
+    """Class of a bench, or the share of a text or number."""
+    return noise if noise in BENCHES else fraction(noise, "noise")
 
 
 def _note_edges(data: PlanData, sound: Response) -> None:
@@ -405,18 +428,9 @@ def next_tests(found: Diagnosis, bench: PlanBench, parts: Parts, centre: Floats)
     separation = np.abs(mean - other) / np.hypot(deviation, spread)
     sound = tried(Parts((), np.empty((1, 0))))[0, n:]
     names = found.responses[first].name, found.responses[second].name
-    ranked = np.argsort(-separation, kind="stable")[:3].tolist()
-    return tuple(
-        NextTest(
-            tests[k],
-            float(sound[k]),
-            names,
-            (float(mean[k]), float(other[k])),
-            (float(deviation[k]), float(spread[k])),
-            float(separation[k]),
-        )
-        for k in ranked
-    )
+    columns = (values.tolist() for values in (sound, mean, other, deviation, spread, separation))
+    rows = [NextTest(t, q, names, (a, b), (c, d), s) for t, q, a, b, c, d, s in zip(tests, *columns, strict=True)]
+    return tuple(rows[k] for k in np.argsort(-separation, kind="stable")[:3].tolist())
 
 
 def _candidates(data: PlanData, injector: Injector) -> list[PlanTest]:

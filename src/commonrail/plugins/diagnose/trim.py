@@ -15,24 +15,30 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import Limits, Quantity, amount, array, fraction, instance, thread_count
+from commonrail.base.arguments import Limits, Quantity, amount, array, instance, thread_count
 from commonrail.base.arrays import Floats
+from commonrail.base.display import Shown
 from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.hooks import note
 from commonrail.base.text import listed, signed
+from commonrail.data.records import record_head
 from commonrail.engine.operating_point import Energising
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
-from commonrail.plugins.diagnose.evidence import RESOLUTION, BenchNoise, moments, regressed
+from commonrail.plugins.diagnose.evidence import RESOLUTION, moments, regressed
 from commonrail.plugins.diagnose.faults import FaultTable, Parts
 from commonrail.plugins.diagnose.run import (
+    MAKER,
     PlanBench,
+    bench_noise,
     measured_tests,
     nominal_factors,
+    read_noise,
     read_table,
     sound_parts,
 )
 from commonrail.plugins.plans.data import PlanData
+from commonrail.plugins.plans.run import injector_record
 from commonrail.plugins.plans.study import BENCH_PRESSURES, Measure, PlanTest, TestPlan, load_plan
 
 STEP = 2e-6  # of a class [s]; chosen
@@ -40,7 +46,6 @@ STEPS = Limits(1e-8, 1e-4, (0.1e-6, 50e-6), ("us",))
 ASIDE = 20e-6  # of the energising time to either side for the nominal slope [s], above ripples; chosen
 LEAST_SLOPE = 1e-6  # of the quantity over the energising time [m³/s] where a part is trimmed: 1 mm³/ms; chosen
 FAR = 3.0  # standard deviations of measured sound parts beyond which a result is warned of; chosen
-NOISE = 0.01  # of a maker's bench, as a share of a quantity: an estimate
 DRAWS = 256  # sound parts behind the regression
 GRID = 5  # rail pressures, and energising times, of the map where none are stated
 
@@ -60,12 +65,13 @@ class Trimming(NamedTuple):
     deviation: Floats
 
 
-@dataclass(frozen=True)
-class PartTrim:
+@dataclass(frozen=True, repr=False)
+class PartTrim(Shown):
     """Trim of a part.
 
     Attributes
     ----------
+    injector : Injector
     data : PlanData
         Tests that it is coded from.
     nominal : (tests,)
@@ -83,6 +89,9 @@ class PartTrim:
         Of the measured quantities from those of a sound part, in standard deviations of measured sound parts.
     """
 
+    presenter = "commonrail.plugins.diagnose.page:TRIM"
+
+    injector: Injector
     data: PlanData
     nominal: Floats
     classes: Floats
@@ -132,9 +141,9 @@ class PartTrim:
             }
             for i, test in enumerate(self.points)
         ]
-        facts = {"schema": 1, "kind": "trim", "title": f"Trim: {self.data.name}", "plan": self.data.name}
-        facts["synthetic"] = self.data.synthetic
-        return facts | {"step": self.step, "code": self.code, "tests": tests, "points": points}
+        head = record_head("trim", f"Trim: {self.data.name}", self.data.synthetic)
+        facts = {"injector": injector_record(self.injector), "plan": self.data.name, "step": self.step}
+        return head | facts | {"code": self.code, "tests": tests, "points": points}
 
 
 def trim(
@@ -145,7 +154,7 @@ def trim(
     rail_pressures: Sequence[float] | None = None,
     energising_times: Sequence[float] | None = None,
     faults: FaultTable | str | PathLike[str] | None = None,
-    noise: float | str = NOISE,
+    noise: float | str = MAKER,
     nominal: bool = False,
     cylinder_pressure: Quantity = BENCH_PRESSURES[0],
     return_pressure: Quantity = BENCH_PRESSURES[1],
@@ -176,7 +185,7 @@ def trim(
         If sound parts cannot be simulated.
     """
     instance(injector, Injector, "injector")
-    size, deviation = amount(step, "s", "step of a class", STEPS), fraction(noise, "noise")
+    size, deviation = amount(step, "s", "step of a class", STEPS), read_noise(noise)
     plan = results if isinstance(results, TestPlan) else load_plan(results)
     used = tuple(t for t in plan.tests if t.measure is Measure.DELIVERY and len(t.energisings) == 1)
     if (count := sum(test.bench is not None for test in used)) < 2:
@@ -198,7 +207,9 @@ def trim(
             f"{data.name}: {listed(far)} {'is' if len(far) == 1 else 'are'} more than {FAR:g} standard deviations off "
             "a sound part; a trim is for sound parts: check the results, or find the fault by diagnose."
         )
-    return PartTrim(data, sound, classes, size, tuple(grid[k] for k in kept), corrections, trimming, distances)
+    return PartTrim(
+        injector, data, sound, classes, size, tuple(grid[k] for k in kept), corrections, trimming, distances
+    )
 
 
 def _grid(data: PlanData, pressures: Sequence[float] | None, times: Sequence[float] | None) -> tuple[PlanTest, ...]:
@@ -215,11 +226,7 @@ def _grid(data: PlanData, pressures: Sequence[float] | None, times: Sequence[flo
 
 
 def regression(
-    bench: PlanBench,
-    grid: Sequence[PlanTest],
-    known: FaultTable,
-    noise: float,
-    step: float,
+    bench: PlanBench, grid: Sequence[PlanTest], known: FaultTable, noise: float | str, step: float
 ) -> tuple[list[int], Floats, Trimming]:
     """Points of the grid that can be trimmed, quantities of the drawn part at the tests (tests,) [m³], and the gain.
 
@@ -246,7 +253,7 @@ def regression(
     if made is None:
         raise SimulationError(f"Hardly any sound part can be simulated at the tests of {bench.data.name}.")
     mean, scatter = made
-    slopes, bench_deviation = slopes[use], BenchNoise(noise).deviation(mean[:n])
+    slopes, bench_deviation = slopes[use], bench_noise(bench.data.tests, noise).deviation(mean[:n])
     needed = scatter / np.outer(slopes, slopes)
     needed[:n, :n] += np.diag((bench_deviation / slopes[:n]) ** 2 + step**2 / 12.0)
     gain, left = regressed(needed, n)

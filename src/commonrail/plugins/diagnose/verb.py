@@ -1,54 +1,50 @@
-"""commonrail diagnose and trim: which fault explains what a bench measured, and what corrects a sound part."""
+"""commonrail diagnose, trim and judge: fault that explains what a bench measured, correction of a sound part, all."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from commonrail.base.output import write_text
 from commonrail.base.units import parse
-from commonrail.cli.console import SIMULATING, print_result, print_text, say
-from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import DecimalSign, Json, Settings, Threads, check_file, check_report, read_axis
-from commonrail.plugins.plans.verb import BenchCylinderPressure, BenchReturnPressure, command_again, read_bench
+from commonrail.cli.grammar import Option, verb
+from commonrail.cli.options import check_distinct, check_file, read_axis
+from commonrail.plugins.plans.verb import BenchOptions, Report, StrokeRate
 
-Model = Annotated[str, Argument(metavar="MODEL", help="Injector file, a name of the catalogue, or a run folder.")]
-Results = Annotated[Path, Argument(metavar="RESULTS.csv", help="Test plan with a column bench, as measured on a part.")]
-Noise = Annotated[str, Option(help="Standard deviation of bench and model, as a share of a quantity.")]
-Nominal = Annotated[
-    bool, Option(help="Take the plan's nominal quantities for a sound part's, and the model for changes alone.")
-]
-Faults = Annotated[
-    Path | None,
-    Option(metavar="FAULTS.toml", help="Table of faults and of the scatter of sound parts. [default: that shipped]"),
-]
+SoundShare = Annotated[str, Option(help="Probability before the measurement that the part is sound.")]
+Step = Annotated[str, Option(help="Step of a class of the trim, e.g. 2us.")]
+
+
+@dataclass(frozen=True)
+class SoundOptions:
+    """Options on sound parts and the bench that measured one, shared by what compares with sound parts."""
+
+    noise: Annotated[
+        str | None,
+        Option(help="Bench, workshop or maker, or a share of a quantity. [default: maker for a trim, else workshop]"),
+    ] = None
+    nominal: Annotated[
+        bool, Option(help="Take the plan's nominal quantities for a sound part's, and the model for changes alone.")
+    ] = False
+    faults: Annotated[
+        Path | None, Option(metavar="FAULTS.toml", help="Faults and scatter of sound parts. [default: those shipped]")
+    ] = None
+
+    def read(self) -> dict[str, Any]:
+        """Arguments of `diagnose`, `trim` and `judge_part`; the noise only where it is stated."""
+        stated = {} if self.noise is None else {"noise": self.noise}
+        return {"nominal": self.nominal, "faults": self.faults, **stated}
 
 
 @verb
 def diagnose(
-    model: Model,
-    file: Results,
+    bench: BenchOptions,
+    sound_parts: SoundOptions,
     *,
-    noise: Annotated[
-        str | None,
-        Option(
-            help="Standard deviation of bench and model, as a share of a quantity. [default: a workshop's, by bands]"
-        ),
-    ] = None,
-    sound: Annotated[str, Option(help="Probability before the measurement that the part is sound.")] = "50%",
-    nominal: Nominal = False,
-    faults: Faults = None,
-    stroke_rate: Annotated[
-        str | None, Option(help="Stroke rate where the plan states none, e.g. 1000/min. [default: none]")
-    ] = None,
-    cylinder_pressure: BenchCylinderPressure = None,
-    return_pressure: BenchReturnPressure = None,
-    decimal: DecimalSign = None,
-    time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
-    set_: Settings = (),
-    report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with probabilities and bands.")] = None,
-    threads: Threads = None,
-    json: Json = False,
+    sound: SoundShare = "50%",
+    stroke_rate: StrokeRate = None,
+    report: Report = None,
 ) -> None:
     """Find the fault that explains what a bench measured.
 
@@ -61,56 +57,28 @@ def diagnose(
       commonrail diagnose cri2-16 examples/test-plan/results.csv --nominal
       commonrail diagnose runs/first results.csv --noise 2% --report diagnosis.html
     """
-    from commonrail.plugins.diagnose.page import diagnosis_html, diagnosis_lines, diagnosis_tables
+    from commonrail.plugins.diagnose.page import diagnosis_html
     from commonrail.plugins.diagnose.run import diagnose as run
 
-    check_report(report)
-    injector, tests, pressures = read_bench(model, file, decimal, set_, (cylinder_pressure, return_pressure))
-    say(SIMULATING)
-    record = run(
-        injector,
-        tests,
-        faults=faults,
-        noise=None if noise is None else parse(noise, "1", "--noise"),
-        sound=parse(sound, "1", "--sound"),
-        nominal=nominal,
-        stroke_rate=None if stroke_rate is None else parse(stroke_rate, "1/s", "--stroke-rate"),
-        cylinder_pressure=pressures["cylinder_pressure"],
-        return_pressure=pressures["return_pressure"],
-        time_step=parse(time_step, "s", "--time-step"),
-        threads=threads,
-    ).record()
-    if report is not None:
-        stated = {"noise": noise, "sound": sound, "faults": faults, "stroke_rate": stroke_rate, "decimal": decimal}
-        words = ["diagnose", model, str(file), *(["--nominal"] if nominal else [])]
-        again = command_again(words, set_, pressures, stated | {"report": report})
-        write_text(report, diagnosis_html(record, again))
-    print_result(json, lambda: record, lambda: print_text(diagnosis_lines(record), diagnosis_tables(record)), [report])
+    injector, tests, settings = bench.read(report, stroke_rate)
+    result = run(injector, tests, sound=parse(sound, "1", "--sound"), **settings, **sound_parts.read())
+    bench.show(result, settings, report, diagnosis_html)
 
 
 @verb
 def trim(
-    model: Model,
-    file: Results,
+    bench: BenchOptions,
+    sound_parts: SoundOptions,
     *,
-    step: Annotated[str, Option(help="Step of a class, e.g. 2us.")] = "2us",
+    step: Step = "2us",
     rail_pressure: Annotated[
         str | None, Option(help="Rail pressures of the map, e.g. 40:160:40MPa. [default: five between the tests']")
     ] = None,
     energising_time: Annotated[
         str | None, Option(help="Energising times of the map, e.g. 200,500,900us. [default: five between the tests']")
     ] = None,
-    noise: Noise = "1%",
-    nominal: Nominal = False,
-    faults: Faults = None,
-    cylinder_pressure: BenchCylinderPressure = None,
-    return_pressure: BenchReturnPressure = None,
-    decimal: DecimalSign = None,
-    time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
-    set_: Settings = (),
     out: Annotated[Path | None, Option(metavar="FILE.csv", help="Corrections over the map.")] = None,
-    threads: Threads = None,
-    json: Json = False,
+    report: Report = None,
 ) -> None:
     """Correct a part's energising time from a few tests.
 
@@ -123,30 +91,44 @@ def trim(
       commonrail trim cri2-16 examples/test-plan/sound.csv --nominal --out corrections.csv
       commonrail trim runs/first results.csv --step 1us --rail-pressure 40:160:40MPa --energising-time 300,600,900us
     """
-    from commonrail.plugins.diagnose.page import corrections_text, trim_lines, trim_table
+    from commonrail.plugins.diagnose.page import corrections_text, trim_html
     from commonrail.plugins.diagnose.trim import trim as run
 
     check_file(out, "--out")
-    injector, tests, pressures = read_bench(model, file, decimal, set_, (cylinder_pressure, return_pressure))
-    axes = {
-        key: None if text is None else read_axis(text, unit, f"--{key.replace('_', '-')}").tolist()
+    check_distinct(out, report)
+    axes: dict[str, Any] = {
+        f"{key}s": None if text is None else read_axis(text, unit, f"--{key.replace('_', '-')}").tolist()
         for key, text, unit in (("rail_pressure", rail_pressure, "Pa"), ("energising_time", energising_time, "s"))
     }
-    say(SIMULATING)
-    found = run(
-        injector,
-        tests,
-        step=parse(step, "s", "--step"),
-        rail_pressures=axes["rail_pressure"],
-        energising_times=axes["energising_time"],
-        faults=faults,
-        noise=parse(noise, "1", "--noise"),
-        nominal=nominal,
-        **pressures,
-        time_step=parse(time_step, "s", "--time-step"),
-        threads=threads,
-    )
-    record = found.record()
+    injector, tests, settings = bench.read(report)
+    result = run(injector, tests, step=parse(step, "s", "--step"), **axes, **settings, **sound_parts.read())
     if out is not None:
-        write_text(out, corrections_text(record))
-    print_result(json, lambda: record, lambda: print_text(trim_lines(record), [trim_table(record)]), [out])
+        write_text(out, corrections_text(result.record()))
+    bench.show(result, settings, report, trim_html, out)
+
+
+@verb
+def judge(
+    bench: BenchOptions,
+    sound_parts: SoundOptions,
+    *,
+    sound: SoundShare = "50%",
+    step: Step = "2us",
+    stroke_rate: StrokeRate = None,
+    report: Report = None,
+) -> None:
+    """Judge a part: pass or fail, causes, next test and trim.
+
+    Does what `plan`, `diagnose` and `trim` do, with their options. Exit status 0 whether the part passes or fails.
+
+    \b
+    Examples:
+      commonrail judge cri2-16 examples/test-plan/results.csv --nominal --report judgement.html
+      commonrail judge "0 445 110 191" results.csv --nominal --noise workshop
+    """
+    from commonrail.plugins.diagnose.judgement import judge_part
+    from commonrail.plugins.diagnose.page import judgement_html
+
+    injector, tests, settings = bench.read(report, stroke_rate)
+    own = {"sound": parse(sound, "1", "--sound"), "step": parse(step, "s", "--step"), **sound_parts.read()}
+    bench.show(judge_part(injector, tests, **settings, **own), settings, report, judgement_html)

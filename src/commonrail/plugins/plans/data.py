@@ -14,7 +14,6 @@ from pydantic import Field
 from commonrail.base.arguments import Quantity, instances, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.hooks import note
 from commonrail.base.text import number
 from commonrail.data.base import Missing, Role, Score, Term, ToleratedData, read_labels, share_of, term_of
 from commonrail.data.noise import Noise
@@ -29,7 +28,7 @@ from commonrail.engine.status import OK, check_point
 from commonrail.physics.injector import Injector
 from commonrail.physics.meters import Meter
 from commonrail.physics.variants import RETURN, reader_of, unread_inputs
-from commonrail.plugins.plans.page import PlanView, without_rate
+from commonrail.plugins.plans.page import PlanView, note_without_rate
 from commonrail.plugins.plans.study import Bands, Measure, PlanTest, State, TestPlan, load_plan
 from commonrail.readers.location import Place, located
 from commonrail.readers.toml import Unit
@@ -163,9 +162,7 @@ class PlanData(ToleratedData):
         with located(context.at):
             plan = plan.at_stroke_rate(model.stroke_rate)
             plan = plan if model.tests is None else plan.chosen(model.tests)
-            without = [t.name for t in plan.tests if t.measure is Measure.RETURN and t.stroke_rate is None]
-            if without:
-                note(f"{model.name}: {without_rate([f'{name} (return)' for name in without])} State stroke_rate.")
+            note_without_rate(model.name, plan.tests)
             data = cls.of(
                 plan,
                 context.injector,

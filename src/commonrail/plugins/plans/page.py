@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from commonrail.base.chart import MARKERS, Bars, Figure, Panel, Series
+from commonrail.base.hooks import note
 from commonrail.base.table import LARGE, SIGNS, SMALL, Cell, Part, Table, table_of
 from commonrail.base.text import MISSING, counted, fixed, listed, megapascal, number, pressure, several, signed
 from commonrail.data.base import Merit, View
 from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Models, Plotted, Record, Shown, Texts
-from commonrail.plugins.plans.study import Measure, State
+from commonrail.plugins.plans.study import Measure, PlanTest, State
 from commonrail.report.figure import drawings
 from commonrail.report.fit.rules import BAD, CARE, GOOD, Tile
 from commonrail.report.html import render
 from commonrail.report.presenter import Presenter
 
 SIMULATED = "simulated"  # label of the one model of `commonrail plan`
+LEVELS = {"pass": GOOD, "fail": BAD, "open": CARE}
 WIDEST = 4.0  # half bands beyond which a marker of the picture stays at its edge; chosen
 _NOTE = (
     f"Distances from the nominal quantity in half bands: ±1 at the limits; {SIGNS[SMALL]} inside, {SIGNS[LARGE]} not. "
@@ -154,6 +156,12 @@ def without_rate(names: Sequence[str]) -> str:
     return f"Without a stroke rate {listed(names)} {lack} what the guides leak until the next stroke."
 
 
+def note_without_rate(name: str, tests: Sequence[PlanTest]) -> None:
+    """Note returns of a plan without a stroke rate."""
+    if names := [f"{t.name} (return)" for t in tests if t.measure is Measure.RETURN and t.stroke_rate is None]:
+        note(f"{name}: {without_rate(names)} State stroke_rate.")
+
+
 def part_verdict(rows: Sequence[Record]) -> tuple[str, str]:
     """Word on the part that the bench measured, pass, fail or open, and the sentence that says it."""
     found = [(row, row["bench"]) for row in rows if row["bench"]]
@@ -180,17 +188,8 @@ def plan_tables(record: Record) -> list[Table]:
 def _tiles(data: Record) -> list[Tile]:
     rows, inside = data["rows"], data["inside"][SIMULATED]
     tiles = [Tile("model", f"{inside} of {len(rows)}", "tests inside", GOOD if inside == len(rows) else BAD)]
-    tiles.append(_farthest("model", [(row, row["found"][SIMULATED]) for row in rows]))
-    if part := [(row, row["bench"]) for row in rows if row["bench"]]:
-        word, words = part_verdict(rows)
-        tiles.append(Tile("part", word, words, {"pass": GOOD, "fail": BAD, "open": CARE}[word]))
-        tiles.append(_farthest("part", part))
-    return tiles
-
-
-def _farthest(whose: str, found: Sequence[tuple[Record, Record]]) -> Tile:
-    row, far = max(found, key=lambda pair: abs(pair[1]["distance"] or 0.0))
-    return Tile(f"{whose}, farthest", signed(far["distance"], 2), f"half bands: {test_name(row)}")
+    word, words = part_verdict(rows)
+    return [*tiles, Tile("part", word, words, LEVELS[word])] if any(row["bench"] for row in rows) else tiles
 
 
 def plan_figures(record: Record) -> list[Figure]:
@@ -198,27 +197,60 @@ def plan_figures(record: Record) -> list[Figure]:
     return [plan_figure(record["data"], {SIMULATED: Shown(SIMULATED, JUDGED)})]
 
 
-def plan_html(record: Record, command: str) -> str:
-    """Page of a model on a plan, with the command that makes it again."""
-    injector, data = record["injector"], record["data"]
+class Section(NamedTuple):
+    """Section of the page of a part on the bench: what it adds to the first screen, and its figures and tables."""
+
+    heading: str
+    lines: Sequence[str]
+    tiles: Sequence[Tile]
+    figures: Sequence[Figure]
+    tables: Sequence[Table]
+    note: str
+    facts: Sequence[tuple[str, str]] = ()
+
+
+def plan_section(record: Record) -> Section:
+    """Tests of a plan, with model and part in their bands."""
+    data = record["data"]
     pressures = [pressure(data["rows"][0][key]) for key in ("cylinder_pressure", "return_pressure")]
-    return render(
-        "plan.html",
-        package=__package__,
-        record=record,
-        kind="Test plan",
-        lines=plan_lines({**record, "synthetic": ""}),  # a banner of the page has it
-        tiles=_tiles(data),
-        first=drawings(plan_figures(record))[0],
-        tables=plan_tables(record),
-        synthetic=[text for text in (injector["synthetic"], record["synthetic"]) if text],
-        commands=[("Judge again", command)],
-        facts=[
-            ("Model", f"{injector['title'] or injector['name']} ({injector['variant']})"),
+    return Section(
+        "Tests",
+        plan_lines({**record, "synthetic": ""}),  # a banner of the page has it
+        _tiles(data),
+        plan_figures(record),
+        plan_tables(record),
+        "Bands are specifications of what passes, not measurements; a wide band is easily met.",
+        [
             ("Cylinder and return pressure", " and ".join(pressures)),
             ("Time step", f"{fixed(record['time_step'], 2, MICROSECOND)} µs"),
         ],
     )
+
+
+def bench_html(record: Record, kind: str, sections: Sequence[Section], command: str) -> str:
+    """Page of a part on the bench: the verdict of its record, if it has one, sections, and the command that made it."""
+    injector, verdict = record["injector"], record.get("verdict")
+    model = f"{injector['title'] or injector['name']} ({injector['variant']})"
+    shown = [s._asdict() | {"drawings": drawings(s.figures, name=s.heading.lower())} for s in sections]
+    return render(
+        "bench.html",
+        package=__package__,
+        record=record,
+        kind=kind,
+        judged=(verdict.upper(), LEVELS[verdict]) if verdict in LEVELS else None,
+        lines=[line for section in sections for line in section.lines],
+        tiles=[tile for section in sections for tile in section.tiles],
+        first=next(iter(shown[0]["drawings"]), None),
+        sections=shown,
+        synthetic=[text for text in (injector["synthetic"], record["synthetic"]) if text],
+        commands=[("To make it again", command)],
+        facts=[("Model of a sound part", model), *(fact for section in sections for fact in section.facts)],
+    )
+
+
+def plan_html(record: Record, command: str) -> str:
+    """Page of a model, and of a part where the bench measured one, on a plan."""
+    return bench_html(record, "Test plan", [plan_section(record)], command)
 
 
 PLAN = Presenter.of_record(plan_lines, plan_tables, plan_figures)

@@ -20,7 +20,7 @@ from commonrail.engine.status import Status
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
 from commonrail.plugins.plans.data import PlanData, PlanScore
-from commonrail.plugins.plans.page import SIMULATED
+from commonrail.plugins.plans.page import SIMULATED, part_verdict
 from commonrail.plugins.plans.study import BENCH_PRESSURES, Measure, PlanTest, State, TestPlan, load_plan
 
 
@@ -60,14 +60,19 @@ class PlanResult(Shown):
         injector, data = self.injector, self.score.data.record({SIMULATED: self.score})
         for row, reason in zip(data["rows"], self.reasons, strict=True):
             row["reason"] = reason
-        texts = {key: getattr(injector, key) for key in ("name", "title", "synthetic")}
         return {
             **record_head("plan", f"Test plan: {injector.name}", self.score.data.synthetic),
-            "injector": texts | {"variant": injector.variant.label},
+            "injector": injector_record(injector),
             "time_step": self.time_step,
             "hint": self.hint,
+            "verdict": part_verdict(data["rows"])[0] if any(row["bench"] for row in data["rows"]) else None,
             "data": {"name": self.score.data.name, **data},
         }
+
+
+def injector_record(injector: Injector) -> dict[str, str]:
+    """Names of an injector, its variant, and what is synthetic of it."""
+    return {key: getattr(injector, key) for key in ("name", "title", "synthetic")} | {"variant": injector.variant.label}
 
 
 # Factors of quantities that a wrong unit makes: of 1000, as of g for mg, and with the density of a usual diesel fuel,

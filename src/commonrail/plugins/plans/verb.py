@@ -1,13 +1,17 @@
-"""commonrail plan: an injector, and a part on the bench, judged by a test plan."""
+"""commonrail plan: an injector, and a part on the bench, judged by a test plan; options of all that judge by one."""
 
 from __future__ import annotations
 
-import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
+from commonrail.base.errors import InputError
+from commonrail.base.hooks import note
 from commonrail.base.output import write_text
+from commonrail.base.registry import part_digits
 from commonrail.base.units import parse, to_text
 from commonrail.cli.console import SIMULATING, print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
@@ -17,6 +21,7 @@ from commonrail.cli.options import (
     Settings,
     Threads,
     check_report,
+    command_again,
     read_form,
     read_pressures,
     refuse_return_pressure,
@@ -24,69 +29,88 @@ from commonrail.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from commonrail.cli.model_name import NamedModel
     from commonrail.physics.injector import Injector
     from commonrail.plugins.plans.study import TestPlan
 
-BenchCylinderPressure = Annotated[
-    str | None, Option(help="Pressure behind the nozzle. [default: that of the run's first data, else 0.5MPa]")
+StrokeRate = Annotated[
+    str | None, Option(help="Stroke rate where the plan states none, e.g. 1000/min; a return needs it. [default: none]")
 ]
-BenchReturnPressure = Annotated[
-    str | None,
-    Option(help="Pressure at the end of the return line. [default: that of the run's first data, else 0.1MPa]"),
-]
-"""Options whose defaults are `BENCH_PRESSURES`, of all verbs that judge by a test plan."""
+Page = Callable[[dict[str, Any], str], str]  # of a record and the command that makes it again
+Report = Annotated[Path | None, Option(metavar="FILE.html", help="Report on one page.")]
 
 
-def read_bench(
-    model: str, file: Path, decimal: str | None, settings: Sequence[str], pressures: tuple[str | None, str | None]
-) -> tuple[Injector, TestPlan, dict[str, float]]:
-    """Injector and test plan of a command line, and the pressures behind nozzle and return [Pa] by their options."""
+@dataclass(frozen=True)
+class BenchOptions:
+    """Part, tests and bench of a command line, shared by all verbs that judge by a test plan."""
+
+    part: Annotated[str, Argument(metavar="PART", help="Catalogue name, part number, injector file or run folder.")]
+    tests: Annotated[
+        Path, Argument(metavar="TESTS.csv", help="Test plan; with a column bench also what a part delivered.")
+    ]
+    cylinder_pressure: Annotated[
+        str | None, Option(help="Pressure behind the nozzle. [default: that of the run's first data, else 0.5MPa]")
+    ] = None
+    return_pressure: Annotated[
+        str | None,
+        Option(help="Pressure at the end of the return line. [default: that of the run's first data, else 0.1MPa]"),
+    ] = None
+    decimal: DecimalSign = None
+    time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us"
+    set_: Settings = ()
+    threads: Threads = None
+    json: Json = False
+
+    def read(
+        self, report: Path | None = None, stroke_rate: str | None = None
+    ) -> tuple[Injector, TestPlan, dict[str, Any]]:
+        """Injector, test plan, and the other arguments of what judges them; a page is known to be writable then."""
+        from commonrail.plugins.plans.study import BENCH_PRESSURES, load_plan
+
+        check_report(report)
+        tests = load_plan(self.tests, read_form(None, self.decimal, None, [self.tests]))
+        named = _read_part(self.part)
+        injector = with_overrides(named.injector, self.set_)
+        refuse_return_pressure(injector)
+        cylinder, back = read_pressures(self.cylinder_pressure, self.return_pressure, named.folder, BENCH_PRESSURES)
+        step = parse(self.time_step, "s", "--time-step")
+        settings = {"cylinder_pressure": cylinder, "return_pressure": back, "time_step": step, "threads": self.threads}
+        if stroke_rate is not None:
+            settings["stroke_rate"] = parse(stroke_rate, "1/s", "--stroke-rate")
+        say(SIMULATING)
+        return injector, tests, settings
+
+    def show(
+        self, result: Any, settings: Mapping[str, Any], report: Path | None, page: Page, *files: Path | None
+    ) -> None:
+        """Print a result, write its page, and name these and other files."""
+        from commonrail.report.presenter import presenter_of
+
+        record, content = result.record(), presenter_of(result)
+        if report is not None:
+            pressures = {name: to_text(settings[name], "Pa") for name in ("cylinder_pressure", "return_pressure")}
+            write_text(report, page(record, command_again(**pressures)))
+        shown = partial(print_text, content.lines(result), content.tables(result))
+        print_result(self.json, lambda: record, shown, [*files, report])
+
+
+def _read_part(text: str) -> NamedModel:
+    """Model of a text; of a part number that of the type whose file names it."""
     from commonrail.cli.model_name import read_model_name
-    from commonrail.plugins.plans.study import BENCH_PRESSURES, load_plan
+    from commonrail.readers.part_number import LENGTH, find_part
 
-    tests = load_plan(file, read_form(None, decimal, None, [file]))
-    named = read_model_name(model)
-    injector = with_overrides(named.injector, settings)
-    refuse_return_pressure(injector)
-    cylinder, back = read_pressures(*pressures, named.folder, BENCH_PRESSURES)
-    return injector, tests, {"cylinder_pressure": cylinder, "return_pressure": back}
-
-
-def command_again(
-    words: Sequence[str], settings: Sequence[str], pressures: Mapping[str, float], stated: Mapping[str, object]
-) -> str:
-    """Command line of a verb with its pressures, and with the options that were stated by their names."""
-    options = {**stated, **{name: to_text(value, "Pa") for name, value in pressures.items()}}
-    changes = [part for text in settings for part in ("--set", text)]
-    given = [f"--{name.replace('_', '-')}={value}" for name, value in options.items() if value is not None]
-    return shlex.join(["commonrail", *words, *changes, *given])
+    if len(part_digits(text)) == LENGTH and not Path(text).exists():
+        matches = find_part(text)
+        if not any(match.kind == "exact" for match in matches):
+            reason = " ".join(match.reason for match in matches) or "No type of the catalogue is of this kind of part."
+            raise InputError(f"{text}: {reason}")
+        note(matches[0].reason)
+        text = matches[0].injector
+    return read_model_name(text)
 
 
 @verb
-def plan(
-    model: Annotated[str, Argument(metavar="MODEL", help="Injector file, a name of the catalogue, or a run folder.")],
-    file: Annotated[
-        Path,
-        Argument(
-            metavar="PLAN.csv",
-            help="Tests with rail pressure, energising time, nominal quantity and band; with a column bench, what a "
-            "part delivered.",
-        ),
-    ],
-    *,
-    stroke_rate: Annotated[
-        str | None,
-        Option(help="Stroke rate where the plan states none, e.g. 1000/min; a return needs it. [default: none]"),
-    ] = None,
-    cylinder_pressure: BenchCylinderPressure = None,
-    return_pressure: BenchReturnPressure = None,
-    decimal: DecimalSign = None,
-    time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
-    set_: Settings = (),
-    report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with the tolerance fields.")] = None,
-    threads: Threads = None,
-    json: Json = False,
-) -> None:
+def plan(bench: BenchOptions, *, stroke_rate: StrokeRate = None, report: Report = None) -> None:
     """Judge a model, and a part on the bench, by a test plan.
 
     Every test is simulated; a quantity is inside or outside its band, and its distance from the nominal one is
@@ -98,16 +122,8 @@ def plan(
       commonrail plan cri2-16 examples/test-plan/plan.csv --cylinder-pressure 0.5MPa --return-pressure 0.1MPa
       commonrail plan runs/first plan.csv --stroke-rate 1000/min --report plan.html
     """
-    from commonrail.plugins.plans.page import plan_html, plan_lines, plan_tables
+    from commonrail.plugins.plans.page import plan_html
     from commonrail.plugins.plans.run import run_plan
 
-    check_report(report)
-    injector, tests, pressures = read_bench(model, file, decimal, set_, (cylinder_pressure, return_pressure))
-    rate = None if stroke_rate is None else parse(stroke_rate, "1/s", "--stroke-rate")
-    step = parse(time_step, "s", "--time-step")
-    say(SIMULATING)
-    record = run_plan(injector, tests, stroke_rate=rate, **pressures, time_step=step, threads=threads).record()
-    if report is not None:
-        stated = {"stroke_rate": stroke_rate, "decimal": decimal, "report": report}
-        write_text(report, plan_html(record, command_again(["plan", model, str(file)], set_, pressures, stated)))
-    print_result(json, lambda: record, lambda: print_text(plan_lines(record), plan_tables(record)), [report])
+    injector, tests, settings = bench.read(report, stroke_rate)
+    bench.show(run_plan(injector, tests, **settings), settings, report, plan_html)

@@ -1,0 +1,81 @@
+"""Judgement of a part: whether it passes its plan, which fault explains it, and the trim of a sound one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any
+
+from commonrail.base.arguments import Quantity
+from commonrail.base.display import Shown
+from commonrail.base.errors import InputError
+from commonrail.base.hooks import quiet
+from commonrail.data.records import record_head
+from commonrail.physics.injector import Injector
+from commonrail.plugins.diagnose.faults import FaultTable
+from commonrail.plugins.diagnose.run import SOUND, WORKSHOP, Diagnosis, diagnose
+from commonrail.plugins.diagnose.trim import STEP, PartTrim, trim
+from commonrail.plugins.plans.run import PlanResult, run_plan
+from commonrail.plugins.plans.study import TestPlan, load_plan
+
+
+@dataclass(frozen=True, repr=False)
+class PartJudgement(Shown):
+    """Judgement of a part on the bench.
+
+    Attributes
+    ----------
+    plan : PlanResult
+    diagnosis : Diagnosis
+    trim : PartTrim or None
+    reason : str
+        Why the part cannot be trimmed; empty if it can.
+    """
+
+    presenter = "commonrail.plugins.diagnose.page:JUDGEMENT"
+
+    plan: PlanResult
+    diagnosis: Diagnosis
+    trim: PartTrim | None
+    reason: str = ""
+
+    def record(self) -> dict[str, Any]:
+        """JSON-able form, SI units; its `verdict` is "pass", "fail", or "open" where a test has no result."""
+        plan, diagnosis = self.plan.record(), self.diagnosis.record()
+        return {
+            **record_head("judgement", f"Part on the bench: {diagnosis['plan']}", plan["synthetic"]),
+            "injector": plan["injector"],
+            "verdict": plan["verdict"],
+            "plan": plan,
+            "diagnosis": diagnosis,
+            "trim": None if self.trim is None else self.trim.record(),
+            "reason": self.reason,
+        }
+
+
+def judge_part(
+    injector: Injector,
+    results: TestPlan | str | PathLike[str],
+    *,
+    sound: float | str = SOUND,
+    step: Quantity = STEP,
+    stroke_rate: Quantity | None = None,
+    noise: float | str = WORKSHOP,
+    nominal: bool = False,
+    faults: FaultTable | str | PathLike[str] | None = None,
+    **bench: Any,
+) -> PartJudgement:
+    """Judge a part by its test plan, find the fault that explains its results, and trim it.
+
+    The arguments are those of `diagnose` and `trim`, `bench` those of `run_plan`, and so are the errors; a part that
+    cannot be trimmed has the reason in place of a trim.
+    """
+    plan = results if isinstance(results, TestPlan) else load_plan(results)
+    settings: dict[str, Any] = {"noise": noise, "nominal": nominal, "faults": faults, **bench}
+    diagnosis = diagnose(injector, plan, sound=sound, stroke_rate=stroke_rate, **settings)
+    judged = run_plan(injector, plan, stroke_rate=stroke_rate, **bench)
+    try:
+        with quiet():  # what the diagnosis has said
+            return PartJudgement(judged, diagnosis, trim(injector, plan, step=step, **settings))
+    except InputError as error:
+        return PartJudgement(judged, diagnosis, None, str(error))
