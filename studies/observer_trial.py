@@ -9,6 +9,10 @@ fuel's volume at 0.1 MPa, which the observer does not know of.
 
     python -m studies.observer_trial truths FILE.npz --injectors 40 --shots 25 --seed 2
     python -m studies.observer_trial judge FILE.npz --injectors 40 [--with current,return]
+    python -m studies.observer_trial currents --shots 200 --seed 2
+
+`currents` judges energising times of 200 to 600 us that are read from peak-and-hold currents: of the model's PWM, and
+of straight and bent edges with noise, at several rates of sampling.
 """
 
 from __future__ import annotations
@@ -26,6 +30,7 @@ from numpy.typing import ArrayLike
 
 import commonrail as cr
 from commonrail.base.arrays import Floats
+from commonrail.data.currents import read_energisings
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.status import OK
 from commonrail.physics.fuel import Fuel
@@ -374,6 +379,48 @@ def _drops(model: cr.Injector, log: tuple[Any, ...], shots: list[dict[str, Any]]
     return found
 
 
+def currents(shots: int, seed: int) -> None:
+    """Print how many readings of currents are refused, and the largest error of the others, by drive and rate."""
+    rng = np.random.default_rng(seed)
+    durations, gaps = rng.uniform(200e-6, 600e-6, shots), rng.uniform(0.0, 100e-6, shots)
+    starts = 5e-3 + 8e-3 * np.arange(shots) + gaps
+    model = cr.load_injector("cri2-16@pwm")
+    points = [cr.OperatingPoint(rng.uniform(40e6, 160e6), float(one), horizon=2e-3) for one in durations]
+    solved = [cr.simulate(model, point) for point in points]
+    drives = {"model's PWM": [(found.time, found.channels["coil_current"]) for found in solved]}
+    for fall in (15e-6, 30e-6, 60e-6):
+        for bent in (False, True):
+            name = f"18 A, 12 A, {'bent' if bent else 'straight'} fall of {fall * 1e6:.0f} us"
+            drives[name] = [(FINE, _peak_and_hold(FINE, one, fall, bent)) for one in durations]
+    for name, courses in drives.items():
+        for rate in (10e3, 20e3, 50e3, 100e3, 200e3, 1e6):
+            clock = np.arange(0.0, starts[-1] + 8e-3, 1.0 / rate)
+            value = 0.4 + 0.15 * rng.standard_normal(len(clock))
+            for start, (at, amperes) in zip(starts, courses, strict=True):
+                own = slice(*np.searchsorted(clock, [start, start + at[-1]]))
+                value[own] += np.interp(clock[own] - start, at, amperes)
+            read = read_energisings(clock, value)
+            if len(read) != shots:
+                print(f"{name:32s} {rate / 1e3:5.0f} kHz: {len(read)} energisings of {shots}")
+                continue
+            off = np.array([one.duration for one in read]) - durations
+            sure = np.isfinite([one.error for one in read])
+            largest = f"largest error {1e6 * np.abs(off[sure]).max():4.1f} us" if sure.any() else ""
+            print(f"{name:32s} {rate / 1e3:5.0f} kHz: {(~sure).sum():3d} of {shots} refused  {largest}")
+
+
+FINE = np.arange(0.0, 2e-3, 0.5e-6)  # times of such a current [s]
+
+
+def _peak_and_hold(time: Floats, duration: float, fall: float, bent: bool) -> Floats:
+    """Current [A] that rises in 90 us to 18 A, falls from 150 us on to 12 A, and to zero after the command."""
+    rise = 18.0 * (1.0 - np.exp(-time / 60e-6)) / (1.0 - np.exp(-1.5)) if bent else 0.2e6 * time
+    flowing = np.minimum(np.minimum(rise, 18.0), np.maximum(18.0 - 0.12e6 * (time - 150e-6), 12.0))
+    level, since = float(np.interp(duration, time, flowing)), np.maximum(time - duration, 0.0)
+    ended = 2.0 * np.exp(-since / fall * np.log(2.0)) - 1.0 if bent else 1.0 - since / fall
+    return np.asarray(np.where(time < duration, flowing, level * np.maximum(ended, 0.0)))
+
+
 BASELINES = (
     ("observer", "found", 0),
     ("model alone", "open", 0),
@@ -428,8 +475,8 @@ def _print(rows: list[dict[str, Any]], alarms: list[Any], onset: int) -> None:
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("truths", "judge"))
-    parser.add_argument("file", type=Path)
+    parser.add_argument("what", choices=("truths", "judge", "currents"))
+    parser.add_argument("file", type=Path, nargs="?")
     parser.add_argument("--injectors", type=int, default=30)
     parser.add_argument("--first", type=int, default=0, help="judge: injectors that are left out at the beginning")
     parser.add_argument("--shots", type=int, default=20)
@@ -442,7 +489,11 @@ def main() -> None:
     parser.add_argument("--with", dest="further", default="", help="judge: further sensors, of current,return")
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
-    if given.what == "truths":
+    if given.what == "currents":
+        currents(given.shots, given.seed)
+    elif given.file is None:
+        parser.error("name the FILE.npz")
+    elif given.what == "truths":
         truths(given.file, given.injectors, given.shots, given.seed, given.drift, given.air)
     else:
         chosen = slice(given.first, given.first + given.injectors)

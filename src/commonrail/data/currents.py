@@ -1,8 +1,7 @@
-"""Energisings in the current of a coil: peak and hold of any driver, sampled about as fast as they are long.
+"""Energisings in the current of a coil: peak and hold of any driver, sampled at 200 kHz or more.
 
 A command begins at the foot of the current's rise. It ends where the last steep fall begins, at whatever level the
-current has just before. Where samples are too few for a straight line, an edge is the middle of its rise or fall less
-half of its duration: samples fall evenly into the edges of a record, so that their mean number tells their duration.
+current has just before. A reading whose duration is not known to `LIMIT` is refused.
 """
 
 from __future__ import annotations
@@ -16,33 +15,29 @@ from commonrail.base.arrays import Bools, Floats
 
 RISEN, SIGNIFICANT = 0.1, 5.0  # share of the range, and standard deviations of the noise, beyond which a current flows
 PAUSE = 50e-6  # shorter pauses of a current are its noise [s]
-STEEP, SETTLED = 0.7, 0.75  # shares of the level before, to which a steep fall leads in a sample, and a plateau keeps
-ALIKE = 0.5  # share of the steepest step of a fall or rise above which its neighbours belong to it
 FINEST = 5e-6  # time over which faster samples are averaged [s]
-QUICK = 60e-6  # longest fall, or two samples [s]
-SHARE, LEAST = 0.6, 5e-6  # largest error of a duration: a share of the sampling interval, and a time [s]; of a trial
+WINDOW, STEEP, ALIKE = (
+    20e-6,
+    0.7,
+    0.65,
+)  # a steep fall leads in the window [s] to this share; share of its largest slope
+LIMIT = 5e-6  # largest error of a duration [s]; chosen
+FOOT, CURVED = 0.05, 0.65  # shares of an edge between which its time is a parabola of the share
+BENT = 0.3  # share of a fall's slope that the current may have before it
+FEWEST = 8  # free samples from which on the shape of an edge is a parabola
+SAMPLES = 1.4  # on an edge, at least: fewer do not tell whether they lie on it
+LEAST = 2e-6  # error of an edge that a line leaves, a parabola half of it; besides two standard deviations [s]
 
 
 class Reading(NamedTuple):
     """Energising as read from a current.
 
-    `start` and `duration` [s]; `error`: that of 95 % of durations is smaller [s], infinite where no end was found.
+    `start` and `duration` [s]; `error`: largest one of the duration [s], infinite where it is not known to `LIMIT`.
     """
 
     start: float
     duration: float
     error: float
-
-
-class _Edges(NamedTuple):
-    """Middle of the rise, samples in it, its foot; middle of the fall, samples in it, its top: times [s] or NaN."""
-
-    rise: float = np.nan
-    rising: float = np.nan
-    foot: float = np.nan
-    fall: float = np.nan
-    falling: float = np.nan
-    top: float = np.nan
 
 
 def flow_of(time: Floats, value: Floats) -> tuple[Floats, Bools]:
@@ -60,64 +55,89 @@ def read_energisings(time: Floats, value: Floats) -> list[Reading]:
 
     One that the record cuts reaches a sampling interval beyond its edge.
     """
-    many = max(int(FINEST / float(np.median(np.diff(time)))), 1)
+    many = max(int(FINEST / float(np.median(np.diff(time))) * (1.0 + 1e-6)), 1)
     time, value = (array[: len(array) // many * many].reshape(-1, many).mean(axis=1) for array in (time, value))
     if len(time) < 2:
         return []  # shorter than two averages: no edge to be read
     current, on = flow_of(time, value)
-    step, n = float(np.median(np.diff(time))), len(time)
     ends = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]))).reshape(-1, 2).tolist()
-    peak = float(np.median([current[a:b].max() for a, b in ends] or [0.0]))
-    rows = np.array([_edges(time, current, a, b, peak) if a > 0 and b < n else _Edges() for a, b in ends])
-    if not len(rows):
-        return []
-    rise, rising, foot, fall, falling, top = rows.T
-    whole = np.isfinite(rise + fall)
-    long = [step * float(np.mean(many[whole])) / 0.8 if whole.any() else 0.0 for many in (rising, falling)]
-    start = np.where(np.isfinite(foot), foot, rise - 0.5 * long[0])
-    end = np.where(np.isfinite(top), top, fall - 0.5 * long[1])
-    first, last = (np.array(column) for column in zip(*ends, strict=True))
-    begun = np.where(np.isfinite(start), start, time[first] - step)
-    ended = np.where(whole, end, time[np.minimum(last, n - 1)] + step * (last == n))
-    error = np.where(whole | (first == 0) | (last == n), SHARE * step + LEAST, np.inf)
-    return [Reading(*row) for row in np.column_stack([begun, ended - begun, error]).tolist()]
+    whole = [(first, end) for first, end in ends if first > 0 and end < len(time)]
+    rises = [_rise(time, current, first, end) for first, end in whole]
+    falls = [_fall(time, current, first, end) for first, end in whole]
+    step, found = float(np.median(np.diff(time))), list[Reading]()
+    edges = iter(zip(_corners(rises), _corners(falls), strict=True))
+    for first, end in ends:
+        if (first, end) in whole:
+            (start, early), (stop, late) = next(edges)
+            error = early + late
+            if not error <= LIMIT:
+                start, stop, error = float(time[first]), float(time[end]), np.inf
+        else:
+            start, stop = float(time[first]) - step, float(time[min(end, len(time) - 1)]) + step * (end == len(time))
+            error = LIMIT
+        found.append(Reading(start, stop - start, error))
+    return found
 
 
-def _edges(time: Floats, current: Floats, first: int, end: int, peak: float) -> _Edges:
-    """Edges of the current that flows in the samples from `first` to before `end`; no fall where none is steep."""
-    step, own = float(time[1] - time[0]), current[first - 1 : end + 1]
-    at, peak = time[first - 1 : end + 1], min(peak, float(own.max()))
-    k = int(np.argmax(own >= 0.5 * peak)) - 1
-    risen = np.arange(max(int(np.argmax(own >= 0.9 * peak)), 1))
-    low = risen[(own[risen] > 0.1 * peak) & (own[risen] < 0.6 * peak)]
-    low = low[: max(3, len(low) // 2)]  # a rise bends
-    rising = float(np.count_nonzero(own[risen] > 0.1 * peak))
-    foot = _crossing(at, own, low, 0.0) if len(low) > 1 else np.nan
-    edges = _Edges(_between(at, own, k, 0.5 * peak), rising, foot)
-    drop = -np.diff(own)
-    wide = max(round(4.0 * FINEST / step), 1)
-    steep = np.flatnonzero((own[wide:] <= STEEP * own[:-wide]) & (own[:-wide] >= 2.0 * RISEN * peak))
-    if not len(steep):
-        return edges
-    f = q = int(steep[-1]) + int(np.argmax(drop[steep[-1] : steep[-1] + wide]))
-    while f > 1 and drop[f - 1] >= ALIKE * drop[f : q + 1].max():
-        f -= 1
-    level = own[f]
-    after = own[f:]
-    if (q + 1 - f) * step > max(2.01 * step, QUICK) or own[f - 1] > level / SETTLED or after.min() > 0.5 * level:
-        return edges
-    k = f + int(np.argmax(after <= 0.5 * level)) - 1
-    falling = float(np.count_nonzero((after > 0.1 * level) & (after < 0.9 * level)))
-    top = _crossing(at, own, np.arange(f + 1, q + 1), level) if q - f > 1 else np.nan
-    return edges._replace(fall=_between(at, own, k, 0.5 * level), falling=falling, top=top)
+class _Edge(NamedTuple):
+    """Samples about an edge: times (n,) [s] and shares (n,) of its height, which leave zero at its corner."""
+
+    time: Floats
+    share: Floats
 
 
-def _between(time: Floats, current: Floats, k: int, level: float) -> float:
-    """Time at which a current passes a level between samples k and k + 1 [s]."""
-    return float(time[k] + (level - current[k]) / (current[k + 1] - current[k]) * (time[k + 1] - time[k]))
+def _rise(time: Floats, current: Floats, first: int, end: int) -> _Edge:
+    near = slice(max(first - 3, 0), end)
+    return _Edge(time[near], current[near] / current[near].max())
 
 
-def _crossing(time: Floats, current: Floats, samples: np.ndarray, level: float) -> float:
-    """Time at which the straight line through some samples passes a level [s]."""
-    slope, base = np.polyfit(time[samples] - time[0], current[samples], 1)
-    return float(time[0] + (level - base) / slope)
+def _fall(time: Floats, current: Floats, first: int, end: int) -> _Edge:
+    """Last steep fall of the current that flows in the samples from `first` to before `end`; empty without one."""
+    own, at = current[first : end + 1], time[first : end + 1]
+    wide = max(round(WINDOW / float(time[1] - time[0])), 1)
+    drop = own[:-wide] - own[wide:]
+    steep = np.flatnonzero((drop >= (1.0 - STEEP) * own[:-wide]) & (own[:-wide] >= 2.0 * RISEN * own.max()))
+    top = int(steep[-1]) if len(steep) else 0
+    while top > 0 and drop[top - 1] >= ALIKE * drop[top : steep[-1] + 1].max():
+        top -= 1
+    level = float(own[max(top - 1, 0) : top + 1].mean())
+    if top < wide or own[top:].min() > 0.5 * level or drop[top - wide] > BENT * drop[top:].max():
+        return _Edge(np.empty(0), np.empty(0))
+    return _Edge(at[top - 1 :], 1.0 - own[top - 1 :] / level)
+
+
+def _corners(edges: list[_Edge]) -> list[tuple[float, float]]:
+    """Corners of edges of one shape [s], and their errors [s]: infinite where the samples do not tell them.
+
+    The time since the corner is a parabola of the share, of few samples a line, the same in all edges: least squares
+    with a corner of each.
+    """
+    on = [_on_edge(edge) for edge in edges]
+    counts = [len(time) for time, _ in on if len(time)]
+    free = sum(counts) - len(counts)
+    order = 2 if free >= 2 + FEWEST else 1
+    free -= order
+    if free < max(2, len(counts) * (SAMPLES - 1.0) - order):
+        return [(np.nan, np.inf)] * len(edges)
+    terms = [share[:, None] ** np.arange(1, order + 1) for _, share in on]
+    within = np.concatenate([part - part.mean(axis=0) for part in terms if len(part)])
+    apart = np.concatenate([time - time.mean() for time, _ in on if len(time)])
+    inverse = np.linalg.pinv(within.T @ within)
+    bend = inverse @ within.T @ apart
+    deviation = 2.0 * (1.0 + 2.0 / free) * float(np.sqrt(np.sum((apart - within @ bend) ** 2) / free))
+    found = list[tuple[float, float]]()
+    for (time, _), part in zip(on, terms, strict=True):
+        corner, error = np.nan, np.inf
+        if len(time):
+            middle = part.mean(axis=0)
+            corner = float(np.mean(time - part @ bend))
+            error = LEAST / order + deviation * float(np.sqrt(1.0 / len(time) + middle @ inverse @ middle))
+        found.append((corner, error))
+    return found
+
+
+def _on_edge(edge: _Edge) -> tuple[Floats, Floats]:
+    """Times and shares of the samples on an edge."""
+    end = int(np.argmax(edge.share > CURVED)) if len(edge.share) else 0
+    first = int(np.flatnonzero(np.concatenate([[-1.0], edge.share[:end]]) <= FOOT)[-1])
+    return edge.time[first:end], edge.share[first:end]

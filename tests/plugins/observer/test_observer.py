@@ -358,20 +358,20 @@ def test_an_injection_that_does_not_open_has_no_deviation(rigid_volume: Injector
 
 
 def written(folder: Path, log: Logged, command: bool = True) -> Path:
-    """The log as CSV, with a coil current as command, or without."""
+    """The log as CSV, with a voltage as command, or without."""
     on = np.zeros(len(log.time))
     for start, duration in log.energisings:
         on[(log.time >= start) & (log.time < start + duration)] = 12.0
     file = folder / "log.csv"
     heads, columns = ["time [ms]", "p [bar]"], [log.time * 1e3, log.pressure * 1e-5]
     if command:
-        heads, columns = [*heads, "I [A]"], [*columns, on]
+        heads, columns = [*heads, "U [V]"], [*columns, on]
     np.savetxt(file, np.array(columns).T, fmt="%.6f", delimiter=",", header=",".join(heads), comments="")
     return file
 
 
 def test_energisings_are_read_from_a_command_or_from_a_file(tmp_path: Path, log: Logged) -> None:
-    columns = LogColumns(pressure="p", command="I")
+    columns = LogColumns(pressure="p", command="U")
     found = read_log(written(tmp_path, log), columns)
     assert found.pressure == pytest.approx(log.pressure, abs=0.1)
     # an edge lies between two samples
@@ -390,7 +390,7 @@ def test_energisings_are_read_from_a_command_or_from_a_file(tmp_path: Path, log:
 @pytest.mark.parametrize("head", ["I [A]", "I"])
 def test_a_current_whose_hold_lies_below_half_of_its_peak_gives_the_energisings(tmp_path: Path, head: str) -> None:
     """Rises of 60 us to 20 A, a hold of 7 A and falls of 30 us."""
-    time = np.arange(0.0, 60e-3, 1e-5)
+    time = np.arange(0.0, 60e-3, 2.5e-6)
     pulses = np.array([[10e-3, 500e-6], [30e-3, 800e-6], [50e-3, 300e-6]])
     current = 0.1 * np.random.default_rng(7).standard_normal(len(time))
     for start, duration in pulses:
@@ -401,21 +401,35 @@ def test_a_current_whose_hold_lies_below_half_of_its_peak_gives_the_energisings(
     np.savetxt(file, table, delimiter=",", header=f"time [s],p [Pa],{head}", comments="")
     read = read_log(file, LogColumns(pressure="p", command="I"))
     assert np.array(read.energisings) == pytest.approx(pulses, abs=5e-6)
-    assert max(read.errors) <= 12e-6
+    assert max(read.errors) <= 5e-6
 
 
-def test_a_shot_without_an_end_is_refused_and_a_doubtful_time_makes_less_sure(
-    observed: Observation, log: Logged, rigid_volume: Injector
-) -> None:
-    errors = [20e-6] * (len(log.energisings) - 1) + [np.inf]
+def test_a_log_of_a_german_logger_is_read_as_by_inspect(tmp_path: Path) -> None:
+    """Windows' encoding, semicolons, decimal commas and usual headings; a current sampled at 20 kHz tells no ends."""
+    time = np.arange(0.0, 40e-3, 50e-6)
+    current = np.zeros_like(time)
+    for start in (10e-3, 30e-3):
+        corners = start + np.array([0.0, 90e-6, 150e-6, 200e-6, 350e-6, 380e-6])
+        current += np.interp(time, corners, [0.0, 18.0, 18.0, 12.0, 12.0, 0.0])
+    rows = (f"{t * 1e3:.3f};1000,5;{i:.2f}".replace(".", ",") for t, i in zip(time, current, strict=True))
+    file = tmp_path / "log.csv"
+    file.write_text("\n".join(["Zeit [ms];Raildruck [bar];Strom Düse [A]", *rows]), encoding="cp1252")
+    with pytest.warns(RuntimeWarning, match="Raildruck"):
+        read = read_log(file, LogColumns(command="Strom Düse"))
+    assert read.time == pytest.approx(time, abs=1e-9)
+    assert read.pressure == pytest.approx(np.full(len(time), 100.05e6))
+    assert [start for start, _ in read.energisings] == pytest.approx([10e-3, 30e-3], abs=60e-6)
+    assert np.isinf(read.errors).all()
+
+
+def test_shots_of_doubtful_times_are_refused(observed: Observation, log: Logged, rigid_volume: Injector) -> None:
+    errors = [0.0] * len(log.energisings)
+    errors[1], errors[-1] = 6e-6, np.inf
     with pytest.warns(RuntimeWarning, match="refused"):
-        doubtful = observe(rigid_volume, log.time, log.pressure, log.energisings, errors=errors, threads=1)
-    assert len(doubtful.shots) == len(observed.shots) - 1
-    for shot, sure in zip(doubtful.shots, observed.shots, strict=False):
-        assert shot.deviations is not None
-        assert sure.deviations is not None
-        assert shot.deviations[0, 0] > sure.deviations[0, 0]
-    with pytest.raises(ConfigurationError, match="steep"):
+        sure = observe(rigid_volume, log.time, log.pressure, log.energisings, errors=errors, threads=1)
+    whole = [shot.start for shot in observed.shots]
+    assert [shot.start for shot in sure.shots] == [whole[0], *whole[2:-1]]
+    with pytest.raises(ConfigurationError):
         observe(rigid_volume, log.time, log.pressure, log.energisings, errors=[np.inf] * len(errors), threads=1)
 
 
@@ -468,13 +482,12 @@ def test_an_alarm_of_a_state_far_off_needs_more_than_four_deviations(observed: O
 
 def test_the_verb_leaves_a_report(command: Command, tmp_path: Path, log: Logged) -> None:
     file, folder = written(tmp_path, log), tmp_path / "out"
-    options = ("--pressure", "p", "--command", "I", "--cylinder-pressure", "5MPa", "--return-pressure", "0.5MPa")
+    options = ("--pressure", "p", "--command", "U", "--cylinder-pressure", "5MPa", "--return-pressure", "0.5MPa")
     model = "virtual-lino-2016@rigid,volume,regulated"
     done = command("observe", file, "--model", model, *options, "--uncertain", "fuel temperature=0K", "--out", folder)
     assert done.status == 0, done.err
     assert "4 shots with 4 injections" in done.out
     assert "fuel temperature" not in done.out
-    assert "--energisings" in done.err  # a current is no command
     rows = (folder / "observer.csv").read_text(encoding="utf-8").splitlines()
     assert len([row for row in rows if not row.startswith("#")]) == 5
     assert "Map of the drift" in (folder / "report.html").read_text(encoding="utf-8")

@@ -147,7 +147,7 @@ def warning_lines(record: Record) -> list[str]:
             f"Check rail.volume ({_volume(record).partition(' (')[0]}), the pressure's unit (--pressure-unit; "
             f"{quantity(rest, 'Pa', 3)} before the shots, median), {more}and whether the command is this injector's."
         )
-    return lines + _left_out_lines(record) + _edge_lines(record)
+    return lines + _left_out_lines(record)
 
 
 def _left_out_lines(record: Record) -> list[str]:
@@ -160,14 +160,6 @@ def _left_out_lines(record: Record) -> list[str]:
                 f"not what the pressure and the model allow; check its column, unit and zero ({option})."
             )
     return lines
-
-
-def _edge_lines(record: Record) -> list[str]:
-    errors = [error for error in record["log"].get("errors") or () if error is not None]
-    return errors and [
-        f"Energising times are read from a current, to {fixed(max(errors), 0, MICROSECOND)} µs by its sampling; "
-        "give the command's times by --energisings where they are known."
-    ]
 
 
 def _place(record: Record) -> str:
@@ -225,8 +217,7 @@ def _tiles(record: Record) -> list[Tile]:
     tiles = [Tile("Drift", counted(len(names), "alarm"), words, BAD if names else GOOD if tested else "")]
     if warnings := warning_lines(record):
         tiles[0] = tiles[0]._replace(level=BAD if names else "")
-        level = CARE if warnings == _edge_lines(record) else BAD
-        tiles.insert(0, Tile("Check", "warning", f"{warnings[0].partition('. ')[0]}", level))
+        tiles.insert(0, Tile("Check", "warning", f"{warnings[0].partition('. ')[0]}", BAD))
     if not rows:
         return tiles
     tiles.append(Tile("Quantity", _deviation(rows).partition(" (")[0], "median standard deviation"))

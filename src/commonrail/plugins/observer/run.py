@@ -17,6 +17,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.hooks import held_interrupts, note
 from commonrail.base.text import quantity
+from commonrail.data.currents import LIMIT
 from commonrail.engine.operating_point import RAIL_PRESSURES, Energising, read_pulses
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.disturbance import Disturbance, learn
@@ -41,7 +42,6 @@ SHORTEST = 1e-6  # energising time, the step of the simulations; no injector ans
 FLOOR = 1e3  # standard deviation that keeps the covariance definite [Pa]
 # Largest mean square of a further sensor's innovation: of many samples as of a shot, of one three standard deviations.
 FITTING = {"current": TRUSTED, "return": 9.0}
-SURE = 12e-6  # largest error of an energising time with which a drift is told [s]; chosen [E]
 FREE = 1.0  # first deviation of a meter's gain of which nothing is known
 
 
@@ -81,8 +81,8 @@ def observe(
         In order [s].
     settings : ObserverSettings, optional
     errors : sequence of float, optional
-        Largest error of the duration of each energising, as read from a current [s]. Shots with an infinite one have no
-        figures; one above `SURE` raises no alarm, and makes quantities less sure.
+        Largest error of the duration of each energising, as read from a current [s]. Shots with one above
+        `data.currents.LIMIT` are refused: they have no figures and raise no alarm.
     further : mapping of str to (samples,), optional
         Samples of further sensors at the same times: "current", of the coil [A]; "return", flow through the return line
         [kg/s], of which the mean from each shot to the next counts.
@@ -116,30 +116,18 @@ def observe(
             "The log holds no whole shot: each needs pressure from before its first energising to behind its last one; "
             "check that time and energisings have one clock and the right units."
         )
-    by_start = dict(zip([pulse.start for pulse in pulses], errors, strict=True)) if len(errors) else {}
-    timings = [_largest_error(shot, by_start) for shot in shots]
-    sure = [timing for timing in timings if timing < np.inf]
+    doubtful = [pulse.start for pulse, error in zip(pulses, errors, strict=True) if error > LIMIT] if errors else []
+    sure = [shot for shot in shots if not any(-1e-9 < at - shot.start < shot.time[-1] for at in doubtful)]
     if len(sure) < len(shots):
-        text = f"{len(shots) - len(sure)} of {len(shots)} shots are refused: their current has no steep fall at its end"
-        if not sure:
-            raise ConfigurationError(f"{text}; give the times of the command.")
-        note(f"{text}, and they have no figures.")
-        shots = [shot for shot, timing in zip(shots, timings, strict=True) if timing < np.inf]
-    if max(sure) > SURE:
-        note(
-            f"Energising times are read to {quantity(max(sure), 's', 2)}, and no drift is told; sample the current at "
-            "100 kHz or more, or give the times of the command."
+        text = (
+            f"{len(shots) - len(sure)} of {len(shots)} shots are refused: their current does not tell their energising "
+            f"times to {quantity(LIMIT, 's')}"
         )
-    check_further(shots, settings.further)
-    return _Run(injector, settings, shots, thread_count(threads), previous, sure).all(report)
-
-
-def _largest_error(shot: ShotRecord, by_start: Mapping[float, float]) -> float:
-    """Largest error of the energising times of a shot [s]."""
-    starts = [shot.start + pulse.start for pulse in shot.energisings]
-    return max(
-        (error for at, error in by_start.items() if np.isclose(at, starts, rtol=0.0, atol=1e-9).any()), default=0.0
-    )
+        if not sure:
+            raise ConfigurationError(f"{text}; sample it at 200 kHz, or give the times of the command.")
+        note(f"{text}, and they have no figures.")
+    check_further(sure, settings.further)
+    return _Run(injector, settings, sure, thread_count(threads), previous).all(report)
 
 
 def _settings(
@@ -222,9 +210,8 @@ class _Run:
         shots: list[ShotRecord],
         threads: int | None,
         previous: Observation | None,
-        timings: Sequence[float],
     ) -> None:
-        self.injector, self.settings, self.shots, self.timings = injector, settings, shots, timings
+        self.injector, self.settings, self.shots = injector, settings, shots
         self.simulator = Simulator(injector, settings, threads or 1)
         if previous is not None:
             self.memory, self.disturbance = copy.deepcopy(previous.memory), previous.disturbance
@@ -255,9 +242,7 @@ class _Run:
                 alarm = None
                 if done is not None:
                     belief = done.belief
-                    done = _less_sure(done, self.timings[k])
-                    sure = done.consistency <= TRUSTED and self.timings[k] <= SURE
-                    if earlier + k >= self.settings.learning and sure:
+                    if earlier + k >= self.settings.learning and done.consistency <= TRUSTED:
                         test.add(before, belief)
                         alarm = test.alarm()
                 found.append(_observed(shot, rest, open_loop, done, alarm)._replace(further=further))
@@ -271,7 +256,7 @@ class _Run:
                 if self.settings.horizon > 1 and done is not None:
                     belief = horizon.solve()
                     for i, better in horizon.found():
-                        found[i] = _corrected(found[i], _less_sure(better, self.timings[i]))
+                        found[i] = _corrected(found[i], better)
                 report(Progress(k + 1, len(self.shots)))
             if not found:
                 request.check()
@@ -371,15 +356,6 @@ def _observed(
         return ObservedShot(*shown, None, None, None, None, None, None, None, None, rate)
     observed = ObservedShot(*shown, None, None, None, None, done.consistency, alarm, None, None, rate)
     return _corrected(observed, done)
-
-
-def _less_sure(done: Update, timing: float) -> Update:
-    """Update whose quantities bear half of the largest error of an energising time [s], at the largest rate."""
-    if timing <= SURE:
-        return done
-    deviations = np.array(done.deviations)
-    deviations[0] = np.hypot(deviations[0], 0.5 * timing * float(np.max(done.rate)))
-    return done._replace(deviations=deviations)
 
 
 def _corrected(shot: ObservedShot, done: Update) -> ObservedShot:
