@@ -230,7 +230,9 @@ def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits())
     grid = read_grid(path, form)
     if _is_plan(grid):
         taken = 'a test plan, for commonrail plan or a block with kind = "test plan"'
-        return replace(_columns(grid, form, given), taken_for=taken, block={}, synthetic=_synthetic(grid))
+        found = _columns(grid, form, given)
+        facts = found.facts | {"test": "names of the tests"}
+        return replace(found, taken_for=taken, facts=facts, block={}, synthetic=_synthetic(grid))
     reasons, taken, listed = [], "a table, no quantity map and no trace", dict[str, str]()
     for way in (_map, _traces, _columns):
         try:

@@ -129,7 +129,8 @@ class TableSheet:
             raise at.error(f'"{text}" has a space; write thousands without one')
         if has_decimal_comma(text):
             raise at.error(f'"{text}" has a decimal comma; write the decimal sign as a point')
-        raise at.error(f'"{text[:40]}" is not a finite number')
+        cure = "; write what follows ± in a column of its own" if "±" in text else ""
+        raise at.error(f'"{text[:40]}" is not a finite number{cure}')
 
 
 def _read(text: str, comma: bool) -> float:

@@ -309,10 +309,10 @@ class _Trial:
         self.model, self.blocks, self.study = model, blocks, study
         self.space, self.error = usual_space(model), ""
         self.step = step_for_all(model, self.space)
-        self.sets: dict[int, list[DataSet]] = {}
+        self.sets: list[tuple[int, DataSet]] = []
         for i in range(len(blocks)):
             try:
-                self.sets[i] = self._read(i)
+                self.sets += [(i, one) for one in self._read(i)]
             except CommonrailError as error:  # who reads the study gets it too
                 self.error = final_text(str(error), study.parent)
 
@@ -326,17 +326,13 @@ class _Trial:
         with quiet():  # who reads the study gets its notes
             return list(kind.read_all(read_model(kind.model, assumed, context.at), context))
 
-    def all_sets(self) -> list[DataSet]:
-        """All data sets that were read."""
-        return [one for some in self.sets.values() for one in some]
-
     def screened(self) -> list[Parameter]:
         """Parameters to free, by a screening at the points of the data that state them; none if there are no such data.
 
         A map that has more points than a screening takes is screened on a part of its pressures and times.
         """
         left, data = MOST_SIMULATIONS // len(around(self.space, self.space.reference).values), list[DataSet]()
-        sets = sorted(self.all_sets(), key=lambda one: len(one.simulated_points))
+        sets = sorted((one for _, one in self.sets), key=lambda one: len(one.simulated_points))
         for rank, one in enumerate(sets):
             data.append(_thin(one, left // (len(sets) - rank)))
             left -= len(data[-1].simulated_points)
@@ -349,12 +345,12 @@ class _Trial:
     def delay(self) -> Delay | None:
         """Delay that all curves share whose time zero and operating point are stated."""
         simulator = Simulator(self.model, (), self.step)
-        curves = [data for i in self.sets if not {*open_keys(self.blocks[i])} & _TIMES for data in self.sets[i]]
-        return next(iter(common_delays((one, one.score(simulator)) for one in curves if one.bounds is not None)), None)
+        curves = [one for i, one in self.sets if one.bounds is not None and not {*open_keys(self.blocks[i])} & _TIMES]
+        return next(iter(common_delays((one, one.score(simulator)) for one in curves)), None)
 
     def block_of(self, name: str) -> int:
         """Number of the block with a data set of this name."""
-        return next(i for i, some in self.sets.items() if any(one.name == name for one in some))
+        return next(i for i, one in self.sets if one.name == name)
 
     def doubted_units(self, surveys: Sequence[Survey]) -> dict[int, str]:
         """Reasons to doubt that rates are volumes, by the numbers of their blocks."""
@@ -365,7 +361,7 @@ class _Trial:
             masses = [text for text in texts if _MASS.search(text)]
             if masses and units and all(fits(unit, "m3/s") for unit in units):
                 doubts[i] = one_line(f'{one.path.name}: its rate is read in {units[0]}, and "{masses[0]}" names a mass')
-        for finding in unit_findings(self.all_sets(), self.model):
+        for finding in unit_findings([one for _, one in self.sets], self.model):
             doubts[self.block_of(finding.subject)] = finding.sentence
         return doubts
 

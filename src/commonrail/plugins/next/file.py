@@ -8,7 +8,7 @@ from typing import Any
 from commonrail.base.csv_output import write_csv
 from commonrail.base.text import number
 from commonrail.plugins.next.run import Measurement, Plan
-from commonrail.plugins.next.study import Candidate, place_of
+from commonrail.plugins.next.study import place_of
 
 HEADER = (
     "order",
@@ -48,25 +48,24 @@ def _row(one: Measurement) -> list[str]:
     ]
 
 
-def _place(candidate: Candidate) -> dict[str, Any]:
-    rail, time, dwell = place_of(candidate.point)
+def _record(one: Measurement) -> dict[str, Any]:
+    rail, time, dwell = place_of(one.candidate.point)
     return {
-        "kind": candidate.kind,
+        "kind": one.candidate.kind,
         "rail_pressure": rail,
-        "energisings": [list(pulse) for pulse in candidate.point.pulses],
+        "energisings": [list(pulse) for pulse in one.candidate.point.pulses],
         "energising_time": time,
         "dwell": dwell,
-        "cost": candidate.cost,
+        "cost": one.candidate.cost,
+        "quantity": number(one.value),
+        "standard_deviation": number(one.deviation),
+        "factor": one.factor,
+        "widest_ratio": one.ratio,
     }
 
 
 def plan_record(plan: Plan) -> dict[str, Any]:
     """JSON-able form of a plan [SI]."""
-    rows = [
-        _place(one.candidate)
-        | {"quantity": number(one.value), "standard_deviation": number(one.deviation), "factor": one.factor}
-        for one in plan.measurements
-    ]
     settings = plan.settings
     return {
         "kind": "next",
@@ -76,14 +75,12 @@ def plan_record(plan: Plan) -> dict[str, Any]:
         "candidates": plan.candidates,
         "failed": plan.failed,
         "cost": plan.cost,
-        "measurements": rows,
+        "measurements": [_record(one) for one in plan.measurements],
         "standard_errors": {
             name: {"before": before, "after": plan.after[name]} for name, before in plan.before.items()
         },
-        "widest": {"parameter": plan.widest, "ratio": plan.ratio},
+        "widest": plan.widest,
         "worth_measuring": plan.is_worth_measuring,
-        "alternatives": [
-            {**_place(one.candidate), "factor": one.factor, "widest_ratio": one.ratio} for one in plan.alternatives
-        ],
+        "alternatives": [_record(one) for one in plan.alternatives],
         "notes": list(plan.notes),
     }

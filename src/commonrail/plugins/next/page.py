@@ -15,7 +15,7 @@ from commonrail.data.records import MICROSECOND, MPA
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.physics.meters import known_quantity
 from commonrail.plugins.next.run import Measurement, Plan
-from commonrail.plugins.next.study import Candidate, Criterion, place_of
+from commonrail.plugins.next.study import Criterion, place_of
 from commonrail.report.analysis import result_html
 from commonrail.report.fit.rules import Tile
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
@@ -69,26 +69,24 @@ _KINDS = {"quantities": "a quantity", "rate": "a rate curve", "return quantities
 
 
 def plan_headline(plan: Plan) -> str:
-    """Cost of the plan, what it gains, whether that is worth measuring, and what another kind would gain."""
-    cost = f"{counted(len(plan.measurements), 'measurement')} at cost {plan.cost:g}"
-    if not plan.measurements:
-        return cost
-    aims = "predictions" if plan.settings.criterion is Criterion.V else "the parameters"
-    gains = f"the widest interval, of {plan.widest}, becomes {_fall(plan.ratio)} narrower, and {aims} become "
-    gains += f"{_fall(plan.measurements[-1].factor)} less uncertain"
-    others = "".join(
-        f"; {_KINDS[one.candidate.kind]} at {_where(one.candidate)} would narrow it by {_fall(one.ratio)}"
-        for one in plan.alternatives
-    )
-    return f"{cost}: {gains}{'' if plan.is_worth_measuring else ': not worth measuring'}{others}"
+    """Cost of the plan, its gain, whether that is worth measuring, and the gain by another kind."""
+    texts = [f"{counted(len(plan.measurements), 'measurement')} at cost {plan.cost:g}"]
+    for last in plan.measurements[-1:]:
+        aims = "predictions" if plan.settings.criterion is Criterion.V else "the parameters"
+        texts.append(f"the widest interval, of {plan.widest}, becomes {_fall(last.ratio)} narrower")
+        texts.append(f"{aims} become {_fall(last.factor)} less uncertain")
+        texts += [] if plan.is_worth_measuring else ["not worth measuring"]
+    for one in plan.alternatives:
+        texts.append(f"{_KINDS[one.candidate.kind]} at {_where(one)} would narrow the interval by {_fall(one.ratio)}")
+    return "; ".join(texts)
 
 
 def _fall(ratio: float) -> str:
-    return f"{fixed(max(1.0 - ratio, 0.0), 0, 100.0)} %"
+    return f"{fixed(1.0 - ratio, 0, 100.0)} %"
 
 
-def _where(candidate: Candidate) -> str:
-    rail, time, _ = place_of(candidate.point)
+def _where(one: Measurement) -> str:
+    rail, time, _ = place_of(one.candidate.point)
     return f"{pressure(rail)}, {fixed(time, 0, MICROSECOND)} µs"
 
 
@@ -118,7 +116,7 @@ def plan_tiles(plan: Plan) -> list[Tile]:
     for k, one in enumerate(plan.measurements[:TILES], 1):
         dwell = f"dwell {_dwell(one)} µs; " if len(one.candidate.point.pulses) > 1 else ""
         words = f"{dwell}standard deviation {signed(100.0 * (one.factor - 1.0), 0)} % with it and those before"
-        tiles.append(Tile(f"{k}. {one.candidate.kind}", _where(one.candidate), words))
+        tiles.append(Tile(f"{k}. {one.candidate.kind}", _where(one), words))
     return tiles
 
 

@@ -159,31 +159,20 @@ class Responder(NamedTuple):
         return Response(candidate, value, float("nan"), rows, np.zeros(self.unit.shape), failed)
 
 
-class Aim(NamedTuple):
-    """Aim of a plan: criterion, columns of the parameters that it is about, and what is predicted.
-
-    A prediction depends on the first `parameters` unknowns: those of the bench, which follow, do not act on it. It is
-    one of the first `responses`.
-    """
-
-    criterion: Criterion
-    columns: Sequence[int]
-    parameters: int
-    responses: int
-
-
 def problem_of(
     found: Estimate,
     likelihood: Likelihood,
     data: Sequence[DataSet],
     unit: Floats,
     responses: Sequence[Response],
-    aim: Aim,
+    aim: tuple[Criterion, Sequence[int], int, int],
 ) -> Problem:
     """Problem of design about draws (s, d), of candidates with these responses.
 
     The unknowns are the positions and the loads of stated discrepancies. Data sets are in the order of the likelihood's
-    blocks, whose noise is taken for granted.
+    blocks, whose noise is taken for granted. The aim is the criterion, the columns of the parameters that it is about,
+    the number of parameters that a prediction depends on: those of the bench, which follow, do not act on it; and the
+    number of responses, the first ones, that are predicted.
     """
     loads, planned = _discrepancies(likelihood, data, responses)
     rows = _rows(responses, planned, [likelihood.noises[_first(data, one)].scale for one in responses])
@@ -193,7 +182,7 @@ def problem_of(
     information = (tangents * slope_weights(found)) @ tangents.transpose(0, 2, 1)
     information += np.diag(np.concatenate([np.zeros(d), np.ones(size - d)]))
     information[:, :d, :d] += np.array([prior_information(likelihood, at) for at in unit])
-    return Problem(aim.criterion, information, rows, _aims(found, responses[: aim.responses], planned, size, aim))
+    return Problem(aim[0], information, rows, _aims(found, responses[: aim[3]], planned, size, aim))
 
 
 def _first(data: Sequence[DataSet], response: Response) -> int:
@@ -239,7 +228,7 @@ def _aims(
     responses: Sequence[Response],
     planned: Floats,
     size: int,
-    aim: Aim,
+    aim: tuple[Criterion, Sequence[int], int, int],
 ) -> Floats:
     """Rows (s, k, D): named parameters relative to their values, or predictions in tolerances.
 
@@ -247,11 +236,11 @@ def _aims(
     the curves are predicted, in units of their noise.
     """
     s, d = responses[0].plain.shape
-    own = np.arange(d) < aim.parameters
-    if aim.criterion is not Criterion.V:
+    own = np.arange(d) < aim[2]
+    if aim[0] is not Criterion.V:
         relative = found.likelihood.scaled(found.unit) / np.maximum(np.abs(found.point), 1e-300)
-        wide = np.zeros((len(aim.columns), size))
-        wide[:, :d] = (np.eye(d) * relative)[list(aim.columns)]
+        wide = np.zeros((len(aim[1]), size))
+        wide[:, :d] = (np.eye(d) * relative)[list(aim[1])]
         return np.repeat(wide[None], s, axis=0)
     maps = [i for i, one in enumerate(responses) if math.isfinite(one.scale)]
     if maps:

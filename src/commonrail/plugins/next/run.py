@@ -24,7 +24,6 @@ from commonrail.plugins.certainty.noise_fit import FittedNoise
 from commonrail.plugins.certainty.run import certify
 from commonrail.plugins.certainty.uncertain import with_uncertain_free
 from commonrail.plugins.next.problem import (
-    Aim,
     Responder,
     Response,
     has_discrepancy,
@@ -202,22 +201,12 @@ class Measurement(NamedTuple):
     `value` is the injected or returned quantity that is expected [m³], NaN if it could not be simulated; `deviation`
     the standard deviation of that quantity before the plan [m³], noise of the measurement excluded, NaN for a curve;
     `factor` a typical standard deviation that the criterion is about, after this measurement and those before it, over
-    that before the plan.
+    that before the plan; `ratio` the same of the standard error of the plan's `widest` parameter.
     """
 
     candidate: Candidate
     value: float
     deviation: float
-    factor: float
-
-
-class Alternative(NamedTuple):
-    """Best single measurement of a kind that the study has data of and the plan does not choose from.
-
-    `factor` is as in `Measurement`; `ratio` is the standard error of the widest parameter, after over before.
-    """
-
-    candidate: Candidate
     factor: float
     ratio: float
 
@@ -242,8 +231,8 @@ class Plan(Shown):
         What the plan takes for granted.
     widest : str
         Parameter whose standard error is the largest share of its range before the plan.
-    alternatives : tuple of Alternative
-        One for each fitted kind that the plan does not choose from.
+    alternatives : tuple of Measurement
+        Best single one of each fitted kind that the plan does not choose from.
     """
 
     presenter = "commonrail.plugins.next.page:PLAN"
@@ -257,17 +246,12 @@ class Plan(Shown):
     failed: int
     notes: tuple[str, ...] = field(default=())
     widest: str = ""
-    alternatives: tuple[Alternative, ...] = ()
-
-    @property
-    def ratio(self) -> float:
-        """Standard error of the widest parameter, with the plan over before; 1 of an empty plan."""
-        return self.after[self.widest] / self.before[self.widest] if self.widest else 1.0
+    alternatives: tuple[Measurement, ...] = ()
 
     @property
     def is_worth_measuring(self) -> bool:
         """True if the plan lowers what the criterion is about, or the widest interval, by `WORTH`."""
-        return min(self.ratio, *(one.factor for one in self.measurements[-1:])) <= 1.0 - WORTH
+        return any(min(one.factor, one.ratio) <= 1.0 - WORTH for one in self.measurements[-1:])
 
 
 def candidates_of(
@@ -346,7 +330,7 @@ def next_measurements(
     by_kind = {one.kind: noise for one, noise in reversed(list(zip(data, noises, strict=True)))}
     responses = Responder(simulator, likelihood.space, unit).of(wanted, data, by_kind)
     trusted = likelihood.with_noises(noises)
-    aim = Aim(settings.criterion, columns, study.space.dimension, n)
+    aim = settings.criterion, columns, study.space.dimension, n
     problem = problem_of(found, trusted, data, unit, responses, aim)
     rules = _rules(wanted, data, settings)
     plan = select(problem, rules._replace(costs=np.where(np.arange(len(wanted)) < n, rules.costs, np.inf)))
@@ -357,24 +341,14 @@ def next_measurements(
         )
     before, after = (_standard_errors(study, found, problem, chosen) for chosen in ([], plan))
     widest = max(study.space.parameters, key=lambda one: before[one.name] / (one.upper - one.lower)).name
-    others, scores = [], np.where(np.isfinite(rules.costs), problem.scores([]), np.inf)
+    column = study.space.names.index(widest)
+    others, scores = list[Measurement](), np.where(np.isfinite(rules.costs), problem.scores([]), np.inf)
     for kind in dict.fromkeys(one.kind for one in wanted[n:]):
-        i = min((i for i, one in enumerate(wanted) if one.kind == kind), key=scores.__getitem__)
-        ratio = _standard_errors(study, found, problem, [i])[widest] / before[widest]
-        if np.isfinite(scores[i]):
-            others.append(Alternative(wanted[i], math.exp(scores[i] - problem.score([])), ratio))
-    return Plan(
-        tuple(_measurements(problem, plan, responses)),
-        rules.cost(plan),
-        settings,
-        n,
-        before,
-        after,
-        sum(one.failed for one in responses[:n]),
-        tuple(notes),
-        widest,
-        tuple(others),
-    )
+        best_one = min((i for i, one in enumerate(wanted) if one.kind == kind), key=scores.__getitem__)
+        others += _measurements(problem, [best_one], responses, column) if np.isfinite(scores[best_one]) else []
+    measurements, failed = tuple(_measurements(problem, plan, responses, column)), sum(r.failed for r in responses[:n])
+    gains = before, after, failed, tuple(notes), widest, tuple(others)
+    return Plan(measurements, rules.cost(plan), settings, n, *gains)
 
 
 def _of_other_kinds(wanted: Sequence[Candidate], data: Sequence[DataSet]) -> list[Candidate]:
@@ -430,13 +404,18 @@ def _rules(wanted: Sequence[Candidate], data: Sequence[DataSet], settings: Desig
     return Rules(costs, levels.reshape(-1), settings.pressure_cost, blocked, settings.points, budget)
 
 
-def _measurements(problem: Problem, plan: Sequence[int], responses: Sequence[Response]) -> Iterator[Measurement]:
+def _measurements(
+    problem: Problem, plan: Sequence[int], responses: Sequence[Response], column: int
+) -> Iterator[Measurement]:
+    """Measurements of a plan; `column`: of the widest parameter."""
     first, prior = problem.score([]), problem.covariance([])[0]
     for k, i in enumerate(plan, 1):
         one = responses[i]
         d = one.plain.shape[1]
         deviation = math.sqrt(float(one.plain[0] @ prior[:d, :d] @ one.plain[0])) * one.scale
-        yield Measurement(one.candidate, one.value, deviation, math.exp(problem.score(plan[:k]) - first))
+        ratio = math.sqrt(problem.covariance(plan[:k])[0, column, column] / prior[column, column])
+        factor = math.exp(problem.score(plan[:k]) - first)
+        yield Measurement(one.candidate, one.value, deviation, factor, ratio)
 
 
 def _standard_errors(study: Study, found: Estimate, problem: Problem, plan: Sequence[int]) -> dict[str, float]:
