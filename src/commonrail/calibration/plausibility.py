@@ -19,9 +19,9 @@ from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study, longest_for_all
 from commonrail.data.base import DataSet, Role, Score, ToleratedData, widths_of
 from commonrail.data.curves.data import RateData
-from commonrail.data.quantities.baselines import SCALES, interpolate
+from commonrail.data.quantities.baselines import SCALES, interpolate, places_of
 from commonrail.data.quantities.data import QuantityData
-from commonrail.engine.operating_point import OperatingPoint, Trace
+from commonrail.engine.operating_point import Trace
 from commonrail.engine.plan import reference_density
 from commonrail.engine.time_step import step_advice
 from commonrail.physics.elementary import exp, log
@@ -77,11 +77,8 @@ LATEST = 3e-3  # [s] onset after the last energising begins: ten times the openi
 ONSET_APART = 300e-6  # [s] onset, measured against simulated: twice what drawings miss
 ONSET_MISSED = 150e-6  # [s] by which drawings miss the opening delay; more than that is not the injector's
 LEAST_ONSET = 0.01  # of the greater quantity: the smaller one may be hardly more than noise
-COMMON = (
-    0.5  # of the median shift, scatter of the onsets up to which it is one shift: an injector's depends on pressure
-)
+COMMON = 0.5  # of the median shift: scatter of onsets up to which it is one; an injector's depends on the pressure
 DELAY_REACH = 200e-6  # [s] to both sides of a delay from onsets: what drawings miss, and the scatter of the onsets
-DELAY_STEP = 10e-6  # [s] to which such a delay is rounded
 HEAVY, LIGHT = 0.95, 0.01  # shares of J; of many sets, light is below a tenth of an equal share
 
 # After the fit.
@@ -227,13 +224,11 @@ def _range(limits_: tuple[float, float], unit: str) -> str:
 
 def unit_findings(data: Sequence[DataSet], injector: Injector) -> Iterator[Finding]:
     """Curves and maps, one of which mistakes mass for volume: their quantities differ by the fuel's density."""
-    curves = [one for one in data if isinstance(one, RateData) and len(one.point.pulses) == 1]
-    at = np.array([_place(one.point) for one in curves]).reshape(-1, 2)
+    sets = [one for one in data if all(len(point.pulses) == 1 for point in one.points)]
+    curves = [one for one in sets if isinstance(one, RateData)]
     integrals = np.array([np.sum(one.measured * widths_of(one)) for one in curves])
-    for one in data if curves else ():
-        if not isinstance(one, QuantityData) or any(len(point.pulses) != 1 for point in one.points):
-            continue
-        known = np.column_stack([[_place(point) for point in one.points], one.measured])
+    for one in (one for one in sets if isinstance(one, QuantityData) and curves):
+        known, at = np.column_stack([places_of(one), one.measured]), np.concatenate([*map(places_of, curves)])
         mapped, is_extrapolated = interpolate(known, at, SCALES["√p"])
         inside = ~is_extrapolated & (mapped > QUANTITY_APART)
         ratios = integrals[inside] / mapped[inside]
@@ -246,10 +241,6 @@ def unit_findings(data: Sequence[DataSet], injector: Injector) -> Iterator[Findi
                 f"the integrals of {len(ratios)} curves are {ratio:.3g} times the quantities of {one.name} at the same "
                 f"operating points: {slip}check the units of both.",
             )
-
-
-def _place(point: OperatingPoint) -> tuple[float, float]:
-    return float(point.initial_pressures()[0]), point.pulses[0].duration
 
 
 # Checks of the data against a simulation, as a rule of the start values: quantity, onset, shares of J.
@@ -353,12 +344,11 @@ class Delay(NamedTuple):
 
     def text(self) -> str:
         """Value of the key `delay` of a meter, as TOML: free, with this delay as its start."""
-        assumed = self.curves[0].meter
-        before = 0.0 if assumed is None else assumed.values.get("delay", 0.0)
-        start = DELAY_STEP * round((before + self.shift) / DELAY_STEP)
-        values = (start - DELAY_REACH, start + DELAY_REACH, start)
-        lower, upper, middle = (f'"{1e6 * value:.0f} us"' for value in values)
-        return f"{{ lower = {lower}, upper = {upper}, start = {middle} }}"
+        meter = self.curves[0].meter
+        start = round(1e6 * (self.shift + (0.0 if meter is None else meter.values.get("delay", 0.0))), -1)
+        ends = {"lower": start - 1e6 * DELAY_REACH, "upper": start + 1e6 * DELAY_REACH, "start": start}
+        texts = [f'{key} = "{value:.0f} us"' for key, value in ends.items()]
+        return f"{{ {', '.join(texts)} }}"
 
 
 def common_delays(scored: Iterable[tuple[DataSet, Score]]) -> list[Delay]:

@@ -225,8 +225,6 @@ def _check_points(surveys: Sequence[Survey], points: Mapping[str, str]) -> None:
         for name, value in values.items() if text else ():
             if value != UNKNOWN and not math.isclose(parse(value, unit), parse(text, unit)):
                 raise InputError(f"{option}: {name} states {value} by a name; omit the option, or rename it.")
-        if text and len(values) > 1:
-            note(f"{option} is taken for {listed(list(values))}.")
 
 
 def block_of_file(found: Survey, surveys: Sequence[Survey], model: Injector, stated: StatedByUser) -> dict[str, Any]:
