@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -152,6 +153,11 @@ def several(values: Sequence[Any], text: Callable[[Any], str]) -> str:
     if len(known) > 3:
         return " to ".join(dict.fromkeys((text(min(known)), text(max(known)))))
     return " · ".join(map(text, known)) or MISSING
+
+
+def command(*words: object) -> str:
+    """Command line of commonrail that a message or a report advises, such as ``commonrail resume 'my run'``."""
+    return shlex.join(["commonrail", *map(str, words)])
 
 
 def listed(words: Sequence[str]) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 import sys
 import textwrap
 from collections.abc import Callable, Mapping
@@ -15,7 +14,7 @@ import click
 
 from commonrail.base.errors import StudyError
 from commonrail.base.stages import telling
-from commonrail.base.text import counted, quantity
+from commonrail.base.text import command, counted, quantity
 from commonrail.cli.console import Bar, Stage, columns_of, print_json, print_lines, print_table, say, shown_by, wrapped
 from commonrail.cli.guard import INTERRUPTED
 
@@ -195,14 +194,14 @@ def end_if_stopped(outcome: Outcome) -> None:
     """End the command with exit status 130 and a sentence if a search or its judgement was stopped by a signal."""
     if outcome.interrupted:
         say(
-            f"commonrail: interrupted; the best values so far are in {outcome.folder}. `commonrail resume "
-            f"{shlex.quote(str(outcome.folder))}` resumes the run."
+            f"commonrail: interrupted; the best values so far are in {outcome.folder}. "
+            f"`{command('resume', outcome.folder)}` resumes the run."
         )
         raise SystemExit(INTERRUPTED)
     if not outcome.judged:
         say(
             f"commonrail: interrupted; the fit is in {outcome.folder}, but not how well the data determine it. "
-            f"`commonrail resume {shlex.quote(str(outcome.folder))}` judges that."
+            f"`{command('resume', outcome.folder)}` judges that."
         )
         raise SystemExit(INTERRUPTED)
 

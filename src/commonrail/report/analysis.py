@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -11,7 +10,7 @@ from commonrail.base.chart import Bars, Chart
 from commonrail.base.csv_output import write_csv
 from commonrail.base.output import summed, write_text
 from commonrail.base.table import Table
-from commonrail.base.text import MISSING, duration, listed, significant
+from commonrail.base.text import MISSING, command, duration, listed, significant
 from commonrail.calibration.study import Study
 from commonrail.data.records import Record
 from commonrail.report.figure import drawings
@@ -88,7 +87,7 @@ def analysis_html(
         package=package,
         record=record,
         synthetic=[record["synthetic"]] if record["synthetic"] else [],
-        commands=[("Make this report again", f"commonrail report {shlex.quote(folder.as_posix())}")],
+        commands=[("Make this report again", command("report", folder.as_posix()))],
         facts=[*facts, ("Time", f"{duration(seconds)}, {speed}"), ("Software", versions)],
         **values,
     )

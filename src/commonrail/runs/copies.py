@@ -13,11 +13,11 @@ from typing import Any
 from commonrail.base.errors import CommonrailError, InputError, StudyError
 from commonrail.base.input import SUMS, listed, read_plain, sha256
 from commonrail.base.output import replacing, writing
-from commonrail.runs.folder import DRAWS, MEMBER, RESULT, STUDY, TRACES
+from commonrail.runs.folder import DRAWS, MEMBER, RESULT, STUDY, TRACES, UPDATE
 from commonrail.runs.journal import JOURNAL, LOCK, Input, read_inputs
 
 OUTSIDE = "inputs"  # folder for files from beyond the study's own, and for those with the name of a result
-RESERVED = (STUDY, "calibrated.toml", DRAWS, RESULT, TRACES, "report.html", SUMS.lower(), JOURNAL, LOCK)
+RESERVED = (STUDY, "calibrated.toml", DRAWS, RESULT, TRACES, UPDATE, "report.html", SUMS.lower(), JOURNAL, LOCK)
 _NAMES_A_FILE = ("file", "fmu", "injector", "type", "study", "logo")  # keys of TOML files
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
@@ -15,6 +14,7 @@ import numpy as np
 from commonrail.base.errors import InputError, StudyError
 from commonrail.base.input import fingerprint, sha256
 from commonrail.base.output import summed, write_text
+from commonrail.base.text import command
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.plausibility import Finding, found
 from commonrail.calibration.search import Searched
@@ -156,7 +156,7 @@ def check_files(journal: Journal, as_begun: bool) -> None:
                 "back as it was, or begin a new run."
             )
     if not as_begun:
-        again = f"go on with the copy as it was: `commonrail resume {shlex.quote(str(journal.folder))} --as-begun`"
+        again = f"go on with the copy as it was: `{command('resume', journal.folder, '--as-begun')}`"
         check_origins(journal.folder, inputs, about.get("given", ""), again)
 
 

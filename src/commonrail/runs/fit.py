@@ -5,7 +5,6 @@ All kinds of fit run here: `FitKind` says what differs, `calibrate_into` and `re
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -17,6 +16,7 @@ from commonrail.base.errors import CommonrailError, ConfigurationError, StudyErr
 from commonrail.base.hooks import held_interrupts, quiet
 from commonrail.base.input import SUMS, sha256
 from commonrail.base.output import PART, summed, write_text, writing
+from commonrail.base.text import command
 from commonrail.calibration.identifiability import Identified, identify
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.optimisers.base import MOST_GENERATIONS
@@ -192,7 +192,7 @@ class FitKind(Generic[_Study, _Fit]):
         if not folder.is_dir():
             return f"{folder}: this is no folder of a run; `commonrail runs DIR` lists the runs below a folder."
         return (
-            f"{folder}: there is no run to go on with; `commonrail runs {shlex.quote(str(folder))}` lists those in it, "
+            f"{folder}: there is no run to go on with; `{command('runs', folder)}` lists those in it, "
             f"and `{self.command}` begins one."
         )
 

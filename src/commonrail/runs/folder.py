@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import secrets
-import shlex
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -20,6 +19,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.hooks import check_unheld_stop, note
 from commonrail.base.input import check_sum, check_sums, read_arrays
 from commonrail.base.output import PART, replacing, summed, write_text, writing
+from commonrail.base.text import command
 from commonrail.calibration.result import result_record
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.study import Study
@@ -78,7 +78,7 @@ def without_result(folder: Path) -> InputError | None:
     """Error for the folder of a run that has not come to its results; None for any other folder."""
     if not (folder / JOURNAL).is_file() or any(folder.glob("*.json")):
         return None
-    again = f"`commonrail resume {shlex.quote(str(folder))}`"
+    again = f"`{command('resume', folder)}`"
     return InputError(f"{folder}: this run has no results yet; if it was stopped, {again} runs it to its end.")
 
 
@@ -90,7 +90,7 @@ def _no_run(folder: Path, made_by: str) -> InputError | None:
     wanted = f"a run folder of {made_by} is expected"
     if study.is_file():
         what = "this is a file" if study == folder else f"this is the folder of a study, {study}"
-        cure = f"`commonrail calibrate {shlex.quote(str(study))} --out RUN` makes one"
+        cure = f"`{command('calibrate', study)} --out RUN` makes one"
         return InputError(f"{folder}: {what}, and {wanted}; {cure}.")
     if not folder.exists():
         return InputError(f"{folder}: there is no such folder, and {wanted}; `commonrail runs` lists those below.")
@@ -119,7 +119,7 @@ def note_stopped(folder: Path, record: Mapping[str, Any] | None = None) -> None:
         return
     note(
         f"{folder}: the search was stopped before its end, and these are the best values up to then; "
-        f"`commonrail resume {shlex.quote(str(folder))}` runs it to its end.",
+        f"`{command('resume', folder)}` runs it to its end.",
         once=True,
     )
 
@@ -193,7 +193,7 @@ def refuse_used(path: Path) -> None:
     """Refuse (`InputError`) a place for a new run folder that exists and is not empty, but for unfinished files."""
     if path.exists() and (not path.is_dir() or any(entry.suffix != PART for entry in path.iterdir())):
         has_run = (path / JOURNAL).is_file()
-        cure = f"; `commonrail resume {shlex.quote(str(path))}` goes on with the run there" if has_run else ""
+        cure = f"; `{command('resume', path)}` goes on with the run there" if has_run else ""
         raise InputError(f"{path}: there already is something; name another folder, nothing was overwritten{cure}.")
 
 
@@ -251,7 +251,7 @@ def read_draws(folder: str | Path, names: Sequence[str], most: int | None = None
     Raises `InputError` if there are none, or they are of other parameters.
     """
     path = file_path(folder, "folder") / DRAWS
-    again = f"`commonrail certainty {shlex.quote(str(folder))}` draws them"
+    again = f"`{command('certainty', folder)}` draws them"
     if not path.is_file():
         raise InputError(f"{path}: there are no draws; {again}.")
     check_sum(path)

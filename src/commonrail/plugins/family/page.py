@@ -7,7 +7,7 @@ from pathlib import Path
 
 from commonrail.base.chart import MARKERS, Figure, Panel, Series
 from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import fixed, listed, quantity, quantity_range, significant
+from commonrail.base.text import command, fixed, listed, quantity, quantity_range, significant
 from commonrail.data.records import Record
 from commonrail.plugins.family.file import KIND, TEXTS
 from commonrail.plugins.family.run import FAMILY, RECORD
@@ -127,7 +127,7 @@ def family_figures(record: Record) -> list[Figure]:
 def _commands(record: Record, run: str) -> list[tuple[str, str]]:
     advice, known = Advice.of(run, FAMILY), shlex.quote(f"{run}/type.toml")
     return [
-        ("Fit again", f"commonrail type {shlex.quote(advice.study)} --out type.toml"),
+        ("Fit again", command("type", advice.study, "--out", "type.toml")),
         ("Reference points that tell most of the next part", f"commonrail adapt {known} --advise --injector PART.toml"),
         ("Model of the next part", f"commonrail adapt {known} --from POINTS.csv --injector PART.toml --out MODEL.toml"),
         ("Make this report again", advice.of_run("report")),

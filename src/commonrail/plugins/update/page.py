@@ -17,7 +17,8 @@ def update_lines(found: Record) -> list[str]:
     """Sentences on an update, what is bad first: held-out data that are met worse, contradictions, what has moved."""
     unseen = [one for one in found["errors"] if one["role"] == "validation"]
     worse = [one for one in unseen if one["rises"]]
-    lines = [f"Held-out data are predicted worse than before: {_changes(worse)}."] if worse else []
+    keep = f"keep {found['run']} until you know why"
+    lines = [f"Held-out data are predicted worse than before, so {keep}: {_changes(worse)}."] if worse else []
     ranked = sorted(found["new"], key=lambda one: _RANK.index(one["agreement"]))
     lines += [_agreement(one) for one in ranked[:SHOWN]]
     if rest := [one["agreement"] for one in ranked[SHOWN:]]:

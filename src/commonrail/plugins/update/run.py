@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -17,7 +16,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, InputError, SimulationError, StudyError
 from commonrail.base.output import summed
-from commonrail.base.text import number
+from commonrail.base.text import command, number
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.scoring import score_all
 from commonrail.calibration.study import Study
@@ -140,7 +139,7 @@ def update(
     listener = instance(listener or Listener(), Listener, "listener")
     record, inputs = read_result(folder), read_inputs(folder) if (folder / JOURNAL).is_file() else []
     if record["status"] != "finished":
-        again = f"`commonrail resume {shlex.quote(str(folder))}`"
+        again = f"`{command('resume', folder)}`"
         raise StudyError(f"{folder}: the search of this run was stopped before its end; {again} runs it to its end.")
     if inputs and not flag(as_begun, "as_begun"):
         cure = "add --as-begun to update it as it was"

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import shlex
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from commonrail.base.text import counted, listed, quantity
+from commonrail.base.text import command, counted, listed, quantity
 from commonrail.base.units import to_text
 from commonrail.data.base import View
 from commonrail.data.records import LABELS, Record, Shown
@@ -87,13 +86,12 @@ class Advice(NamedTuple):
 
     def calibrate(self, *, widen: bool = False, free: str = "") -> str:
         """Command that calibrates the study again, with wider bounds where this run met them, or a parameter free."""
-        again = f"commonrail calibrate {shlex.quote(self.study)}"
-        again += f" --free {free}" if free else ""
-        return f"{again} --widen {shlex.quote(self.run)}" if widen else again
+        options = ("--free", free) if free else ("--widen", self.run) if widen else ()
+        return command("calibrate", self.study, *options)
 
     def of_run(self, verb: str, options: str = "") -> str:
         """Command of a verb that takes the run folder."""
-        return f"commonrail {verb} {shlex.quote(self.run)} {options}".rstrip()
+        return command(verb, self.run, *options.split())
 
 
 _PRESSURES = {"cylinder_pressure": "Pa", "return_pressure": "Pa"}
@@ -117,7 +115,7 @@ def map_line(record: Record, run: str) -> tuple[str, str]:
             " The cylinder and return pressures are those of most of the measured points; the data have "
             f"{counted(len(others), 'other pair')}: state those of the engine."
         )
-    words = ["commonrail map", shlex.quote(run), pressures, _options(record, _STEP), "--out map.dcm"]
+    words = [command("map", run), pressures, _options(record, _STEP), "--out map.dcm"]
     return purpose, " ".join(filter(None, words))
 
 
@@ -132,7 +130,7 @@ def _options(values: Record, units: Mapping[str, str]) -> str:
 
 def rerun_lines(record: Record, run: str) -> list[tuple[str, str]]:
     """Purpose and command line, for the run folder of that name."""
-    advice, injector = Advice.of(run), shlex.quote(f"{run}/calibrated.toml")
+    advice, simulate = Advice.of(run), command("simulate", f"{run}/calibrated.toml")
     first = record["data"][0]
     point = _options(kind_of(first["kind"]).view.operating_point(first), _POINT)
     return [
@@ -141,7 +139,7 @@ def rerun_lines(record: Record, run: str) -> list[tuple[str, str]]:
         ("Judge on other data", advice.of_run("compare", "--data OTHER-STUDY.toml")),
         (
             "Simulate the calibrated injector",
-            " ".join(filter(None, ["commonrail simulate", injector, point, _options(record, _STEP)])),
+            " ".join(filter(None, [simulate, point, _options(record, _STEP)])),
         ),
         ("Move the parameters and see the injection change", advice.of_run("report", "--page")),
         ("Make this report again", advice.of_run("report")),
