@@ -17,6 +17,7 @@ import pytest
 from commonrail.base.errors import StudyError
 from commonrail.base.hooks import _ask
 from commonrail.calibration.search import Progress
+from commonrail.calibration.study_file import load_study
 from commonrail.cli import fit
 from commonrail.cli.fit import print_card
 from commonrail.plugins import cluster
@@ -52,6 +53,12 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 def test_the_run_folder_is_complete(finished: dict[str, Any]) -> None:
     assert {path.name for path in finished["run"].iterdir()} == FILES
+
+
+def test_the_checksums_of_a_run_are_no_input_of_its_study(finished: dict[str, Any]) -> None:
+    """They change whenever results are written again, and a run of that study would count as changed."""
+    names = {path.name for path in load_study(finished["run"] / "study.toml").files}
+    assert names == {"study.toml", "injector.toml", "evi.csv"}
 
 
 def test_stdout_is_one_object_with_the_result(finished: dict[str, Any]) -> None:

@@ -196,7 +196,8 @@ def listed(sums: Path) -> dict[str, str]:
     Raises `InputError` if a line is not a digest, two spaces and a name.
     """
     found = {}
-    lines = os.fsdecode(read_plain(sums, _LARGEST)).removesuffix("\n")
+    with within(_noted, None):  # they are written again with every result, and are no part of what is read
+        lines = os.fsdecode(read_plain(sums, _LARGEST)).removesuffix("\n")
     for i, line in enumerate(lines.split("\n") if lines else (), 1):
         parts = _LINE.fullmatch(line)
         if parts is None:
