@@ -119,6 +119,7 @@ from .plugins.maps.run import InjectionMap as InjectionMap
 from .plugins.maps.run import map as map
 from .plugins.maps.run import sweep as sweep
 from .plugins.maps.sweep import Sweep as Sweep
+from .plugins.new.study import StatedByUser as StatedByUser
 from .plugins.next.run import DesignSettings as DesignSettings
 from .plugins.next.run import Plan as Plan
 from .plugins.next.run import next_measurements as next_measurements
@@ -172,6 +173,7 @@ from .plugins.tolerance.study import Uniform as Uniform
 from .plugins.update.run import Agreement as Agreement
 from .plugins.update.run import Update as Update
 from .plugins.update.run import update as update
+from .readers.columns import FileForm as FileForm
 from .readers.fuel import load_fuel as load_fuel
 from .readers.injector import injector_catalogue as injector_catalogue
 from .readers.injector import load_injector as load_injector
@@ -179,6 +181,7 @@ from .readers.injector import load_meters as load_meters
 from .readers.injector_writer import dump_injector as dump_injector
 from .readers.part_number import PartMatch as PartMatch
 from .readers.part_number import find_part as find_part
+from .readers.quantity_matrix import GivenUnits as GivenUnits
 from .report.page import write_report as write_report
 from .report.simulation import simulation_figure as simulation_figure
 from .runs.fit import calibrate_into as calibrate_into
