@@ -419,18 +419,17 @@ def _onset(data: DataSet, measured: float | None, shift: float | None) -> Iterat
     pulses = data.points[0].pulses
     if measured is None or not pulses:
         return
-    at = f"the measured injection begins at {quantity(measured, 's', 4)}"
-    cure = "check the energising time and the trigger's zero"
     first, last = pulses[0].start, pulses[-1].start
     if measured < first + EARLIEST:
-        begins = f"energising begins at {quantity(first, 's', 4)}"
-        yield found("onset", data.name, f"{at}, and {begins}: no injector opens that soon; {cure}.")
+        odd = f"and energising begins at {quantity(first, 's', 4)}: no injector opens that soon"
     elif measured > last + LATEST:
-        ago = quantity(measured - last, "s", 4)
-        yield found("onset", data.name, f"{at}, {ago} after the last energising begins: that is too late; {cure}.")
+        odd = f"{quantity(measured - last, 's', 4)} after the last energising begins: that is too late"
     elif shift is not None and abs(shift) > ONSET_APART:
-        apart, late = quantity(abs(shift), "s", 3), "later" if shift > 0.0 else "earlier"
-        yield found("onset", data.name, f"{at}, {apart} {late} than the simulated one; {cure}.")
+        odd = f"{quantity(abs(shift), 's', 3)} {'later' if shift > 0.0 else 'earlier'} than the simulated one"
+    else:
+        return
+    at = f"the measured injection begins at {quantity(measured, 's', 4)}"
+    yield found("onset", data.name, f"{at}, {odd}; check the energising time and the trigger's zero.")
 
 
 # Checks of a fitted model: fall of J, values at bounds, size of the error, and shifts or gains that explain it.
