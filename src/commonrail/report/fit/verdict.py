@@ -328,8 +328,8 @@ _OF_METER = {"delay": "delay", "bandwidth": "cutoff", "gain": "gain", "offset": 
 
 def _suspect(record: Record, test: Record) -> str:
     """Dotted name of what a test suspects and a study can free; empty if there is none."""
-    known, suspect = {p["name"] for p in record["parameters"]}, str(test["suspect"])
-    name = suspect if suspect in parameter_quantities() else str(test["name"])
+    known, suspect = {p["name"] for p in record["parameters"]}, str(test.get("suspect"))
+    name = suspect if suspect in parameter_quantities() else str(test.get("name"))
     for data in record["data"]:
         if data["name"] == name and suspect in _OF_METER and data["kind"] == "rate":
             name = parameter_name(data.get("meter") or BENCH, _OF_METER[suspect])
