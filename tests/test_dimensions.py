@@ -121,7 +121,8 @@ def model() -> Model:
     at = Setting._make(map(quantity, AT, ("Pa", "Pa", "Pa", "s")))
     with carried():
         c = servo_model.coefficients(p, f, at)
-        return Model(p, f, at, c, servo_model.static_loads(c, at))
+        still = plunger_needle.loads(c.plunger_needle.guides, c.needle_seat.area, at.rail, at.rail, at.cylinder, at.low)
+        return Model(p, f, at, c, still)
 
 
 def uniform(kind: Any, unit: str, factor: float) -> Any:
@@ -290,7 +291,7 @@ def test_a_step_of_the_injector_keeps_the_units_of_its_state(variant: Variant) -
     at = m.at._replace(dt=quantity(1e-6, "s"))
     trace = quantity(12.0, "A" if variant.drive is Drive.CURRENT else "V")
     with carried():
-        s = wired.rest(m.c, at)
+        s = connections_of(variant).rest(m.c, at)
         # the flux to its eighth power, the lift remembered times a share
         s = s._replace(solenoid=with_units(solenoid.State, s.solenoid), nozzle=with_units(nozzle.State, s.nozzle))
         u = Inputs(at.rail, at.cylinder, at.low, trace, quantity(20e-6, "s"), quantity(-1e-3, "s"))

@@ -63,7 +63,8 @@ def test_a_throttle_takes_its_loss_between_rail_and_inlet(volume: Injector) -> N
     at = Resolution((60, 30), method="explicit")  # whose kernel the comparison of the engines needs, too
     found = simulate_reference(volume, POINT, 1e-6, at)
     rail, inlet = found.channels["rail_pressure"], found.channels["inlet_pressure"]
-    assert rail[0] == inlet[0] == pytest.approx(120e6, rel=1e-12)
+    assert rail[0] == pytest.approx(120e6, rel=1e-12)
+    assert 0.0 < rail[0] - inlet[0] < 100.0  # of the guides' leakage
     fuel, warm = volume.fuel, volume.values["fuel.temperature"]
     density = np.array([float(fuel.density(p, warm)) for p in rail])
     flow = -np.gradient(density, found.time) * volume.values["rail.volume"]

@@ -16,7 +16,7 @@ from commonrail.physics.flow import contents
 from commonrail.physics.fuel_kernel import density, fuel_coefficients, kinematic_viscosity
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.model import Coefficients, Setting
-from commonrail.physics.variants import Variant, wiring
+from commonrail.physics.variants import Variant, connections_of
 
 AT = Setting(160e6, 5e6, 0.5e6, 1e-6)
 SINE = math.sin(math.pi / 4)  # of the seat's angle in the fixture
@@ -42,8 +42,9 @@ def test_eddy_share_is_that_of_an_exponential(regulated: Injector, c: Coefficien
     assert lagging.delays.rising_lag_fraction == pytest.approx(1.0 - math.exp(-1 / 20), rel=1e-12)
 
 
-def test_state_at_rest_has_the_pressures_it_is_given(c: Coefficients) -> None:
-    s = wiring(Variant()).rest(c, AT)
+def test_tight_guides_leave_the_pressures_at_rest(c: Coefficients, regulated: Injector) -> None:
+    tight = regulated.with_values({"plunger_needle.plunger_gap": 0.0, "plunger_needle.needle_gap": 0.0})
+    s = connections_of(Variant()).rest(model.coefficients(tight.parameters, c.fuel, AT), AT)
     lifts = plunger_needle.lifts(s.body.z)
     assert lifts.tip < 0.0
     for held in (s.control_chamber.fuel, s.accumulation.fuel, s.rail):
@@ -83,7 +84,7 @@ def test_pressure_in_front_of_the_valve_seat(c: Coefficients) -> None:
 
 
 def test_forces_of_the_closed_needle_follow_from_its_areas(c: Coefficients) -> None:
-    load = model.static_loads(c, AT)
+    load = plunger_needle.loads(c.plunger_needle.guides, c.needle_seat.area, AT.rail, AT.rail, AT.cylinder, AT.low)
     quarter = math.pi / 4 * 1e-6
     total = (
         -160e6 * quarter * 4.3**2

@@ -21,7 +21,6 @@ from commonrail.physics.variants import (
     connections_of,
     unread_inputs,
     unread_parameters,
-    wiring,
 )
 
 DT, STEPS, CHANGED = 1e-6, 400, 100
@@ -66,8 +65,7 @@ def marched(variant: Variant, factors: Mapping[str, float] = {}, changed: tuple[
     rail = 20e6 if variant.actuation is Actuation.DIRECT else 100e6
     at = Setting(rail, 5e6, 0.5e6, DT)
     c = coefficients_at(injector, cr.OperatingPoint(*at[:1], "400 us", *at[1:3]), DT)
-    wired = wiring(variant)
-    state, waves = wired.rest(c, at), Waves(rail, rail, at.low)
+    state, waves = connections_of(variant).rest(c, at), Waves(rail, rail, at.low)
     for step in range(STEPS):
         now = step * DT
         trace = DRIVEN if ON <= now < OFF else 0.0

@@ -15,6 +15,7 @@ from commonrail.base.choices import Precision
 from commonrail.engine.end_of_run import StopRule, check, next_horizon, report_ended, set_horizons
 from commonrail.engine.job import FIGURE, FUEL, GIVEN, NEVER, VECTORS, Outcome, make_rows, shape_of
 from commonrail.engine.recorder import Sample, at, crossing, keep_if_asked, record_crossing, set_densities, take_sample
+from commonrail.physics.components.feed_pipe import steady
 from commonrail.physics.law import FLUSH_TINY, KEEP_ALL, KEEP_NONE, layout_of, physics
 from commonrail.physics.model import Inputs, Setting, Waves
 from commonrail.physics.variants import Variant, connections_of, wiring
@@ -33,16 +34,15 @@ class Memory(NamedTuple):
 
 @physics
 def fill_rings(memory, rows, copy):  # type: ignore[no-untyped-def]
-    """Fill the rings with the waves of rest, and set the delays; true if those of all lanes are alike.
+    """Fill the rings with the waves that leave at rest, and set the delays; true if those of all lanes are alike.
 
     Row by row by `copy`, as of `Machine`: of loops the compiler makes one over the slots, which scatters each number.
     """
     work, waves, ring = memory.work, memory.waves, memory.ring
     alike = True
     for wave in range(3):
-        rest = at(rows, rows.accumulation_pressure if wave < 2 else rows.return_pressure, 0)
+        rest = at(rows, rows.leaving + wave, 0)
         row = rows.feed_delay if wave < 2 else rows.back_delay
-        copy(work, at(rows, rows.leaving + wave, 0), work, rest)
         copy(work, at(rows, rows.arriving + wave, 0), work, rest)
         for slot in range(ring):
             copy(waves, at(rows, wave * ring + slot, 0), work, rest)
@@ -208,7 +208,8 @@ def make_begin(variant: Variant, rows: Any, setting_of: Law = one_setting, copy:
     wired = wiring(variant)
     load_parameters, load_fuel, store_inputs = wired.parameters.load, FUEL.load, INPUTS.store
     store_coefficients, store_state = wired.coefficients.store, wired.state.store
-    coefficients, rest, longest_contact, farthest_lift = wired.setup, wired.rest, wired.longest_contact, wired.farthest
+    coefficients, longest_contact, farthest_lift = wired.setup, wired.longest_contact, wired.farthest
+    rest = connections_of(variant).rest
     known, fuel_known = len(wired.parameters.paths), len(FUEL.paths)
 
     @physics
@@ -222,9 +223,14 @@ def make_begin(variant: Variant, rows: Any, setting_of: Law = one_setting, copy:
             parameters = load_parameters(waves, lane, rows.lanes)
             c = coefficients(parameters, load_fuel(waves, at(rows, known, lane), rows.lanes), setting)
             store_coefficients(work, lane, rows.lanes, c)
-            store_state(work, at(rows, rows.state, lane), rows.lanes, rest(c, setting))
+            s = rest(c, setting)
+            store_state(work, at(rows, rows.state, lane), rows.lanes, s)
             for row in range(rows.leaving, rows.end):
                 work[at(rows, row, lane)] = 0.0
+            waves_at_rest = steady(c.feed_pipe, s.feed_pipe.end_flow, s.accumulation.fuel.pressure)
+            work[at(rows, rows.leaving, lane)] = waves_at_rest.down
+            work[at(rows, rows.leaving + 1, lane)] = waves_at_rest.up
+            work[at(rows, rows.leaving + 2, lane)] = work[at(rows, rows.return_pressure, lane)]
             zero = 0.0 * setting.dt
             at_rest = Inputs(setting.rail, setting.cylinder, setting.low, zero, zero, zero)
             store_inputs(work, at(rows, rows.inputs, lane), rows.lanes, at_rest)

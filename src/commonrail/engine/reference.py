@@ -42,7 +42,7 @@ from commonrail.physics.injector import Injector
 from commonrail.physics.law import physics
 from commonrail.physics.model import Setting
 from commonrail.physics.state_vector import core_of, make_frame, start_vector, typical_sizes, vector_states
-from commonrail.physics.variants import Variant, kernel_name, wiring
+from commonrail.physics.variants import Variant, connections_of, kernel_name, wiring
 
 # Crossings of the needle's seat that a reference engine has recorded, and the instants that follow from them.
 
@@ -175,14 +175,14 @@ class Model:
         at = Setting(*point.initial_pressures(), 1e-6)
         self.c = coefficients_at(injector, point, at.dt)
         wired = wiring(variant)
-        state = wired.rest(self.c, at)
+        state = connections_of(variant).rest(self.c, at)
         self.direct = variant.actuation is Actuation.DIRECT
         lifts = wired.body.lifts(state.body.z)
         self.closed_at_start = lifts.tip < 0.0 and (lifts.top if self.direct else state.valve.lift) < 0.0
         has_line = not self.direct and self.c.return_line.impedance > 0.0
         line = resolution.cells[1] if has_line else 0
         self.cells = np.array((resolution.cells[0], line))
-        self.start = start_vector(variant, state, self.cells, at)
+        self.start = start_vector(variant, self.c, state, self.cells, at)
         self.at, self.core = make_frame(variant)(self.cells), core_of(variant)
         self.constants = np.zeros(len(wired.coefficients.paths))
         wired.coefficients.store(self.constants, 0, 1, self.c)

@@ -1,13 +1,12 @@
 """The whole injector as data: parameters, coefficients and state of all components, and what comes from outside.
 
 Also what its exchangeable parts must hold (`Body`, `DriveLaw` and the other protocols, which the type checker compares
-where `variants` chooses them), and the way from parameters to coefficients and to the state at rest.
+where `variants` chooses them), and the way from parameters to coefficients; the state at rest is in `rest`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
 from commonrail.physics import fuel_kernel as fuel
@@ -24,7 +23,7 @@ from commonrail.physics.components import (
 )
 from commonrail.physics.components.plunger_needle import Motion, SeatContact
 from commonrail.physics.elementary import exponential
-from commonrail.physics.flow import Contents, Flow, Guide, filled
+from commonrail.physics.flow import Contents, Flow, Guide
 from commonrail.physics.fuel_kernel import FuelCoefficients
 from commonrail.physics.law import physics
 
@@ -239,7 +238,7 @@ class GapLaw(Protocol):
     def __call__(self, c: Any, chamber: Contents, behind: float, lift: float, /) -> float: ...
 
 
-# From parameters to coefficients and to the state at rest, for one candidate at one operating point.
+# From parameters to coefficients, for one candidate at one operating point.
 
 
 # What seat, stop and needle give way by, at most [m]: chosen, far above the some 0.1 mm of the catalogue's injectors.
@@ -302,43 +301,9 @@ def ambient_density(around: Ambient, pressure: float) -> float:
 
 
 @physics
-def static_loads(c: Coefficients, at: Setting) -> plunger_needle.Loads:
-    """Pressure forces with the needle closed and all flows at rest."""
-    guides, area = c.plunger_needle.guides, c.needle_seat.area
-    return plunger_needle.loads(guides, area, at.rail, at.rail, at.cylinder, at.low)
-
-
-@physics
 def seat_contact(c: Any) -> plunger_needle.SeatContact:
     """The needle seat as a contact of the needle; of either actuation."""
     return plunger_needle.SeatContact(c.needle_seat.contact_stiffness, c.needle_seat.contact_damping)
-
-
-def make_rest(body: Body) -> Callable[[Coefficients, Setting], State]:
-    """Function (coefficients, setting) → state before energising, `body` being `plunger_needle` or `rigid_body`."""
-    at_rest, lifts_of = body.at_rest, body.lifts
-
-    @physics
-    def rest(c: Coefficients, at: Setting) -> State:
-        """Control chamber and accumulation at rail pressure, SAC at cylinder pressure."""
-        body = at_rest(c.plunger_needle, seat_contact(c), static_loads(c, at))
-        lifts = lifts_of(body.z)
-        return State(
-            rail=filled(c.fuel, at.rail, c.rail.volume),
-            feed_pipe=feed_pipe.State(0.0, 0.0),
-            control_chamber=control_chamber.State(filled(c.fuel, at.rail, control_volume(c, lifts)), 0.0),
-            valve=valve.at_rest(c.valve, at.rail - at.low),
-            solenoid=solenoid.State(0.0, 0.0),
-            drive=drive.State(2.0),
-            return_line=return_line.State(at.low, 0.0),
-            accumulation=needle_seat.AccumulationState(filled(c.fuel, at.rail, accumulation_volume(c, lifts)), at.rail),
-            body=body,
-            sac=filled(c.fuel, at.cylinder, needle_seat.sac_volume(c.sac, c.needle_seat.area, lifts.tip)),
-            nozzle=nozzle.State(0.0, 0.0),
-            cumulative_flows=CumulativeFlows(returned=0.0, supplied=0.0),
-        )
-
-    return rest
 
 
 @physics

@@ -13,7 +13,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Actuation
-from commonrail.physics.components import nozzle, solenoid, valve
+from commonrail.physics.components import feed_pipe, nozzle, solenoid, valve
 from commonrail.physics.law import Layout, layout_of, physics
 from commonrail.physics.model import CumulativeFlows, Setting
 from commonrail.physics.variants import Variant, wiring
@@ -95,8 +95,11 @@ def make_frame(variant: Variant) -> Callable[[Any], Frame]:
     return frame
 
 
-def start_vector(variant: Variant, s: Any, cells: Ints, at: Setting) -> Floats:
-    """The vector at rest; `s`: at rest; `cells` (2,) int: of feed pipe and return line; `at`: boundary pressures."""
+def start_vector(variant: Variant, c: Any, s: Any, cells: Ints, at: Setting) -> Floats:
+    """The vector at rest.
+
+    `c`: coefficients; `s`: at rest; `cells` (2,) int: of feed pipe and return line; `at`: boundary pressures.
+    """
     fuel = NeedleMasses(s.accumulation.fuel.mass, s.sac.mass)
     if variant.actuation is Actuation.DIRECT:
         core: Any = DirectCore(s.solenoid, fuel, s.nozzle, s.cumulative_flows)
@@ -110,7 +113,9 @@ def start_vector(variant: Variant, s: Any, cells: Ints, at: Setting) -> Floats:
             rail_mass=s.rail.mass,
             outlet=at.low,
         )
-    return _joined(variant, core, (s.body.z, 0.0), cells, ((0.0, at.rail), (at.low, 0.0)))
+    flow, behind = s.feed_pipe.end_flow, 1.0 - (np.arange(cells[0]) + 0.5) / cells[0]  # share of the pipe
+    along = s.accumulation.fuel.pressure + behind * feed_pipe.loss(c.feed_pipe, flow)
+    return _joined(variant, core, (s.body.z, 0.0), cells, ((flow, along), (at.low, 0.0)))
 
 
 def typical_sizes(variant: Variant, start: Floats, cells: Ints, rail: float) -> Floats:

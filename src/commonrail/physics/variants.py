@@ -111,7 +111,6 @@ class Wiring(NamedTuple):
     drive: model.DriveLaw
     discharge: model.DischargeLaw
     setup: Callable[..., Any]  # coefficients from parameters
-    rest: Callable[..., Any]  # state at rest
     longest_contact: Callable[..., Any]  # longest time for which what has closed may touch and yet leave its seat again
     farthest: Callable[..., Any]  # lift beyond which the body has passed its stop
     parameters: Layout
@@ -207,7 +206,6 @@ def _servo(variant: Variant) -> Wiring:
         drive=_DRIVES[variant.drive],
         discharge=_discharge(variant),
         setup=model.coefficients,
-        rest=model.make_rest(body),
         longest_contact=model.longest_contact,
         farthest=model.farthest_lift,
         parameters=layout_of(model.Parameters),
@@ -227,7 +225,6 @@ def _direct(variant: Variant) -> Wiring:
         drive=_DRIVES[variant.drive],
         discharge=_discharge(variant),
         setup=direct_acting.coefficients,
-        rest=direct_acting.rest,
         longest_contact=direct_acting.longest_contact,
         farthest=direct_acting.farthest_lift,
         parameters=layout_of(direct_acting.Parameters),
@@ -241,6 +238,7 @@ class Connections(NamedTuple):
     """Laws between the components of a variant."""
 
     step: Callable[..., Any]  # one time step
+    rest: Callable[..., Any]  # state before energising: function (coefficients, setting)
     volumes: Callable[..., Any]  # volumes that moving masses leave to the fuel, from their lifts
     laws: Any  # `StepLaws`; None for a direct-acting injector, which has laws of its own
 
@@ -248,14 +246,14 @@ class Connections(NamedTuple):
 @functools.cache
 def connections_of(variant: Variant) -> Connections:
     """Laws between the components of a variant, imported for the compiler: who runs a compiled kernel needs none."""
-    from commonrail.physics import connections, step
+    from commonrail.physics import connections, rest, step
 
     wired = wiring(variant)
     if variant.actuation is Actuation.DIRECT:
         from commonrail.physics import direct_acting
 
         direct = direct_acting.DirectLaws(wired.drive, step.ideal_rail, wired.discharge)
-        return Connections(direct_acting.make_step(direct), direct_acting.volumes_of, None)
+        return Connections(direct_acting.make_step(direct), direct_acting.rest, direct_acting.volumes_of, None)
     ideal = variant.boundary is Boundary.IDEAL
     chosen_laws: dict[Laws, tuple[model.GapLaw, model.LeakLaw, model.FilmLaw]] = {
         Laws.PAPER: (connections.plain_gap_cda2, connections.guide_leak, valve.no_film),
@@ -273,7 +271,8 @@ def connections_of(variant: Variant) -> Connections:
         leak=leak,
         film=film,
     )
-    return Connections(step.make_step(laws), connections.volumes_of, laws)
+    at_rest = rest.make_rest(wired.body, leak, variant.boundary)
+    return Connections(step.make_step(laws), at_rest, connections.volumes_of, laws)
 
 
 # Inputs and parameters that a variant does not read, so that none is ignored in silence.

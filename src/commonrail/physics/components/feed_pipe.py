@@ -82,12 +82,18 @@ def coefficients(p: Parameters, density: float, sound_speed: float) -> Coefficie
 
 
 @physics
+def loss(c: Coefficients, flow: float) -> float:
+    """Friction of the whole pipe under a steady flow, R q|q| [Pa]; `flow`: q [kg/s]; the loss has its sign."""
+    return c.resistance * flow * abs(flow)
+
+
+@physics
 def end_loss(c: Coefficients, flow: float) -> float:
     """Share of the friction ∫ R q|q| dx/L that Simpson's rule gives to the flow at one end [Pa].
 
     `flow`: q at that end [kg/s]; the loss has its sign.
     """
-    return SIXTH * c.resistance * flow * abs(flow)
+    return SIXTH * loss(c, flow)
 
 
 @physics
@@ -129,3 +135,12 @@ def leave(c: Coefficients, ends: State, inlet: float, end: float) -> Travelling:
         inlet + z * ends.inlet_flow - end_loss(c, ends.inlet_flow),
         end - z * ends.end_flow + end_loss(c, ends.end_flow),
     )
+
+
+@physics
+def steady(c: Coefficients, flow: float, end: float) -> Travelling:
+    """Waves that leave both ends of a pipe with a steady flow.
+
+    `flow`: q [kg/s]; `end`: pressure at its end [Pa].
+    """
+    return leave(c, State(flow, flow), end + loss(c, flow), end)
