@@ -71,7 +71,6 @@ FIELDS: dict[type, str] = {
     fuel_kernel.FuelCoefficients: "kg/m3, m3/kg" + 7 * ", Pa" + 4 * ", 1" + 6 * ", s/m2" + 3 * ", 1" + ", Pa",
     fuel_kernel.PressureAndStiffness: "Pa, Pa m3/kg",
     contact.Contact: "N, N s/m",
-    contact.Overlap: "m, 1",
     flow.Restriction: "m4 Pa, m4",
     flow.Flow: "kg/s, kg/(s Pa)",
     flow.Guide: "m3, 1/Pa",
@@ -155,9 +154,9 @@ def _plain(function: Callable[[float], float]) -> Callable[[Any], float]:
 
 
 def _bound(choose: Callable[[Any, Any], Any], x: Any, limit: Any) -> Any:
-    """min or max; a zero has the unit of the other, as in `_literal_zero`."""
+    """min or max; a bare zero has the unit of the other, as it has for pint's own sums."""
     for one, other in ((x, limit), (limit, x)):
-        if hasattr(other, "units") and si(one) == 0.0:
+        if not hasattr(one, "units") and one == 0.0 and hasattr(other, "units"):
             return choose(other, REGISTRY.Quantity(0.0, other.units))
     return choose(x, limit)
 

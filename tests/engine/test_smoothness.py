@@ -25,18 +25,3 @@ def test_the_misfit_is_smooth_along_a_stiffness(regulated: Injector, stiffness: 
     curvature = np.abs(np.diff(misfits, 2))
     # smooth: 1.5 to 2.0; with edges where a needle lands or the SAC empties within a step: 10 to 13
     assert curvature.max() < 4.0 * np.median(curvature)
-
-
-@pytest.mark.parametrize("stiffness", ["k6", "k7"])
-def test_the_misfit_of_a_short_injection_is_convex_along_a_stiffness(regulated: Injector, stiffness: str) -> None:
-    """Contacts of valve, stop and seat begin and end within steps, wherever the stiffness puts them."""
-    point, name = OperatingPoint(160e6, 400e-6, 5e6, 0.5e6, horizon=1.2e-3), f"plunger_needle.{stiffness}"
-    truth = simulate(regulated, point, time_step=0.25e-6, sample_interval=INTERVAL).mass_rate
-    misfits = []
-    for factor in np.linspace(0.94, 1.06, 121):
-        changed = regulated.with_values({name: factor * regulated.values[name]})
-        rate = simulate(changed, point, time_step=1e-6, sample_interval=INTERVAL).mass_rate
-        misfits.append(np.sum((rate - truth) ** 2))
-    curvature = np.diff(misfits, 2)
-    # smooth: 0.7; with contacts at the force of an instant 0.28 and -6
-    assert curvature.min() > 0.5 * np.median(curvature)

@@ -110,13 +110,6 @@ def draw_from_rail(c: Coefficients, s: State, drawn: float) -> Contents:
 PARTS = 1e9
 
 
-# Of fuel displaced in the first share s of a step, a SAC that relaxes by y in a step has passed on
-# 1 − (e^(−y (1 − s)) − e^(−y))/(y s) by its end. From fuel displaced in all of the step (0) to fuel
-# displaced at its start (1) that is 1 − s + y/3 s (1 − s) + …. A SAC that a needle shuts has y = 0.5 to 1 in steps
-# of 0.5 to 1 µs.
-EARLY = 0.25
-
-
 class StepGeometry(NamedTuple):
     """Lifts and volumes at both ends of the step, the valve's gap (c_d A)² at mid-step [m⁴], and the step [s]."""
 
@@ -224,9 +217,8 @@ def fill_sac(c: Any, s: Any, u: Inputs, upstream: float, discharge: float, geome
     here, store, area, dt = s.sac, s.accumulation.fuel.density, c.needle_seat.area, geometry.dt
     opened = needle_seat.opening_between(geometry.old.tip, geometry.new.tip)
     volume = PARTS * (c.sac.volume + area * opened.mean)
-    # what a needle displaces before it lands in this step acts as from the start: the earlier, the more of it (`EARLY`)
-    shut = 1.0 - opened.share if geometry.new.tip < geometry.old.tip else 0.0
-    landed = shut * (1.0 + EARLY - EARLY * shut)
+    # what a needle displaces before it lands in this step acts as from the start: the earlier, the more of it
+    landed = 1.0 - opened.share if geometry.new.tip < geometry.old.tip else 0.0
     displaced = here.density * (geometry.before.sac - geometry.after.sac)
     early_rise = here.stiffness * displaced * landed * c.sac.per_volume
     pressure = here.pressure + early_rise

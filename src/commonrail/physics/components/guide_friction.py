@@ -51,8 +51,7 @@ def advance_chain(
     after, m = plunger_needle.advance(c, seat, s, load, dt), c.impulse
     half1 = 0.5 * m.i1 * guide_damping(c.guides, 1.0 / speed_at_step(s.v.i1, s.gain.i1))
     half7 = 0.5 * m.i7 * guide_damping(c.guides, 1.0 / speed_at_step(s.v.i7, s.gain.i7))
-    stop = plunger_needle.stop_over_step(c.guides, s.z.i1, dt * (s.v.i1 + 0.5 * s.gain.i1))
-    stopped = 1.0 + 0.5 * m.i1 * stop.damping
+    stopped = 1.0 + 0.5 * m.i1 * plunger_needle.at_stop(c.guides, s.z.i1).damping
     gain1 = (stopped * after.gain.i1 - 2.0 * half1 * s.v.i1) / (stopped + half1)
     gain7 = (after.gain.i7 - 2.0 * half7 * s.v.i7) / (1.0 + half7)
     v1, v7 = s.v.i1 + gain1, s.v.i7 + gain7
@@ -92,9 +91,8 @@ def advance_body(c: Coefficients, seat: SeatContact, s: rigid_body.State, load: 
     """
     free = rigid_body.advance(c, seat, s, load, dt).v
     per_mass = dt / c.total_mass
-    stop = plunger_needle.stop_over_step(c.guides, s.z, dt * s.v)
-    rest = rigid_body.seat_over_step(seat, s.z, dt * s.v)
-    touching = 1.0 + 0.5 * per_mass * (stop.damping + rest.damping)
+    held = plunger_needle.at_stop(c.guides, s.z).damping + plunger_needle.on_seat(seat, s.z).damping
+    touching = 1.0 + 0.5 * per_mass * held
     first = _slowed(c.guides, s.v, touching * free, touching, (per_mass, s.v))
     v = _slowed(c.guides, s.v, touching * free, touching, (per_mass, 0.5 * (s.v + first)))
     return rigid_body.State(s.z + dt * v, v)

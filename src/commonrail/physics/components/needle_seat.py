@@ -5,10 +5,11 @@ from __future__ import annotations
 from math import pi
 from typing import Annotated, NamedTuple
 
-from commonrail.physics.components.contact import TINY_PATH, Overlap
 from commonrail.physics.elementary import cosine, sine
 from commonrail.physics.flow import Contents, laminar_offset, pipe_area
 from commonrail.physics.law import Domain, Q, physics
+
+TINY_PATH = 1e-20  # what counts as no path of the needle [m]
 
 
 class AccumulationParameters(NamedTuple):
@@ -53,8 +54,15 @@ def sac_volume(c: SacCoefficients, seat_area: float, tip_lift: float) -> float:
     return c.volume + seat_area * max(tip_lift, 0.0)
 
 
+class Opening(NamedTuple):
+    """Mean of max(z, 0) over a step [m], z being the lift, and the share of the step in which the seat is open [1]."""
+
+    mean: float
+    share: float
+
+
 @physics
-def opening_between(before: float, after: float) -> Overlap:
+def opening_between(before: float, after: float) -> Opening:
     """Mean opening [m] over a step, and the share of the step in which the seat is open [1], on a straight path.
 
     Both are smooth in the lifts, wherever in the step the needle meets its seat.
@@ -63,7 +71,7 @@ def opening_between(before: float, after: float) -> Overlap:
     """
     both = max(before, 0.0) + max(after, 0.0)
     share = both / max(abs(before) + abs(after), TINY_PATH)
-    return Overlap(0.5 * both * share, share)
+    return Opening(0.5 * both * share, share)
 
 
 class Parameters(NamedTuple):

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable
 from typing import Annotated, Any, NamedTuple
 
-from commonrail.physics.components.contact import Contact, contact, damped_gain, overlap_over_step
+from commonrail.physics.components.contact import Contact, contact, damped_gain
 from commonrail.physics.flow import Guide, guide_of, pipe_area
 from commonrail.physics.law import Domain, Q, physics
 
@@ -374,18 +374,17 @@ _product = each(Nine, lambda x, y: x * y)
 
 
 @physics
-def numerov_correction(c: Coefficients, seat: SeatContact, z: Nine, gain: Nine, resting: float) -> Nine:
+def numerov_correction(c: Coefficients, seat: SeatContact, z: Nine, gain: Nine) -> Nine:
     """Gain of velocity [m/s] by dt²/12 d²F/dt² of k1 to k7, of the joint and of the seat's elastic force.
 
     Numerov's correction: with it leapfrog is of fourth order in these springs; not in needle spring and upper stop. The
     plunger rings on after an injection; the phase of its waves decides the pressure in the control chamber at which the
     next one begins.
 
-    `z`: positions [m]; `gain`: dt times the accelerations at t_n, without contact damping [m/s]; `resting`: share of
-    the step in which the needle is on its seat [1].
+    `z`: positions [m]; `gain`: dt times the accelerations at t_n, without contact damping [m/s].
     """
     joint = c.joint_stiffness * (gain.i6 - gain.i7) if z.i6 < z.i7 else 0.0
-    rest = resting * seat.stiffness * gain.i9
+    rest = seat.stiffness * gain.i9 if z.i9 < 0.0 else 0.0
     f = nodal_forces(_springs(c.k, across(gain)), joint)
     return _product(c.numerov, with_ends(f, f.i1, f.i9 - rest))
 
@@ -405,28 +404,18 @@ def on_seat(seat: SeatContact, tip: float) -> Contact:
     return contact(-tip, seat.stiffness, seat.damping)
 
 
-@physics
-def stop_over_step(g: Guides, top: float, move: float) -> Contact:
-    """Mean contact with the upper stop; `top`: lift of the plunger's top [m]; `move`: displacement in a step [m]."""
-    return contact(overlap_over_step(top - g.stop_lift, move).mean, g.stop_stiffness, g.stop_damping)
-
-
 _advanced = each(Nine, lambda x, step, rate: x + step * rate, shared="step")
 _sum = each(Nine, lambda x, y: x + y)
 
 
 @physics
 def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
-    """State after one leapfrog step; dampers see the velocity extrapolated to t_n; `load`: pressure forces at t_n.
-
-    Stop and seat are averaged over the step, so that the motion is smooth wherever in it they are met.
-    """
+    """State after one leapfrog step; dampers see the velocity extrapolated to t_n; `load`: pressure forces at t_n."""
     f = forces(c, s.z, _extrapolated(s.v, s.gain), load)
-    stop = stop_over_step(c.guides, s.z.i1, dt * (s.v.i1 + 0.5 * s.gain.i1))
-    below = overlap_over_step(-s.z.i9, dt * (s.v.i9 + 0.5 * s.gain.i9))
-    rest, m = contact(below.mean, seat.stiffness, seat.damping), c.impulse
+    stop, rest = at_stop(c.guides, s.z.i1), on_seat(seat, s.z.i9)
+    m = c.impulse
     first = _product(m, with_ends(f, f.i1 - stop.force, f.i9 + rest.force))
-    free = _sum(first, numerov_correction(c, seat, s.z, first, below.share))
+    free = _sum(first, numerov_correction(c, seat, s.z, first))
     gain = with_ends(
         free,
         damped_gain(s.v.i1, free.i1, 0.5 * m.i1 * stop.damping),

@@ -7,16 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from commonrail.physics.components.contact import Contact, contact, damped_gain, overlap_over_step
-from commonrail.physics.components.plunger_needle import (
-    Coefficients,
-    Loads,
-    Motion,
-    SeatContact,
-    at_stop,
-    on_seat,
-    stop_over_step,
-)
+from commonrail.physics.components.contact import damped_gain
+from commonrail.physics.components.plunger_needle import Coefficients, Loads, Motion, SeatContact, at_stop, on_seat
 from commonrail.physics.law import physics
 
 
@@ -34,15 +26,9 @@ def force(c: Coefficients, z: float, load: Loads) -> float:
 
 
 @physics
-def seat_over_step(seat: SeatContact, z: float, move: float) -> Contact:
-    """Mean contact with the needle seat; `z`: lift [m]; `move`: displacement in a step [m]."""
-    return contact(overlap_over_step(-z, move).mean, seat.stiffness, seat.damping)
-
-
-@physics
 def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
     """State after one leapfrog step; `load`: pressure forces at t_n."""
-    stop, rest = stop_over_step(c.guides, s.z, dt * s.v), seat_over_step(seat, s.z, dt * s.v)
+    stop, rest = at_stop(c.guides, s.z), on_seat(seat, s.z)
     per_mass = dt / c.total_mass
     impulse = per_mass * (force(c, s.z, load) + rest.force - stop.force)
     half = 0.5 * per_mass * (rest.damping + stop.damping)
