@@ -42,10 +42,10 @@ def test_more_than_one_quantity_moves_the_type_too(count: int) -> None:
 
 def test_a_quantity_that_was_not_given_is_nearer_than_by_the_flow_alone() -> None:
     truth = with_flow(1.02).with_values({PRELOAD: 1.1 * INJECTOR.values[PRELOAD]})
-    three = cr.adapt(small_type(), injected(truth, *FOUR[1:]))
+    three = cr.adapt(small_type(), injected(truth, *FOUR[:2], FOUR[3]))
     one = cr.adapt(small_type(), injected(truth, FOUR[3]))
-    true, *found = (injected(i, FOUR[0]).quantity[0] for i in (truth, three.injector, one.injector))
-    assert abs(found[0] - true) < 0.5 * abs(found[1] - true)
+    true, *found = (injected(i, FOUR[2]).quantity[0] for i in (truth, three.injector, one.injector))
+    assert abs(found[0] - true) < 0.5 * abs(found[1] - true)  # the tolerance and the priors leave 0.38
 
 
 def test_what_an_adapted_model_misses_is_announced() -> None:
