@@ -496,7 +496,7 @@ def test_the_verb_leaves_a_report(command: Command, tmp_path: Path, log: Logged)
     assert "takes no LOG" in command("observe", "--design", file, "--model", model).sentence
     bare = tmp_path / "bare.csv"
     bare.write_text(file.read_text("utf-8").replace("p [bar]", "p"), encoding="utf-8")
-    assert "--pressure-unit" in command("observe", bare, "--model", model, "--pressure", "p", "--command", "I").sentence
+    assert "--pressure-unit" in command("observe", bare, "--model", model, "--pressure", "p", "--command", "U").sentence
     assert "--noise" in command("observe", "--design", "--model", model, "--noise", "0.1MPa").err
     for wrong, words in (
         (("--model", "virtual-lino-2016"), "ideal rail"),

@@ -24,19 +24,9 @@ SLOPE_STEP = 5e-6  # half of the time over which the slope of the quantity is ta
 class Adjustment(NamedTuple):
     """Steps that a map goes through for a control unit, in this order.
 
-    Attributes
-    ----------
-    smooth : float or None
-        Quantity error (root mean square over the cells) that smoothing may cost [m³].
-    monotone : bool
-        Quantities that do not fall with the energising time, and times that do not fall with the quantity.
-    time_resolution, quantity_resolution : float or None
-        Of the control unit [s], [m³]; the times of the inverse and the quantities of the map are multiples of it.
-
-    Raises
-    ------
-    ConfigurationError
-        From `check`, if a number is not greater than zero.
+    `smooth`: quantity error that smoothing may cost, root mean square over the cells [m³]; `monotone`: quantities do
+    not fall with the energising time, times do not fall with the quantity; `time_resolution` [s] and
+    `quantity_resolution` [m³] of the control unit. None omits a step.
     """
 
     smooth: float | None = None
@@ -60,18 +50,9 @@ UNADJUSTED = Adjustment()
 class Cost(NamedTuple):
     """Quantities after a step less those before it, over the cells of a map.
 
-    Attributes
-    ----------
-    step : str
-        "smooth", "monotone" or "resolution".
-    inverse : bool
-        True for the map of energising times, whose quantities are simulated at the times before and after.
-    rms, largest : float
-        Root mean square, and the difference of the largest size [m³].
-    rail_pressure : float
-        Of the cell with the largest difference [Pa].
-    at : float
-        Energising time [s] of that cell, or its quantity [m³] in the inverse.
+    `step` is "smooth", "monotone" or "resolution"; `inverse` is true for the map of energising times, whose quantities
+    are simulated before and after. Root mean square `rms` and `largest` difference [m³], the latter at a
+    `rail_pressure` [Pa] and `at` an energising time [s], or of the inverse a quantity [m³].
     """
 
     step: str

@@ -97,24 +97,6 @@ def compensation(
     return Compensation(alone, first_energising_time, Variable("dwell", "s", dwell), times, tuple(parts))
 
 
-def over_condition(injector: Injector, axes: MapAxes, condition: Variable, conditions: Conditions) -> Compensation:
-    """Energising times of single injections over a condition: a pressure, or a parameter such as a voltage.
-
-    A small quantity gives the dead time. ConfigurationError if a value of the condition is refused.
-    """
-    check_values(injector, [condition])
-
-    def at(value: float) -> InjectionMap:
-        if condition.name in OPERATING:
-            changed: dict[str, Any] = {condition.name: value}
-            return injection_map(injector, axes, conditions._replace(**changed))
-        return injection_map(injector.with_values({condition.name: value}), axes, conditions)
-
-    inverses = tuple(at(value).inverse for value in condition.values.tolist())
-    times = np.array([inverse.energising_time for inverse in inverses])
-    return Compensation(injection_map(injector, axes, conditions), 0.0, condition, times, inverses)
-
-
 def hold(
     model: Injector | Calibration,
     vary: dict[str, Any],
@@ -172,9 +154,19 @@ def hold_quantities(
             "vary rail_pressure and dwell alone, and give the energising time of a first injection, or vary "
             "rail_pressure and one condition of a single injection."
         )
-    (condition,) = varied.values()
-    condition = condition._replace(values=increasing(condition.values, condition.unit, f"values of {condition.name}"))
-    return over_condition(injector, axes, condition, base.conditions)
+    ((name, condition),) = varied.items()
+    condition = condition._replace(values=increasing(condition.values, condition.unit, f"values of {name}"))
+    check_values(injector, [condition])
+
+    def at(value: float) -> Inverse:
+        changed: dict[str, Any] = {name: value}
+        if name in OPERATING:
+            return injection_map(injector, axes, base.conditions._replace(**changed)).inverse
+        return injection_map(injector.with_values(changed), axes, base.conditions).inverse
+
+    inverses = tuple(map(at, condition.values.tolist()))
+    times = np.array([inverse.energising_time for inverse in inverses])
+    return Compensation(injection_map(injector, axes, base.conditions), 0.0, condition, times, inverses)
 
 
 def fusion_dwell(injector: Injector, base: Base, rail_pressure: Floats, longest: float) -> Floats:
