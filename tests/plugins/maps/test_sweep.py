@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -282,7 +283,7 @@ def test_energising_times_over_a_condition_deliver_the_quantity_under_it() -> No
         found = cr.hold(INJECTOR, {name: values, "rail_pressure": [120e6]}, ["2 mm3"], longest="500 us")
         assert found.energising_time.shape == (2, 1, 1)
         for value, time in zip(values, found.energising_time.ravel().tolist(), strict=True):
-            of_point = {name: value} if name in OPERATING else {}
+            of_point: dict[str, Any] = {name: value} if name in OPERATING else {}
             injector = INJECTOR if of_point else INJECTOR.with_values({name: value})
             delivered = cr.simulate(injector, cr.OperatingPoint(120e6, time, **of_point)).injected_volume
             assert delivered == pytest.approx(2e-9, abs=0.02e-9)
