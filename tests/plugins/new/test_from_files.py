@@ -13,7 +13,7 @@ from scipy.io import savemat
 
 import commonrail as cr
 from commonrail.plugins.new.study import _best_seen, usual_space
-from commonrail.readers.overview import zero_of
+from commonrail.readers.overview import survey, zero_of
 from tests.cli.conftest import Done, run_command
 from tools.bench_files import INTERVAL, SHOT_POINTS, TRUTH, quantities, rate, true_injector, write_bench_files
 
@@ -319,6 +319,7 @@ def test_a_test_plan_is_named(tmp_path: Path) -> None:
     done = run_command("new", tmp_path / "study", "--injector", "cri2-16", "--from", tmp_path / "plan.csv")
     assert done.status == 2
     assert "a test plan" in done.sentence
+    assert "not read" not in survey(tmp_path / "plan.csv").facts["test"]  # it is the names of the tests
 
 
 def test_new_refuses_what_it_cannot_do(bench: Path, tmp_path: Path) -> None:
