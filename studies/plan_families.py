@@ -1,6 +1,7 @@
 """Fit families of injectors to workshops' test plans, and judge them on parts that the fit has not seen.
 
     python -m studies.plan_families PLANS.csv [--family CRI20] [--draws 50] [--steps 8] [--parts] [--write DIR]
+    python -m studies.plan_families PLANS.csv --types [--write DIR]
 
 PLANS.csv has one row for each test with the columns part, family, armature_lift_um, residual_gap_um, needle_lift_um,
 boost_V, peak_A, peak_us, hold_A, test, rail_pressure_MPa, energising_us, nominal_mm3 and half_band_percent; it is read
@@ -18,8 +19,13 @@ Beside them stand regressions without a model, of log(mid load/full load) over t
 and energising time, and over those and the idle quantity, fitted to the same halves, and the median half band of the
 mid loads: a wide band is easily met. With --write all parts of a family are fitted, and DIR has an injector file with
 the dimensions of the part whose full load is the median. A needle lift below 100 um is read as ten times it: one plan
-misprints 250. Bench assumed: 1,000 strokes a minute, cylinder 0.5 MPa, return 0.1 MPa, the catalogue's fuel and
-temperature.
+misprints 250.
+
+With --types the catalogue's types are judged, and fitted further, as who knows no more than a part's full load has
+them: with the dimensions of their file and a flow for each part. With --write DIR has their files with the values that
+all parts of the family give.
+
+Bench assumed: 1,000 strokes a minute, cylinder 0.5 MPa, return 0.1 MPa, the catalogue's fuel and temperature.
 """
 
 from __future__ import annotations
@@ -29,6 +35,7 @@ import csv
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
@@ -134,8 +141,13 @@ def base_of(family: str) -> str:
     return "crin" if family.startswith("CRIN") else "cri2-16"
 
 
-def read_parts(path: Path) -> dict[str, list[Part]]:
-    """Parts by family."""
+def label_of(family: str) -> str:
+    """Name of a family's type in the catalogue."""
+    return f"crin{family[4]}" if family.startswith("CRIN") else f"cri{family[3]}-{family[4]}"
+
+
+def read_parts(path: Path, *, types: bool = False) -> dict[str, list[Part]]:
+    """Parts by family; with `types` each is the catalogue's type, whatever its plan states."""
     with path.open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
     families: dict[str, list[Part]] = {}
@@ -143,7 +155,8 @@ def read_parts(path: Path) -> dict[str, list[Part]]:
         own = [row for row in rows if row["part"] == name]
         stated = {q: float(own[0][k]) * factor for k, (q, factor) in OWN.items() if own[0][k]}
         misprints = {STOP: 10.0 * stated[STOP]} if stated[STOP] < 100e-6 else {}
-        injector = prior_of(own[0]["family"])[0].with_values(stated | misprints)
+        family = own[0]["family"]
+        injector = cr.load_injector(label_of(family)) if types else prior_of(family)[0].with_values(stated | misprints)
         tests = [_test(row) for row in own]
 
         def data(tests: Sequence[cr.PlanTest], name: str = name, injector: cr.Injector = injector) -> cr.PlanData:
@@ -224,12 +237,12 @@ def _deviations(data: cr.PlanData, found: Floats) -> Floats:
     return np.asarray(np.clip(off, -LARGEST, LARGEST))
 
 
-def fit(parts: Sequence[Part], draws: int, steps: int) -> Floats:
-    """Shifts of the shared parameters (names,), fitted with flow and Z-hole of each part.
+def fit(parts: Sequence[Part], draws: int, steps: int, spread: float = SPREAD) -> Floats:
+    """Shifts of the shared parameters (names,), fitted with flow and Z-hole, which has a `spread`, of each part.
 
     The better of two descents: from the prior's middle, and from the best of draws from the prior.
     """
-    own = np.tile([FLOW_SPREAD, SPREAD], len(parts))
+    own = np.tile([FLOW_SPREAD, spread], len(parts))
     wide = np.concatenate([SIGMA, own])
 
     def fun(x: Floats) -> Floats:
@@ -353,6 +366,40 @@ def halves(family: str, parts: Sequence[Part], draws: int, steps: int, *, each: 
     print(f"{family}, regression: {rms}; half bands {half_band(parts):.0f} %", flush=True)
 
 
+ONE_FLOW = 0.003  # spread of the Z-hole where the flow alone is a part's own
+
+
+def judge_types(family: str, parts: Sequence[Part], steps: int, folder: Path | None) -> None:
+    """Print rows of a type with a flow for each part: as it is, fitted to the other half, and fitted to all parts."""
+
+    def row(name: str, judged: Sequence[tuple[Part, Floats]]) -> None:
+        of_flow = [(p, quantities(p, s[None], flow_of(p, s[None]))[0]) for p, s in judged]
+        print(line(f"{family}, {name}", of_flow), flush=True)
+
+    row("catalogue", [(part, np.zeros(COUNT)) for part in parts])
+    halves_of = ((parts[::2], parts[1::2]), (parts[1::2], parts[::2]))
+    row("other half", [(p, s) for train, others in halves_of for s in [fit(train, 0, steps, ONE_FLOW)] for p in others])
+    shifts = fit(parts, 0, steps, ONE_FLOW)
+    row("all parts", [(part, shifts) for part in parts])
+    if folder is not None:
+        write_type(folder, family, parts, shifts)
+
+
+def write_type(folder: Path, family: str, parts: Sequence[Part], shifts: Floats) -> None:
+    """Write the file of a type with values that are shifted, and the flow of its part."""
+    import tomlkit
+
+    source = resources.files("commonrail.physics.catalogue.injectors") / f"{label_of(family)}.toml"
+    document = tomlkit.parse(source.read_text(encoding="utf-8"))
+    part = next(part for part in parts if part.data.name in document["title"])
+    for name, value in zip(NAMES, values_of(part, shifts[None], flow_of(part, shifts[None]))[0].tolist(), strict=True):
+        table, _, key = name.partition(".")
+        unit = part.simulator.injector.quantities[name].unit
+        document[table][key] = float(f"{value:.4g}") if unit == "1" else to_text(float(f"{value:.4g}"), unit)
+    text = tomlkit.dumps(document).replace("12 parts, half", "12 parts, the last time by their flow alone, half")
+    (folder / f"{label_of(family)}.toml").write_text(text, encoding="utf-8")
+
+
 HEADER = """\
 # Type of injectors {title}: dimensions and drive of one part as specified, hydraulics estimated from test plans of its
 # family. Values to start from, no measured injector; docs/howto/test-plan.md says how far they are off.
@@ -374,7 +421,7 @@ def write(folder: Path, family: str, parts: Sequence[Part], shifts: Floats) -> N
     )
     entries |= {name: (value, "E", fitted) for name, value in found.items()}
     title = f"CRIN{family[4]}" if family.startswith("CRIN") else f"CRI{family[3]}.{family[4]}"
-    label = title.lower().replace(".", "-")
+    label = label_of(family)
     numbers = ", ".join(sorted(p.data.name for p in parts))
     lines = [
         HEADER.format(title=title, parts=numbers),
@@ -410,12 +457,16 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=50, help="draws from the prior that are tried as starts")
     parser.add_argument("--steps", type=int, default=8, help="evaluations of each of two descents")
     parser.add_argument("--parts", action="store_true", help="errors of each part of the other half")
+    parser.add_argument("--types", action="store_true", help="judge the catalogue's types by the flow of parts alone")
     parser.add_argument("--write", type=Path, help="judge nothing; folder for an injector of each family")
     args = parser.parse_args()
-    if not args.write:
+    if args.types or not args.write:
         print(HEAD, flush=True)
-    for family, parts in read_parts(args.plans).items():
+    for family, parts in read_parts(args.plans, types=args.types).items():
         if args.family and family not in args.family:
+            continue
+        if args.types:
+            judge_types(family, parts, args.steps, args.write)
             continue
         if args.write:
             shifts = fit(parts, args.draws, args.steps)
