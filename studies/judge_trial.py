@@ -5,8 +5,7 @@
     python -m studies.judge_trial table DIR              # tables of what is there
 
 `foreign` takes the way of a new user: `commonrail new`, `calibrate`, then up to four of the steps that the verdict
-advises. Commands are run as they are printed. A shift that a warning names is put into the study, and bounds that are
-to be widened are widened by half of their width. Each step has a row: errors of what was fitted and of quantities that
+advises, as they are printed. Each step has a row: errors of what was fitted and of quantities that
 were not, the title, what an engineer says by the limits alone (good up to 3 %, usable up to 10 %, of the fitted
 quantities above 3 mm³ and of each curve), and the same errors of two trivial models: the start values times one gain,
 and the map interpolated between its points.
@@ -20,12 +19,12 @@ from __future__ import annotations
 import argparse
 import json
 import re
+import shlex
 import shutil
 import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -75,74 +74,37 @@ def judge_foreign(name: str, folder: Path) -> Iterator[Record]:
     sources = [word for file in files for word in ("--from", str(file))]
     pressures = ["--cylinder-pressure", "5MPa", "--return-pressure", "0.1MPa"]
     command(["new", "study", "--injector", str(place / "files" / "injector.toml"), *sources, *pressures], place)
-    study, step = place / "study" / "study.toml", "calibrate"
+    study, line = place / "study" / "study.toml", ["calibrate"]
     done: set[str] = set()
     for number in range(STEPS + 1):
         run = place / f"run{number}"
-        if step == "calibrate":
-            command(["calibrate", str(study), "--out", str(run), "--no-live", "--threads", "1"], place)
-        else:  # a command changes its run folder: it gets a copy, so that each row stays to be read
+        if line[0] == "calibrate":
+            command([*(line if number else ["calibrate", str(study)]), "--out", str(run), "--no-live", *ONE], place)
+        else:  # the command changes its run folder: it gets a copy, so that each row stays to be read
             shutil.copytree(place / f"run{number - 1}", run)
-            command([*step.split()[1:], "--threads", "1"], place)
+            command([str(run) if word == str(place / f"run{number - 1}") else word for word in line] + ONE, place)
         record = json.loads((run / "result.json").read_text(encoding="utf-8"))
-        row, steps = row_of(name, step, record, run, unseen)
+        row, steps = row_of(name, " ".join(line), record, run, unseen)
         yield row
-        done.add(step.replace(run.name, ""))
-        step = follow(record, steps, study, run, place / f"run{number + 1}", done)
-        if not step:
+        line = next((words for _, text in steps if (words := followed(text, done))), [])
+        if not line:
             return
 
 
-def follow(record: Record, steps: Sequence[tuple[str, str]], study: Path, run: Path, then: Path, done: set[str]) -> str:
-    """Do what the steps advise by hand; the next command in its folder `then`, "calibrate", or empty for none."""
-    text = changed = study.read_text(encoding="utf-8")
-    for warning in record["warnings"]:
-        if found := re.search(r"come (\d+) µs (later|earlier)", warning["sentence"]):
-            late = float(found[1]) * (1.0 if found[2] == "later" else -1.0)
-            changed = _with_zero(changed, warning["subject"], late)
-    bounded = [p for p in record["parameters"] if p["at_bound"]]
-    if any(p["name"] in words for words, _ in steps for p in bounded):
-        changed = _widened(changed, bounded, study)
-    if changed != text:
-        study.write_text(changed, encoding="utf-8")
-        return "calibrate"
-    for _, line in steps:
-        line = line.replace(str(run), str(then))
-        many = re.search(r"--starts (\d+)", line)
-        fits = re.match(r"commonrail (certainty|resume) ", line) and int(many[1] if many else 0) <= STARTS
-        if fits and line.replace(then.name, "") not in done:
-            return line
-    return ""
+ONE = ["--threads", "1"]
 
 
-def _with_zero(text: str, name: str, late: float) -> str:
-    """Text of a study with the time zero [us] of a data set moved."""
-    head, found, rest = text.partition(f'name = "{name}"')
-    if not found:
-        return text
-    old = re.search(r'time_zero = "([-.\d]+) us"', rest)
-    return text if old is None else head + found + rest.replace(old[0], f'time_zero = "{float(old[1]) + late:g} us"', 1)
-
-
-def _widened(text: str, parameters: Sequence[Record], study: Path) -> str:
-    """Text of a study with bounds moved outwards by half of their width, on the side where values end.
-
-    Bounds that cannot be, such as a discharge coefficient above one, are left as they are; `study`: its file.
-    """
-    for p in parameters:
-        width, upper = p["upper"] - p["lower"], p["position"] > 0.5
-        key = "upper" if upper else "lower"
-        value = p["upper"] + 0.5 * width if upper else max(p["lower"] - 0.5 * width, 0.3 * p["lower"])
-        pattern = rf'(name = "{re.escape(p["name"])}"[^\[]*?{key} = )"[^"]*"'
-        unit = "" if p["unit"] == "1" else f" {p['unit']}"
-        wider = re.sub(pattern, rf'\g<1>"{value:.6g}{unit}"', text, count=1)
-        trial = study.with_name("wider.toml")
-        trial.write_text(wider, encoding="utf-8")
-        with suppress(cr.CommonrailError):
-            cr.load_study(trial)
-            text = wider
-        trial.unlink()
-    return text
+def followed(text: str, done: set[str]) -> list[str]:
+    """Words of an advised command behind "commonrail" that is followed and was not before, else none."""
+    words = shlex.split(text)[1:]
+    kind = re.sub(r"\S*/", "", " ".join(words))
+    many = re.search(r"--starts (\d+)", text)
+    changes = {"--widen", "--free"} & set(words) if words[:1] == ["calibrate"] else words[:1]
+    fits = words[:1] and words[0] in ("calibrate", "certainty", "resume") and changes
+    if not fits or int(many[1] if many else 0) > STARTS or kind in done:
+        return []
+    done.add(kind)
+    return words
 
 
 def row_of(
