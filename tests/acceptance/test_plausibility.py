@@ -99,8 +99,8 @@ NONSENSE: dict[str, tuple[Spoil, str, str]] = {
     "all zeros": (scaled(0.0), "constant", "values of the rate are zero"),
     "mm3 labelled mg": (in_data(lambda t: t.replace("mm3/ms", "mg/ms")), "gain", "volumes (mm3) labelled as masses"),
     "L/min": (in_data(lambda t: t.replace("mm3/ms", "L/min")), "quantity", "mm3/ms read as L/min would do that"),
-    "ET 0.7 us": (in_study((ET, 'energising_time = "0.7 us"')), "energising", "energised for 700 ns"),
-    "ET 70 ms": (in_study((ET, 'energising_time = "70 ms"')), "energising", "energised for 70 ms"),
+    "ET 0.7 us": (in_study((ET, 'energising_time = "0.7 us"')), "energising", "time is 700 ns"),
+    "ET 70 ms": (in_study((ET, 'energising_time = "70 ms"')), "energising", "time is 70 ms"),
     "lift 55 mm": (lifted, "parameter", "lift from seat to stop is 55 mm"),
     "trigger 45 us late": (delayed(15), "shift", "µs later than the simulation"),
 }

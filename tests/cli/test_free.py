@@ -13,6 +13,7 @@ from commonrail.calibration.study_file import edit_study
 from commonrail.calibration.usual import BENCH
 from commonrail.plugins.new.study import write_new
 from commonrail.report.fit.verdict import verdict
+from commonrail.runs.copies import study_of_run
 from commonrail.runs.folder import read_result
 from commonrail.runs.study_edits import free_in
 from tests.cli.conftest import run_command
@@ -72,6 +73,7 @@ def test_the_command_frees_and_says_where_it_stands(study: Path, tmp_path: Path)
     done = run_command("calibrate", str(study), "--free", "valve.mass", "--out", str(tmp_path / "run"), "--no-live")
     assert done.status == 0
     assert "valve.mass" in (tmp_path / "run" / "study.toml").read_text(encoding="utf-8")
+    assert Path(study_of_run(tmp_path / "run")) == tmp_path / "run" / "study.toml"  # where the next one is freed
     both = run_command("calibrate", str(study), "--free", "valve.mass", "--widen", str(tmp_path / "run"))
     assert both.status == 2
 

@@ -14,7 +14,7 @@ from commonrail.base.errors import CommonrailError, InputError, StudyError
 from commonrail.base.input import SUMS, listed, read_plain, sha256
 from commonrail.base.output import replacing, writing
 from commonrail.runs.folder import DRAWS, MEMBER, RESULT, STUDY, TRACES, UPDATE
-from commonrail.runs.journal import JOURNAL, LOCK, Input, read_inputs
+from commonrail.runs.journal import JOURNAL, LOCK, Input, read_about, read_inputs
 
 OUTSIDE = "inputs"  # folder for files from beyond the study's own, and for those with the name of a result
 RESERVED = (STUDY, "calibrated.toml", DRAWS, RESULT, TRACES, UPDATE, "report.html", SUMS.lower(), JOURNAL, LOCK)
@@ -119,12 +119,15 @@ def set_in_text(text: str, keys: tuple[str, ...], value: int | str) -> str:
 def study_of_run(folder: str | Path, file: str = STUDY) -> str:
     """File to edit and to calibrate again after a run: the user's as long as it exists, else the run's own copy.
 
-    `file` is the name of the copy. A file that lies in a run folder is a copy itself, and the later one counts.
+    `file` is the name of the copy. A file that lies in a run folder is a copy itself, and the later one counts; so it
+    is where the run changed the study (`calibrate --free`), which the copy alone has.
     """
     copy = Path(folder) / file
     with suppress(CommonrailError, OSError):
-        for origin in (Path(item.origin) for item in read_inputs(Path(folder)) if item.name == file):
-            if origin.is_file() and not (origin.parent / JOURNAL).exists():
+        given = read_about(Path(folder)).get("given")
+        for item in (item for item in read_inputs(Path(folder)) if item.name == file):
+            origin, is_changed = Path(item.origin), given and item.original != sha256(given.encode())
+            if origin.is_file() and not (origin.parent / JOURNAL).exists() and not is_changed:
                 below = origin.is_relative_to(Path.cwd())
                 return (origin.relative_to(Path.cwd()) if below else origin).as_posix()
     return copy.as_posix()

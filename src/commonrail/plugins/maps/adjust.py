@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.optimize import isotonic_regression
-from scipy.sparse import csc_array, diags_array, eye_array, kron
-from scipy.sparse.linalg import spsolve
 
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.plugins.maps.axes import MapAxes
 from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.inverse import Inverse, Simulate
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array
 
 STRENGTHS = (-12.0, 7.0)  # decimal logarithm of the weakest and the strongest smoothing
 HALVINGS = 14  # of that range: to a thousandth of a decade
@@ -160,6 +160,8 @@ def monotone(values: Floats) -> Floats:
 
     Neighbours that fall are pooled to their mean (isotonic regression, Barlow et al. 1972; Busing 2022).
     """
+    from scipy.optimize import isotonic_regression  # slow to import
+
     found = values.copy()
     for row in found:
         sound = np.isfinite(row)
@@ -182,6 +184,9 @@ def smooth(
     stay as they are. The strength of the penalty is the largest that the cost allows (Morozov 1966). Values that are
     NaN, or whose weight is zero, follow from the others.
     """
+    from scipy.sparse import csc_array, diags_array, eye_array, kron  # slow to import
+    from scipy.sparse.linalg import spsolve
+
     sound = np.isfinite(values) & (weight > 0.0)
     if not sound.any():
         return values
@@ -211,6 +216,8 @@ def smooth(
 
 def _bending(axis: Floats) -> csc_array:
     """Matrix (n, n) of the sum of squared second divided differences over an axis in units of its mean spacing."""
+    from scipy.sparse import csc_array, diags_array
+
     if len(axis) < 3:
         return csc_array((len(axis), len(axis)))
     h = np.diff(axis) / np.mean(np.diff(axis))

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import RegularGridInterpolator
 
 from commonrail.base.arguments import Quantity, array, flag, instance, mapping, number
 from commonrail.base.arrays import Bools, Floats, IndexArray
@@ -189,6 +188,8 @@ class InjectionMap(Shown):
 
 def _interpolator(axes: tuple[Floats, Floats], values: Floats) -> Callable[[Floats], Floats]:
     """Function of points (..., 2) that interpolates linearly, and gives NaN outside of the axes."""
+    from scipy.interpolate import RegularGridInterpolator  # slow to import
+
     found: Callable[[Floats], Floats] = RegularGridInterpolator(axes, values, bounds_error=False, fill_value=np.nan)
     return found
 
