@@ -235,7 +235,7 @@ QUANTITY = "quantity"  # finding about single quantities too, as where an inject
 
 
 # Turns of the steps: a bound that is hit falsifies the search, which the values to adopt come from, which a map shows.
-WIDEN, ON, OTHER, USE = range(-2, 2)
+WIDEN, FREE, ON, OTHER, USE = range(-3, 2)  # bounds first: what a test suspects at a bound may be the bound
 
 
 class ReportVerdict(NamedTuple):
@@ -315,10 +315,10 @@ def _tests(record: Record, advice: Advice) -> Iterator[Point]:
         if test["found"]:
             words = str(test["sentence"])
             chances = (number(test.get(key)) for key in ("probability", "score", "size"))
-            step = Step(text, advice.calibrate(), WIDEN)
+            step = Step(text, advice.calibrate(), FREE)
             if free := _suspect(record, test):
                 words_of_step = f"Free {free}, which the data look like, unless you can measure and state it."
-                step = Step(words_of_step, advice.calibrate(free=free), WIDEN)
+                step = Step(words_of_step, advice.calibrate(free=free), FREE)
             reason = f"{words[:1].upper()}{words[1:]}."
             yield Point(Kind.TEST, reason, step, probability=min(p for p in (*chances, 1.0) if p is not None))
 
