@@ -18,6 +18,8 @@ from commonrail.runs.folder import read_result
 from commonrail.runs.study_edits import free_in
 from tests.cli.conftest import run_command
 
+CASES = Path(__file__).resolve().parents[2] / "cases"
+
 
 @pytest.fixture
 def study(tmp_path: Path) -> Path:
@@ -63,6 +65,39 @@ def test_a_stated_quantity_of_a_meter_is_where_the_search_starts(study: Path) ->
     assert parameter.lower < 700e-6 <= parameter.upper
 
 
+def test_what_a_type_frees_stays_free() -> None:
+    """A study that names no parameter has those of its type: with one more table these are named too."""
+    path = CASES / "family" / "164.toml"
+    before, found = cr.load_study(path), freed(path, "sac.volume")
+    assert set(found.space.names) == {*before.space.names, "sac.volume"}
+
+
+def test_the_temperature_of_the_fuel_stays_within_its_laws(study: Path) -> None:
+    found = freed(study, "fuel.temperature")
+    parameter, (low, high) = found.space.parameters[-1], found.injector.fuel.temperature_range
+    assert low <= parameter.lower < parameter.upper <= high
+
+
+def test_a_value_that_the_study_fixes_is_free_from_there(study: Path) -> None:
+    fixed = '\n[[fixed]]\nname = "valve.mass"\nvalue = "5 g"\nmark = "M"\nsource = "scales"\n'
+    study.write_text(study.read_text(encoding="utf-8") + fixed, encoding="utf-8")
+    assert freed(study, "valve.mass").space.parameters[-1].reference == pytest.approx(5e-3)
+
+
+def test_parameters_that_are_written_inline_take_one_more(study: Path) -> None:
+    text = study.read_text(encoding="utf-8")
+    head, _, rest = text.partition("[[parameter]]")
+    tail = rest[rest.index("[optimiser]") :]
+    inline = 'parameter = [{ name = "nozzle.discharge_maximum", lower = 0.7, upper = 0.95 }]\n'
+    study.write_text(head.replace("[[data]]", f"{inline}\n[[data]]", 1) + tail, encoding="utf-8")
+    assert freed(study, "valve.mass").space.names == ("nozzle.discharge_maximum", "valve.mass")
+
+
+def test_a_meter_that_no_data_of_the_kind_have_is_refused(study: Path) -> None:
+    with pytest.raises(InputError, match="quantity_offset"):
+        freed(study, "meter.bench.quantity_offset")  # curves do not see it
+
+
 @pytest.mark.parametrize("name", ["valve.mas", "meter.bench.speed", "meter.delay", "nozzle.discharge_maximum"])
 def test_what_cannot_be_freed_is_refused(study: Path, name: str) -> None:
     with pytest.raises(InputError, match=name):
@@ -85,6 +120,7 @@ def test_the_command_frees_and_says_where_it_stands(study: Path, tmp_path: Path)
         ({"name": "fixed values", "suspect": "nozzle.discharge_maximum"}, ""),  # it is free
         ({"name": "160 MPa", "suspect": "bandwidth"}, "meter.bench.cutoff"),
         ({"name": "meter.unnamed.delay", "suspect": "beyond what is stated"}, "meter.bench.delay"),
+        ({"name": "fixed values", "suspect": "fuel.temperature"}, "fuel.temperature"),
         ({"name": "discrepancy", "suspect": "discrepancy"}, ""),
     ],
 )

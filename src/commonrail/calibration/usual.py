@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.parameter import Parameter, Prior
-from commonrail.physics.injector import Injector
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.law import Domain
 
 # Half widths of ranges as shares of the value, chosen: how far an estimate is off where nobody has measured.
@@ -15,6 +15,7 @@ LENGTH, SMALL_LENGTH, ANGLE, COEFFICIENT, OTHER = 0.05, 0.2, 0.1, 0.15, 0.4
 # Length below which a part is measured with difficulty [m]: estimates of the catalogue's injectors differ by 10 to 37 %
 # up to the diameter of the needle's seat, and by 0.2 % for the plunger's.
 SMALL = 2.5e-3
+TEMPERATURE = 15.0  # how far the fuel's temperature at the injector may be from that in the tank [K]
 REACH, LEAST_SHARE = 2.5, 0.2  # bounds about a prior, in half widths; smallest share of the value
 USUAL = "how far an estimate is usually off"  # source of a prior
 
@@ -26,6 +27,8 @@ def usual_parameter(injector: Injector, name: str, wider: float = 1.0) -> Parame
     `ConfigurationError` if no range is known.
     """
     q, value = injector.quantities[name], injector.values[name]
+    if name == FUEL_TEMPERATURE:
+        return _temperature(injector, value)
     share = {"m": LENGTH, "rad": ANGLE, "1": COEFFICIENT}.get(q.unit, OTHER)
     if q.unit == "m" and abs(value) < SMALL:
         share = SMALL_LENGTH
@@ -40,11 +43,21 @@ def usual_parameter(injector: Injector, name: str, wider: float = 1.0) -> Parame
     return Parameter(name, value, low, high, q.unit, mark=source.mark, source=source.text, signed=True)  # type: ignore[arg-type]
 
 
+def _temperature(injector: Injector, value: float) -> Parameter:
+    """Fuel temperature within what a bench leaves open, and the range of the fuel."""
+    low, high = injector.fuel.temperature_range
+    ends = max(value - TEMPERATURE, low), min(value + TEMPERATURE, high)
+    source = injector.sources[FUEL_TEMPERATURE]
+    return Parameter(FUEL_TEMPERATURE, value, *ends, "K", mark=source.mark, source=source.text)  # type: ignore[arg-type]
+
+
 def with_usual_prior(injector: Injector, parameter: Parameter) -> Parameter:
     """Parameter whose usual range is the standard deviation of a prior, within bounds beyond it."""
     value, half = parameter.reference, abs(parameter.reference - parameter.lower)
     if value == 0.0:  # its range is no estimate of how far it is off
         return parameter
+    if parameter.name == FUEL_TEMPERATURE:
+        return replace(parameter, prior=Prior(value, 0.5 * TEMPERATURE, USUAL))
     ends = (
         value - math.copysign(min(REACH * half, (1.0 - LEAST_SHARE) * abs(value)), value),
         value + math.copysign(REACH * half, value),

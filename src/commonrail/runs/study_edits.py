@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from commonrail.base.errors import InputError, StudyError, nearest
+from commonrail.base.registry import installed_text
 from commonrail.base.units import parse, to_text
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file import edit_study, load_study
 from commonrail.calibration.usual import USUAL, USUAL_OF_METER, usual_parameter, with_usual_prior
+from commonrail.data.registry import kind_of
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.meters import QUANTITIES, is_of_meter, known_quantity, parameter_name, parts_of
 from commonrail.runs.folder import read_result
@@ -22,24 +24,44 @@ def exact(value: float, unit: str) -> str | float:
     return float(value) if unit == "1" else f"{float(value)!r} {unit}"
 
 
-def table_of(document: Any, parameter: Mapping[str, Any]) -> Any:
-    """Table of a free parameter in a document, its bounds stated outright; of one that only a type frees, a new one.
+def complete(document: Any, free: Sequence[str]) -> None:
+    """State in a document what a type frees and what an installed package describes, so that it can be changed.
 
-    `parameter`: its record in result.json. An empty table for a meter that an installed package describes.
+    `free`: names of all free parameters of the study.
     """
     import tomlkit  # slow to import
 
+    for name in dict.fromkeys(block.get("meter") for block in document["data"]):
+        if name and name not in document.get("meters", {}) and (text := installed_text("meters", name)):
+            meters = document.setdefault("meters", tomlkit.table(is_super_table=True))
+            meters[name] = tomlkit.parse(text)["meters"][name]
+    if "type" in document and not document.get("parameter"):
+        for name in free:
+            if not is_of_meter(name):
+                append(document, "parameter", {"name": name})
+
+
+def append(document: Any, key: str, values: Mapping[str, Any]) -> None:
+    """Append a table to an array of a document, which is written as tables or inline."""
+    import tomlkit  # slow to import
+
+    items = document.setdefault(key, tomlkit.aot())
+    table = tomlkit.inline_table() if isinstance(items, tomlkit.items.Array) else tomlkit.table()
+    table.update(values)
+    items.append(table)
+
+
+def table_of(document: Any, parameter: Mapping[str, Any]) -> Any:
+    """Table of a free parameter in a `complete` document, its bounds stated outright.
+
+    `parameter`: its record in result.json.
+    """
     name, meters = parameter["name"], document.get("meters", {}).items()
     tables = [meter[key] for label, meter in meters for key in meter if parameter_name(label, key) == name]
-    tables += [table for table in document.get("parameter", ()) if table["name"] == name]
-    if not tables and not is_of_meter(name):
-        tables.append(tomlkit.table())
-        tables[0]["name"] = name
-        document.setdefault("parameter", tomlkit.aot()).append(tables[0])
-        return document["parameter"][-1]
-    table = tables[0] if tables else {}
-    if "below" in table:
-        del table["below"], table["above"]
+    table = next(table for table in [*tables, *document.get("parameter", ())] if table.get("name", name) == name)
+    if "lower" not in table:
+        for key in ("below", "above"):
+            table.pop(key, None)
         table.update({key: exact(parameter[key], parameter["unit"]) for key in ("lower", "upper")})
     return table
 
@@ -89,6 +111,7 @@ def widen_study(path: Path, run: Path) -> tuple[Study, list[MovedBound]]:
         raise StudyError(f"{run}: no parameter has met a bound that can be widened; calibrate without --widen.")
 
     def change(document: Any) -> None:
+        complete(document, list(known))
         for parameter in parameters:
             own = {one.side: one.after for one in moved if one.name == parameter["name"]}
             for side in ("lower", "upper"):
@@ -106,8 +129,8 @@ def free_in(injector: Injector, free: Sequence[str], names: Sequence[str]) -> Ca
     """Edit for `edit_study` that frees parameters within their usual ranges, those of the injector with a prior.
 
     `free`: names that the study has free; `names`: dotted names of parameters, or of quantities of meters as
-    "meter.bench.delay". A meter that is not there is that of all data of a bench that state none. Raises `InputError`
-    for a name that is unknown, or free before.
+    "meter.bench.delay". A meter that is not there is that of all data which state none and see the quantity. Raises
+    `InputError` for a name that is unknown, or free before.
     """
     for name in names:
         if name in free:
@@ -123,9 +146,11 @@ def free_in(injector: Injector, free: Sequence[str], names: Sequence[str]) -> Ca
     injector.check_read([name for name in names if not is_of_meter(name)])
 
     def change(document: Any) -> None:
+        complete(document, free)
+        there = set(document.get("meters", {}))
         for name in names:
             if is_of_meter(name):
-                _free_of_meter(document, *parts_of(name))
+                _free_of_meter(document, *parts_of(name), is_new=parts_of(name)[0] not in there)
             else:
                 _free_of_injector(document, with_usual_prior(injector, usual_parameter(injector, name)))
 
@@ -135,25 +160,29 @@ def free_in(injector: Injector, free: Sequence[str], names: Sequence[str]) -> Ca
 def _free_of_injector(document: Any, parameter: Parameter) -> None:
     import tomlkit  # slow to import
 
-    table = tomlkit.table()
-    table["name"] = parameter.name
-    table.update({key: exact(getattr(parameter, key), parameter.unit) for key in ("lower", "upper")})
+    values: dict[str, Any] = {"name": parameter.name}
+    values |= {key: exact(getattr(parameter, key), parameter.unit) for key in ("lower", "upper")}
     if parameter.prior is not None:
         value, sigma = (exact(size, parameter.unit) for size in (parameter.prior.value, parameter.prior.sigma))
-        table["prior"] = tomlkit.inline_table() | {"value": value, "sigma": sigma, "source": USUAL}
-    document.setdefault("parameter", tomlkit.aot()).append(table)
+        values["prior"] = tomlkit.inline_table() | {"value": value, "sigma": sigma, "source": USUAL}
+    fixed = document.get("fixed", [])
+    for i in reversed([i for i, one in enumerate(fixed) if one["name"] == parameter.name]):
+        del fixed[i]  # its value is that of the injector here
+    append(document, "parameter", values)
 
 
-def _free_of_meter(document: Any, meter: str, key: str) -> None:
+def _free_of_meter(document: Any, meter: str, key: str, *, is_new: bool) -> None:
     import tomlkit  # slow to import
 
     meters = document.setdefault("meters", tomlkit.table(is_super_table=True))
     if meter not in meters:
         meters[meter] = tomlkit.table() | {"mark": "E", "source": USUAL}
-        kind = "quantities" if key == "quantity_offset" else "rate"
-        for block in document["data"]:
-            if block["kind"] == kind:
-                block.setdefault("meter", meter)
+    seeing = [block for block in document["data"] if key in kind_of(block["kind"]).meter_inputs]
+    if is_new:
+        for block in seeing:
+            block.setdefault("meter", meter)
+    if not any(block.get("meter") == meter for block in seeing):
+        raise InputError(f"--free {parameter_name(meter, key)}: no data of this meter depend on it; name another one.")
     quantity = tomlkit.inline_table() | USUAL_OF_METER[key]
     stated = meters[meter].get(key)  # the search starts from what is stated
     if stated is not None:

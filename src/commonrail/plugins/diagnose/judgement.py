@@ -13,7 +13,7 @@ from commonrail.base.hooks import quiet
 from commonrail.data.records import record_head
 from commonrail.physics.injector import Injector
 from commonrail.plugins.diagnose.faults import FaultTable
-from commonrail.plugins.diagnose.run import SOUND, WORKSHOP, Diagnosis, diagnose
+from commonrail.plugins.diagnose.run import SOUND, Diagnosis, diagnose
 from commonrail.plugins.diagnose.trim import STEP, PartTrim, trim
 from commonrail.plugins.plans.run import PlanResult, run_plan
 from commonrail.plugins.plans.study import TestPlan, load_plan
@@ -60,18 +60,19 @@ def judge_part(
     sound: float | str = SOUND,
     step: Quantity = STEP,
     stroke_rate: Quantity | None = None,
-    noise: float | str = WORKSHOP,
+    noise: float | str | None = None,
     nominal: bool = False,
     faults: FaultTable | str | PathLike[str] | None = None,
     **bench: Any,
 ) -> PartJudgement:
     """Judge a part by its test plan, find the fault that explains its results, and trim it.
 
-    The arguments are those of `diagnose` and `trim`, `bench` those of `run_plan`, and so are the errors; a part that
-    cannot be trimmed has the reason in place of a trim.
+    The arguments are those of `diagnose` and `trim`, each with its own noise unless one is stated; `bench` are those of
+    `run_plan`, and so are the errors. A part that cannot be trimmed has the reason in place of a trim.
     """
     plan = results if isinstance(results, TestPlan) else load_plan(results)
-    settings: dict[str, Any] = {"noise": noise, "nominal": nominal, "faults": faults, **bench}
+    settings: dict[str, Any] = {"nominal": nominal, "faults": faults, **bench}
+    settings |= {} if noise is None else {"noise": noise}
     diagnosis = diagnose(injector, plan, sound=sound, stroke_rate=stroke_rate, **settings)
     judged = run_plan(injector, plan, stroke_rate=stroke_rate, **bench)
     try:

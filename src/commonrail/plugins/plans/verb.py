@@ -99,7 +99,12 @@ def _read_part(text: str) -> NamedModel:
     from commonrail.cli.model_name import read_model_name
     from commonrail.readers.part_number import LENGTH, find_part
 
-    if len(part_digits(text)) == LENGTH and not Path(text).exists():
+    if (
+        len(part_digits(text)) == LENGTH
+        and not Path(text).suffix
+        and Path(text).name == text
+        and not Path(text).exists()
+    ):
         matches = find_part(text)
         if not any(match.kind == "exact" for match in matches):
             reason = " ".join(match.reason for match in matches) or "No type of the catalogue is of this kind of part."

@@ -235,7 +235,8 @@ def _baseline(data: DataSet, score: Score, fitted: Sequence[DataSet]) -> dict[st
     nearest = min(curves, key=lambda one: float(np.abs(np.log(_place(one) / place)).sum()))
     volume = np.append(0.0, np.cumsum(nearest.rate * np.diff(nearest.bounds)))
     trivial = replace(score, values=np.diff(np.interp(data.bounds, nearest.bounds, volume)) / np.diff(data.bounds))
-    beaten = _error_of(data, score)["size"] < _error_of(data, trivial)["size"]
+    own, other = (_error_of(data, one)["size"] for one in (score, trivial))
+    beaten = None if own is None or other is None else own < other
     return {"text": f"the nearest fitted curve, {nearest.name}", "beaten": beaten}
 
 

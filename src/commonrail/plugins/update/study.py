@@ -20,7 +20,7 @@ from commonrail.readers.overview import UNKNOWN, Survey
 from commonrail.readers.toml import read_toml
 from commonrail.runs.folder import STUDY
 from commonrail.runs.journal import Input
-from commonrail.runs.study_edits import exact, table_of
+from commonrail.runs.study_edits import append, complete, exact, table_of
 
 # Keys that a new file takes over from the fitted data of its kind, where these agree and the file does not state its
 # own: how the bench measures. A window is not among them: it belongs to the times of one file.
@@ -124,7 +124,8 @@ def updated_study(
             if block["name"] in gone:
                 del document["data"][i]
         for block in tomlkit.parse("\n".join(lines))["data"]:
-            document["data"].append(block)
+            append(document, "data", block)
+        complete(document, [parameter["name"] for parameter in parameters])
         for i, parameter in enumerate(parameters):
             table, best, unit = table_of(document, parameter), parameter["best"], parameter["unit"]
             table.pop("reference", None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -329,12 +330,15 @@ _OF_METER = {"delay": "delay", "bandwidth": "cutoff", "gain": "gain", "offset": 
 def _suspect(record: Record, test: Record) -> str:
     """Dotted name of what a test suspects and a study can free; empty if there is none."""
     known, suspect = {p["name"] for p in record["parameters"]}, str(test.get("suspect"))
+    stated = {data.get("meter") for data in record["data"]}
+    names = itertools.chain([BENCH], (f"{BENCH}{i}" for i in itertools.count(2)))
+    added = next(name for name in names if name not in stated)
     name = suspect if suspect in parameter_quantities() else str(test.get("name"))
     for data in record["data"]:
         if data["name"] == name and suspect in _OF_METER and data["kind"] == "rate":
-            name = parameter_name(data.get("meter") or BENCH, _OF_METER[suspect])
+            name = parameter_name(data.get("meter") or added, _OF_METER[suspect])
     if is_of_meter(name) and parts_of(name)[0] == UNNAMED:
-        name = parameter_name(BENCH, parts_of(name)[1])
+        name = parameter_name(added, parts_of(name)[1])
     can_be = name in parameter_quantities() or (is_of_meter(name) and parts_of(name)[1] in USUAL_OF_METER)
     return name if can_be and name not in known else ""
 
