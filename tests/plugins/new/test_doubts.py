@@ -1,4 +1,4 @@
-"""What the files of a bench leave open, and `new` asks about: delay of the meter, unit of the rate, operating point."""
+"""`new` asks about what files of a bench leave open: delay of the meter, unit of the rate, operating point."""
 
 from __future__ import annotations
 
