@@ -44,6 +44,7 @@ GROUPS = (
     "study_keys",
     "after_fit",
     "pages",
+    "openings",
     "live",
     "inspectors",
     "simulations",
@@ -68,7 +69,8 @@ class Entry(NamedTuple):
         ending of a file without its point; of "results" the record file by which a folder tells its kind, such as
         "comparison.json"; of "studies" NAME where the file has the format "commonrail-NAME/1" and a run folder keeps it
         as "NAME.toml"; of "study_keys" the key of a study file that names a file of the part; of "pages" the file in a
-        run folder that `report --page` writes; of "simulations" "page" and "figure", what a single simulation is shown
+        run folder that `report --page` writes; of "openings" the file in a run folder whose sentences open its
+        report; of "simulations" "page" and "figure", what a single simulation is shown
         with, "heating", what is estimated beside it, and ".dat" for a file of `simulate --out` that ends so; of
         "after_fit" and "live" any, and they are called in alphabetical order of it after those that ship.
     target : str

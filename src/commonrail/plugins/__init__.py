@@ -52,6 +52,7 @@ SHIPPED: dict[str, dict[str, str]] = {
     "study_keys": {"type": "commonrail.plugins.family.injector_type:with_type"},
     "workers": {"cluster": "commonrail.plugins.cluster:Cluster"},
     "pages": {"bench.html": "commonrail.plugins.page.page:page_of_run"},
+    "openings": {"update.json": "commonrail.plugins.update.page:read_opening"},
     "live": {"page": "commonrail.plugins.page.live:live_chart"},
     "simulations": {
         "page": "commonrail.plugins.features.anatomy:anatomy_html",

@@ -41,7 +41,7 @@ from commonrail.report.fit.verdict import (
 )
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind, kind_of
-from commonrail.runs.folder import DRAWS, RESULT, TRACES, UPDATE, final_text, read_draws, read_record
+from commonrail.runs.folder import DRAWS, RESULT, TRACES, final_text, read_draws
 from commonrail.runs.journal import JOURNAL, best_course, held_run
 from commonrail.runs.traces import read_traces
 
@@ -101,7 +101,9 @@ def _page(record: Record, folder: Path, live: bool = True) -> str:
         course=_course(folder),
         draws=_draws(folder, record),
         live=_live(record, folder) if live else "",
-        update=read_record(folder / UPDATE, "commonrail update")["lines"] if (folder / UPDATE).is_file() else (),
+        openings=[
+            part.call(folder) for name, part in registry.entries("openings").items() if (folder / name).is_file()
+        ],
     )
 
 
@@ -144,14 +146,14 @@ def report_html(
     course: Floats | None = None,
     draws: Mapping[str, Floats] = {},
     live: str = "",
-    update: Sequence[str] = (),
+    openings: Sequence[tuple[str, Sequence[str]]] = (),
 ) -> str:
     """Page of a calibration from its record and its curves by data set.
 
     `run` is the folder's name for the command lines in the page; with `bench` a page with sliders lies beside, to be
     linked. `course` are the best candidates after each generation (generations, d), `draws` those of a posterior by
-    parameter, both in SI. `live` is HTML that the page ends with, which lets its main chart simulate. `update` are the
-    sentences of an update.
+    parameter, both in SI. `live` is HTML that the page ends with, which lets its main chart simulate. `openings` are
+    titles and sentences that the page begins with.
     """
     figures, heats = figures_of(record, traces), error_maps(record)
     checks = filter(None, [parity_figure(record), autocorrelation_figure(record, traces)])
@@ -174,7 +176,7 @@ def report_html(
         bench=BENCH if bench else "",
         live=live,
         lines=headline(record),
-        update=update,
+        openings=openings,
         tables=[table for table, is_open in tables if is_open],
         folded=[table for table, is_open in tables if not is_open],
         titles=dict.fromkeys(table.title.partition(":")[0] for table, is_open in tables if not is_open),

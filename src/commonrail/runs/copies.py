@@ -13,11 +13,12 @@ from typing import Any
 from commonrail.base.errors import CommonrailError, InputError, StudyError
 from commonrail.base.input import SUMS, listed, read_plain, sha256
 from commonrail.base.output import replacing, writing
-from commonrail.runs.folder import DRAWS, MEMBER, RESULT, STUDY, TRACES, UPDATE
+from commonrail.base.registry import shipped
+from commonrail.runs.folder import DRAWS, MEMBER, RESULT, STUDY, TRACES
 from commonrail.runs.journal import JOURNAL, LOCK, Input, read_about, read_inputs
 
 OUTSIDE = "inputs"  # folder for files from beyond the study's own, and for those with the name of a result
-RESERVED = (STUDY, "calibrated.toml", DRAWS, RESULT, TRACES, UPDATE, "report.html", SUMS.lower(), JOURNAL, LOCK)
+RESERVED = (STUDY, "calibrated.toml", DRAWS, RESULT, TRACES, "report.html", SUMS.lower(), JOURNAL, LOCK)
 _NAMES_A_FILE = ("file", "fmu", "injector", "type", "study", "logo")  # keys of TOML files
 
 
@@ -42,9 +43,13 @@ def copy_paths(sources: Iterable[Path], main: str, results: Sequence[str] = ()) 
     return found
 
 
+def _is_reserved(name: str) -> bool:
+    return name in RESERVED or name in shipped("openings")
+
+
 def _is_result(place: Path, results: Sequence[str]) -> bool:
     name = place.as_posix().lower()
-    return name in RESERVED or any(fnmatchcase(name, pattern) for pattern in (MEMBER.format("*"), *results))
+    return _is_reserved(name) or any(fnmatchcase(name, pattern) for pattern in (MEMBER.format("*"), *results))
 
 
 def copy_files(sources: Mapping[Path, str], folder: Path, places: Mapping[Path, Path], text: str = "") -> list[Input]:
@@ -155,4 +160,4 @@ def _is_own(folder: Path, name: str) -> bool:
     """True for the name of a file that the run in a folder has written or copied."""
     if (folder / SUMS).is_file() and name in listed(folder / SUMS):
         return True
-    return name.lower() in RESERVED and any((folder / file).is_file() for file in (SUMS, JOURNAL))
+    return _is_reserved(name.lower()) and any((folder / file).is_file() for file in (SUMS, JOURNAL))

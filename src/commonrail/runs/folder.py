@@ -126,7 +126,6 @@ def note_stopped(folder: Path, record: Mapping[str, Any] | None = None) -> None:
 
 RESULT, STUDY, TRACES, CALIBRATED = "result.json", "study.toml", "traces.csv", "calibrated.toml"
 DRAWS = "draws.npz"  # draws of the parameters from the posterior of the fit
-UPDATE = "update.json"  # of an update: its sentences open the report
 MEMBER = "member-{}.toml"  # injectors of the other optima whose mean is scored, from number 2 on
 
 _COLUMNS = (MEASURED, *(label for label in LABELS if label != MEAN))  # of courses in time, which have no mean

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from commonrail.base.text import MISSING, counted, fixed, listed, number, percent, significant
 from commonrail.base.units import to_text
 from commonrail.data.records import Record
 from commonrail.report.presenter import Presenter
+from commonrail.runs.folder import read_record
 
+RECORD = "update.json"  # in the folder of the new run
 SHOWN = 3  # data sets and parameters that the sentences name one by one
 _RANK = ("contradicts", "outside the bands", "not judged", "agrees")
+
+
+def read_opening(folder: Path) -> tuple[str, list[str]]:
+    """Title and sentences that the report of an updated run opens with."""
+    return "Update", read_record(folder / RECORD, "commonrail update")["lines"]
 
 
 def update_lines(found: Record) -> list[str]:

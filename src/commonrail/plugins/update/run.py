@@ -28,13 +28,13 @@ from commonrail.data.registry import kind_of, of_role
 from commonrail.plugins.new.study import StatedByUser
 from commonrail.plugins.prediction.band import Band
 from commonrail.plugins.prediction.run import LEVEL, predict
-from commonrail.plugins.update.page import update_lines
+from commonrail.plugins.update.page import RECORD, update_lines
 from commonrail.plugins.update.study import LOCAL, Addition, read_addition, updated_study
 from commonrail.readers.toml import read_toml
 from commonrail.report.page import write_report
 from commonrail.runs.fingerprint import check_origins
 from commonrail.runs.fit import Listener, calibrate_into
-from commonrail.runs.folder import DRAWS, STUDY, UPDATE, new_folder, read_draws, read_record, read_result, write_record
+from commonrail.runs.folder import DRAWS, STUDY, new_folder, read_draws, read_record, read_result, write_record
 from commonrail.runs.journal import JOURNAL, read_about, read_inputs
 
 FAR_LEVEL = 0.999  # of the bands that tell a contradiction
@@ -152,7 +152,7 @@ def update(
     is_prior = any(name in gone for name in fitted)
     if is_prior and draws is None:
         raise InputError(f"{folder}: there are neither the fitted data ({gone[0]}) nor draws; bring the data back.")
-    former = folder / UPDATE
+    former = folder / RECORD
     optimiser = read_record(former, "commonrail update") if former.is_file() else document
     optimiser = optimiser.get("optimiser", {})  # of the user, before any update
     with new_folder(place) as part:
@@ -180,7 +180,7 @@ def update(
         content |= {"moved": _moved(record, calibration), "errors": _errors(calibration)}
         content["lines"] = update_lines(content)
         with summed(part):
-            write_record(part / UPDATE, content)
+            write_record(part / RECORD, content)
         write_report(part, live=False)
     return Update(place, calibration, {one["name"]: Agreement(one["agreement"]) for one in new}, content)
 
