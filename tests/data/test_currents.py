@@ -41,6 +41,22 @@ def test_an_energising_is_read_to_5_us_or_refused(rate: float, fall: float) -> N
     assert sure == 0 if rate <= 20e3 else sure >= 60 if rate >= 200e3 else True
 
 
+@pytest.mark.parametrize("rate", [200e3, 1e6])
+def test_a_pilot_that_is_cut_near_the_peak_hides_no_main(rate: float) -> None:
+    """The coil is discharged at one voltage: from 17 A a fall lasts 1.7 times as long as from a hold of 10 A."""
+    random = np.random.default_rng(3)
+    time = np.arange(0.0, 0.1, 1.0 / rate)
+    value = 0.05 * random.standard_normal(len(time))
+    begun = 5e-3 + 9e-3 * np.arange(10) + random.uniform(0.0, 1e-5, 10)
+    for start in begun:
+        pilot, main = np.array([0.0, 90e-6, 160e-6, 228e-6]), np.array([0.0, 90e-6, 150e-6, 250e-6, 800e-6, 840e-6])
+        value += np.interp(time, start + pilot, [0.0, 18.0, 17.0, 0.0])
+        value += np.interp(time, start + 2e-3 + main, [0.0, 18.0, 17.0, 10.0, 10.0, 0.0])
+    read = read_energisings(time, value)
+    assert np.isfinite([one.error for one in read]).all()
+    assert [one.duration for one in read] == pytest.approx([160e-6, 800e-6] * 10, abs=LIMIT)
+
+
 def test_readings_state_their_errors() -> None:
     """Two standard deviations and more: of 400 durations hardly any is off by more than is stated."""
     beyond = 0

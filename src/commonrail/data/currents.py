@@ -23,6 +23,7 @@ WINDOW, STEEP, ALIKE = (
 )  # a steep fall leads in the window [s] to this share; share of its largest slope
 LIMIT = 5e-6  # largest error of a duration [s]; chosen
 FOOT, CURVED = 0.05, 0.65  # shares of an edge between which its time is a parabola of the share
+EQUAL = 1.2  # ratio of heights up to which edges have one shape
 BENT = 0.3  # share of a fall's slope that the current may have before it
 FEWEST = 8  # free samples from which on the shape of an edge is a parabola
 SAMPLES = 1.4  # on an edge, at least: fewer do not tell whether they lie on it
@@ -80,15 +81,17 @@ def read_energisings(time: Floats, value: Floats) -> list[Reading]:
 
 
 class _Edge(NamedTuple):
-    """Samples about an edge: times (n,) [s] and shares (n,) of its height, which leave zero at its corner."""
+    """Samples about an edge of a height [A]: times (n,) [s] and shares (n,) of it, which leave zero at its corner."""
 
     time: Floats
     share: Floats
+    height: float
 
 
 def _rise(time: Floats, current: Floats, first: int, end: int) -> _Edge:
     near = slice(max(first - 3, 0), end)
-    return _Edge(time[near], current[near] / current[near].max())
+    height = float(current[near].max())
+    return _Edge(time[near], current[near] / height, height)
 
 
 def _fall(time: Floats, current: Floats, first: int, end: int) -> _Edge:
@@ -102,11 +105,28 @@ def _fall(time: Floats, current: Floats, first: int, end: int) -> _Edge:
         top -= 1
     level = float(own[max(top - 1, 0) : top + 1].mean())
     if top < wide or own[top:].min() > 0.5 * level or drop[top - wide] > BENT * drop[top:].max():
-        return _Edge(np.empty(0), np.empty(0))
-    return _Edge(at[top - 1 :], 1.0 - own[top - 1 :] / level)
+        return _Edge(np.empty(0), np.empty(0), level)
+    return _Edge(at[top - 1 :], 1.0 - own[top - 1 :] / level, level)
 
 
 def _corners(edges: list[_Edge]) -> list[tuple[float, float]]:
+    """Corners of edges [s] and their errors [s]; edges of about one height have one shape.
+
+    A pilot that is cut near the peak falls for longer than a main from its hold.
+    """
+    groups = list[list[int]]()
+    for i in sorted(range(len(edges)), key=lambda i: edges[i].height):
+        if not groups or edges[i].height > EQUAL * edges[groups[-1][0]].height:
+            groups.append([])
+        groups[-1].append(i)
+    found = [(np.nan, np.inf)] * len(edges)
+    for group in groups:
+        for i, corner in zip(group, _corners_of_shape([edges[i] for i in group]), strict=True):
+            found[i] = corner
+    return found
+
+
+def _corners_of_shape(edges: list[_Edge]) -> list[tuple[float, float]]:
     """Corners of edges of one shape [s], and their errors [s]: infinite where the samples do not tell them.
 
     The time since the corner is a parabola of the share, of few samples a line, the same in all edges: least squares
