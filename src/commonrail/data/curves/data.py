@@ -26,7 +26,6 @@ from commonrail.data.base import (
     term_of,
     widths_of,
 )
-from commonrail.data.curves.page import CurveView
 from commonrail.data.curves.reading import read_curves
 from commonrail.data.curves.samples import RateModel
 from commonrail.data.noise import NOISE, Noise
@@ -81,7 +80,6 @@ class RateData(DataSet):
     unit: ClassVar[str] = "m3/s"
     error_head: ClassVar[tuple[str, str]] = ("J", "mm3/ms")
     model: ClassVar[type[RateModel]] = RateModel
-    view: ClassVar[CurveView] = CurveView()
     meter_inputs: ClassVar[frozenset[str]] = frozenset(QUANTITIES) - {"quantity_offset"}
     sigma_unit: ClassVar[str] = "m3/s"
     residual_unit: ClassVar[str] = "mm3/ms"

@@ -46,7 +46,6 @@ from commonrail.data.quantities.dead_times import (
     energised,
     neighbours,
 )
-from commonrail.data.quantities.page import MapView
 from commonrail.data.quantities.reading import SAME, HoldOutModel, MapModel, QuantitiesModel, read_map
 from commonrail.data.records import MEASURED, point_record
 from commonrail.data.simulator import ITSELF, Candidates, Simulator
@@ -108,7 +107,6 @@ class QuantityData(ToleratedData):
     unit: ClassVar[str] = "m3"
     error_head: ClassVar[tuple[str, str]] = ("rms", "%")
     model: ClassVar[type[MapModel]] = QuantitiesModel
-    view: ClassVar[MapView] = MapView()
     meter_inputs: ClassVar[frozenset[str]] = frozenset({"gain", "quantity_offset", "density", "temperature"})
     whole: ClassVar[bool] = False
     own_keys: ClassVar[tuple[str, ...]] = ()
