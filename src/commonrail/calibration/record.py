@@ -4,44 +4,36 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, TypeVar
-
-from pydantic import AliasPath, BaseModel, ConfigDict, Field, ValidationError
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 from commonrail.base.errors import InputError
+from commonrail.base.record import Key, from_record
 from commonrail.calibration.optimisers.base import AGREEING
 from commonrail.calibration.parameter import Prior
 from commonrail.calibration.plausibility import Finding
 from commonrail.data.records import Record
+
+_Kind = TypeVar("_Kind")
 
 
 class BrokenRecordError(InputError, ValueError):
     """A record lacks a key, or has a value of another kind."""
 
 
-class Content(BaseModel):
-    """Content of a record, or of a part of it; keys without an attribute are left out."""
-
-    model_config = ConfigDict(frozen=True)
-
-
-_Content = TypeVar("_Content", bound=Content)
-
-
-def read_as(kind: type[_Content], record: Record) -> _Content:
+def read_as(kind: type[_Kind], record: Record) -> _Kind:
     """Read a JSON-able record as one of the classes below; `BrokenRecordError` if it is none."""
     try:
-        return kind.model_validate(record)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(map(str, first["loc"]))
-        raise BrokenRecordError(f"a result is incomplete ({place}: {first['msg']}); make it again.") from error
+        return from_record(kind, record)
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        raise BrokenRecordError(f"a result is incomplete ({type(error).__name__}: {error}); make it again.") from error
 
 
 # The search, as all kinds of fit have it.
 
 
-class SearchVerdict(Content):
+class SearchVerdict(NamedTuple):
     """Whether a search has converged, by its population (`spread`) or by its starts (`agreeing`)."""
 
     converged: bool
@@ -52,14 +44,14 @@ class SearchVerdict(Content):
     cut_short: bool = True
 
 
-class StartAndBest(Content):
+class StartAndBest(NamedTuple):
     """Objective of the start values and of the best; None where these could not be simulated."""
 
     start: float | None
     best: float | None
 
 
-class Evaluations(Content):
+class Evaluations(NamedTuple):
     """Numbers of candidates, and of injections or simulations of an FMU."""
 
     slots: int
@@ -69,7 +61,7 @@ class Evaluations(Content):
     simulations: int = 0
 
 
-class GenerationRecord(Content):
+class GenerationRecord(NamedTuple):
     """Objective after a generation."""
 
     generation: int
@@ -77,7 +69,7 @@ class GenerationRecord(Content):
     mean: float | None
 
 
-class Clock(Content):
+class Clock(NamedTuple):
     """All that depends on the clock."""
 
     seconds: float
@@ -85,7 +77,8 @@ class Clock(Content):
     ended: str = ""
 
 
-class FitRecord(Content):
+@dataclass(frozen=True, kw_only=True)
+class FitRecord:
     """The part of a record that all kinds of fit share, see `commonrail.calibration.result.fit_record`."""
 
     title: str
@@ -96,7 +89,7 @@ class FitRecord(Content):
     evaluations: Evaluations
     optimiser: Mapping[str, Any]
     clock: Clock
-    software: Mapping[str, str] = {}
+    software: Mapping[str, str]
     synthetic: str = ""
     reason: str = ""
     convergence: SearchVerdict | None = None
@@ -116,7 +109,7 @@ class FitRecord(Content):
 # Parameters, and how well the data determine them.
 
 
-class ParameterRecord(Content):
+class ParameterRecord(NamedTuple):
     """A calibrated parameter [SI].
 
     `effect` and `pinned` are changes of the residuals for a move of 1 % of the range, alone and after the others have
@@ -142,7 +135,7 @@ class ParameterRecord(Content):
     verdict: str = ""
 
 
-class CertainParameter(Content):
+class CertainParameter(NamedTuple):
     """Most likely value and interval [SI] of a parameter; `percent` is half the interval over the value."""
 
     name: str
@@ -154,7 +147,7 @@ class CertainParameter(Content):
     cure: str = ""
 
 
-class BenchQuantity(Content):
+class BenchQuantity(NamedTuple):
     """A quantity of the bench that was fitted with the parameters: as stated, and by the data [SI]."""
 
     name: str
@@ -166,7 +159,7 @@ class BenchQuantity(Content):
     standard_error: float | None
 
 
-class CombinedValue(Content):
+class CombinedValue(NamedTuple):
     """Value and interval [SI] of a sum of parameters."""
 
     sum: str
@@ -175,7 +168,7 @@ class CombinedValue(Content):
     upper: float
 
 
-class NoiseRecord(Content):
+class NoiseRecord(NamedTuple):
     """Noise of a data set: law, standard deviation `sigma` [unit] and the share of the rate that it grows by."""
 
     name: str
@@ -190,7 +183,7 @@ class NoiseRecord(Content):
     parameters: float
 
 
-class LackOfFitRecord(Content):
+class LackOfFitRecord(NamedTuple):
     """A test for lack of fit, and what it suspects."""
 
     name: str
@@ -202,7 +195,7 @@ class LackOfFitRecord(Content):
     size: float | None = None
 
 
-class CertaintyRecord(Content):
+class CertaintyRecord(NamedTuple):
     """Certainty of a fit: intervals that hold the truth with the probability `level`, and what they rest on.
 
     `draws_refused` says why draws from the posterior do not give the intervals alone.
@@ -215,7 +208,7 @@ class CertaintyRecord(Content):
     settled: bool = False
     withdrawn: str = ""
     discrepancy: float = 0.0
-    draws_refused: str = Field("", validation_alias=AliasPath("draws", "refused"))
+    draws_refused: Annotated[str, Key("draws.refused")] = ""
     bench: tuple[BenchQuantity, ...] = ()
     combinations: tuple[CombinedValue, ...] = ()
     noise: tuple[NoiseRecord, ...] = ()
@@ -227,14 +220,14 @@ class CertaintyRecord(Content):
         return self.settled and self.agreeing >= AGREEING
 
 
-class DirectionRecord(Content):
+class DirectionRecord(NamedTuple):
     """A combination of parameters that the data determine: weight of each, in widths of the bounds."""
 
     singular_value: float
     weights: Mapping[str, float]
 
 
-class InfluenceRecord(Content):
+class InfluenceRecord(NamedTuple):
     """Influence of the data on the parameters."""
 
     residuals: int
@@ -246,27 +239,27 @@ class InfluenceRecord(Content):
 # Further searches.
 
 
-class SeedRecord(Content):
+class SeedRecord(NamedTuple):
     """End of the search with another seed."""
 
     seed: int
     failed: bool = False
     objective: float | None = None
-    errors: Mapping[str, float | None] = {}
-    error_heads: Mapping[str, str] = {}
-    positions: Mapping[str, float] = {}
+    errors: Mapping[str, float | None] = MappingProxyType({})
+    error_heads: Mapping[str, str] = MappingProxyType({})
+    positions: Mapping[str, float] = MappingProxyType({})
 
 
-class BaselineRecord(Content):
+class BaselineRecord(NamedTuple):
     """A trivial model on data that the fit has not seen."""
 
     text: str
     beaten: bool | None = None
-    figures: Record = {}
+    figures: Record = MappingProxyType({})
     extrapolated: int | None = None
 
 
-class LeftOutRecord(Content):
+class LeftOutRecord(NamedTuple):
     """Rows that were held out in turn, and how well they were predicted; `mean` is that of the members."""
 
     name: str
@@ -279,7 +272,7 @@ class LeftOutRecord(Content):
     baselines: tuple[BaselineRecord, ...] = ()
 
 
-class RefitsRecord(Content):
+class RefitsRecord(NamedTuple):
     """Searches with other seeds and without some rows; `interrupted` if the user stopped before the last."""
 
     seeds: tuple[SeedRecord, ...] = ()
@@ -287,10 +280,12 @@ class RefitsRecord(Content):
     interrupted: bool = False
 
 
+NO_REFITS = RefitsRecord()
+
 # The study.
 
 
-class InjectorRecord(Content):
+class InjectorRecord(NamedTuple):
     """Injector of a study."""
 
     name: str
@@ -298,7 +293,7 @@ class InjectorRecord(Content):
     title: str = ""
 
 
-class MeterQuantity(Content):
+class MeterQuantity(NamedTuple):
     """A quantity of a meter [SI]."""
 
     name: str
@@ -307,7 +302,7 @@ class MeterQuantity(Content):
     mark: str
 
 
-class MeterRecord(Content):
+class MeterRecord(NamedTuple):
     """A meter with its calibrated quantities."""
 
     name: str
@@ -316,6 +311,7 @@ class MeterRecord(Content):
     quantities: tuple[MeterQuantity, ...]
 
 
+@dataclass(frozen=True, kw_only=True)
 class CalibrationRecord(FitRecord):
     """Record of a calibration; those of its data sets are read by their kinds of data."""
 
@@ -325,9 +321,9 @@ class CalibrationRecord(FitRecord):
     time_step: float = 1e-6
     precision: str = "f64"
     same_bits: bool = False
-    labels: Mapping[str, str] = {}
+    labels: Mapping[str, str]
     warnings: tuple[Finding, ...] = ()
     meters: tuple[MeterRecord, ...] = ()
     identifiability: InfluenceRecord | None = None
     certainty: CertaintyRecord | None = None
-    refits: RefitsRecord = RefitsRecord()
+    refits: RefitsRecord = NO_REFITS
