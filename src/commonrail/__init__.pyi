@@ -120,11 +120,11 @@ from .plugins.maps.run import map as map
 from .plugins.maps.run import sweep as sweep
 from .plugins.maps.sweep import Sweep as Sweep
 from .plugins.new.study import StatedByUser as StatedByUser
-from .plugins.next.run import DesignSettings as DesignSettings
 from .plugins.next.run import Plan as Plan
 from .plugins.next.run import next_measurements as next_measurements
+from .plugins.next.settings import Criterion as Criterion
+from .plugins.next.settings import DesignSettings as DesignSettings
 from .plugins.next.study import Candidate as Candidate
-from .plugins.next.study import Criterion as Criterion
 from .plugins.observer.compensation import compensate as compensate
 from .plugins.observer.design import DesignRow as DesignRow
 from .plugins.observer.design import observer_design as observer_design
