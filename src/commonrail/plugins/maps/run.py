@@ -263,7 +263,7 @@ _USUAL = {
 }
 
 
-def map(
+def quantity_map(
     model: Injector | Calibration,
     *,
     pressures: ArrayLike | None = None,
