@@ -6,6 +6,7 @@ public names. `tools/site_pages.py` hands them to the site.
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import inspect
 import re
@@ -273,7 +274,18 @@ def python(space: str = "") -> str:
     homes = stated(stub_of(space))
     for name in sorted(names, key=str.lower):
         parts.append(f"::: {homes[name]}.{name}\n    options:\n      heading: {name}\n      toc_label: {name}\n")
+        parts += _settings(getattr(module, name))
     return "\n".join(parts)
+
+
+def _settings(kind: Any) -> list[str]:
+    """Table of the declared settings of a class; empty if it is another object."""
+    from commonrail.base.declare import declared_fields
+
+    if not (inspect.isclass(kind) and dataclasses.is_dataclass(kind)) or not (declared := declared_fields(kind)):
+        return []
+    rows = [(f"`{name}`", one.accepted, one.default_text, one.meaning) for name, one in declared.items()]
+    return [table(("setting", "value", "default", "meaning"), rows)]
 
 
 NAMESPACES = tuple(name for name, home in stated(stub_of("")).items() if home == ".")

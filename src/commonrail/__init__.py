@@ -5,7 +5,6 @@ first used: importing the package compiles and reads nothing else.
 """
 
 import sys
-from importlib import import_module
 from typing import Any
 
 from commonrail.base.public import attach
@@ -20,12 +19,8 @@ def __getattr__(name: str) -> Any:
 
         return version("commonrail")
     value = _load(name)
-    _prepare_notebooks()
-    return value
-
-
-def _prepare_notebooks() -> None:
-    """Give results of the physics their tables and figures, and say in a notebook when a kernel is compiled."""
-    import_module("commonrail.base.display").lend()
     if "ipykernel" in sys.modules:
-        import_module("commonrail.base.display").watch()
+        from commonrail.base.display import watch
+
+        watch()
+    return value

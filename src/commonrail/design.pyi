@@ -7,5 +7,5 @@ from commonrail.plugins.next.study import Candidate as Candidate
 from commonrail.plugins.next.study import Criterion as Criterion
 from commonrail.plugins.sensitivity.file import Sensitivity as Sensitivity
 from commonrail.plugins.sensitivity.run import sensitivity as sensitivity
-from commonrail.plugins.sensitivity.study import SensitivitySettings as SensitivitySettings
+from commonrail.plugins.sensitivity.settings import SensitivitySettings as SensitivitySettings
 from commonrail.plugins.sensitivity.study import parameters_within as parameters_within

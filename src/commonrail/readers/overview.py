@@ -144,7 +144,10 @@ def block_of(path: Path, channels: Sequence[Channel], own_times: bool) -> tuple[
             base |= {"time": time.name} if time.name != TIME else {}
     base |= {"time_unit": time.unit} if time.unit_by_name and not own_times and not taken else {}
     base |= {"rate_unit": rates[0].unit} if rates[0].unit_by_name else {}
-    zero = {"time_zero": UNKNOWN} if taken else zero_of(_times(time), rates[0].size)
+    zero = {"time_zero": UNKNOWN}
+    if not taken:
+        low, high = time.times or convert(np.array([time.low, time.high]), time.unit, "s").tolist()
+        zero = zero_of((low, high), rates[0].size)
     stated = point_of_name(path.stem if len(rates) > 1 else f"{path.stem} {rates[0].name}")
     point = {key: stated.get(key, UNKNOWN) for key in ("rail_pressure", "energising_time")}
     pattern = pattern_of([c.name for c in rates])
@@ -162,14 +165,6 @@ def block_of(path: Path, channels: Sequence[Channel], own_times: bool) -> tuple[
         base |= {"shots": shots, "window": ["-0.1 ms", "3 ms"]} | point
         return f'a record of shots, found by the trigger "{shots["trigger"]}"', base
     return f"a trace{taken}", base | zero | point
-
-
-def _times(channel: Channel) -> tuple[float, float]:
-    """First and last time [s] of a channel: its own times, or its values where it is one of times."""
-    if channel.times is not None:
-        return channel.times
-    low, high = convert(np.array([channel.low, channel.high]), channel.unit, "s").tolist()
-    return low, high
 
 
 def zero_of(times: tuple[float, float], size: int) -> dict[str, str]:

@@ -25,17 +25,17 @@ from commonrail.base.text import in_print, number
 from commonrail.base.units import convert, to_text
 from commonrail.calibration.space import Space
 from commonrail.data.curves.data import RateData
-from commonrail.data.curves.page import RATE
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.quantities.dead_times import FLATTEST, neighbours
 from commonrail.data.records import origin_of
 from commonrail.data.simulator import Simulator
 from commonrail.engine import plan
-from commonrail.engine.job import CHECK_AFTER, Outcome
+from commonrail.engine.courses import CHECK_AFTER
+from commonrail.engine.job import Outcome
 from commonrail.engine.loop import CoursePlan
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.plan import candidate_matrix, columns
-from commonrail.physics.fuel_kernel import fuel_coefficients
+from commonrail.physics.fuel_polynomials import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.meters import Meter, given_values, is_of_meter, low_pass
 from commonrail.plugins.export.entry_points import channels, sizes
@@ -43,6 +43,7 @@ from commonrail.plugins.page.module import MOST_ROWS, MOST_STEPS, wasm_module
 from commonrail.plugins.page.subject import ONE, Slider, Subject, limits_of, read_subject, stable_sliders, variant_of
 from commonrail.readers.injector_writer import injector_text
 from commonrail.report.axis import INK
+from commonrail.report.data.curves import RATE
 from commonrail.report.figure import DASHES, LOOKS, colour_of, figure_html, line_of, small_html
 from commonrail.report.html import render
 from commonrail.report.simulation import DASHES as CHANNEL_DASHES
