@@ -26,7 +26,7 @@ from commonrail.engine.status import which_failed
 from commonrail.physics.meters import Meter
 from commonrail.plugins.features.rate_trace import RateTrace, rate_trace
 from commonrail.plugins.features.result import Features
-from commonrail.plugins.features.run import features
+from commonrail.plugins.features.run import find_features
 from commonrail.plugins.features.settings import FeatureSettings, Levels
 from commonrail.plugins.features.table import find_feature
 from commonrail.plugins.features.targets_file import (
@@ -125,7 +125,7 @@ class FeatureData(ToleratedData):
         """Read features; see `DataSet.read_all`."""
         curve = read_curve_of(model, context)
         settings = settings_of(model, context.injector, curve.point, context.at)
-        measured = features(curve, settings=settings) if model.file else None
+        measured = find_features(curve, settings=settings) if model.file else None
         targets = read_targets(model, context.injector, curve.point, measured, context.at)
         levels = None if measured is None else measured.levels
         labels = model.weight, model.source, model.synthetic
@@ -170,7 +170,7 @@ class FeatureData(ToleratedData):
         """Features of a simulated rate, by the function and the levels of the measured ones; None of a failed one."""
         if not np.isfinite(rate).all():
             return None
-        return features(trace.with_rate(rate), settings=self.settings, levels=self.levels)
+        return find_features(trace.with_rate(rate), settings=self.settings, levels=self.levels)
 
     def _values_of(self, found: Features | None) -> list[float]:
         if found is None:

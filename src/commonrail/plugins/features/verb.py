@@ -84,7 +84,7 @@ def features(
       commonrail features runs/first --threshold 2mm3/ms
     """
     from commonrail.plugins.features.file import RateColumns, are_repeated, read_rates
-    from commonrail.plugins.features.run import features as find
+    from commonrail.plugins.features.run import find_features as find
     from commonrail.plugins.features.settings import FeatureSettings
 
     check_file(out, "--out")

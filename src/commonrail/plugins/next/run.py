@@ -21,7 +21,7 @@ from commonrail.data.registry import in_order, of_role
 from commonrail.data.simulator import Simulator
 from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.noise_fit import FittedNoise
-from commonrail.plugins.certainty.run import certify
+from commonrail.plugins.certainty.run import certainty as certify
 from commonrail.plugins.certainty.uncertain import with_uncertain_free
 from commonrail.plugins.next.problem import Response, has_discrepancy, problem_of, responses_of
 from commonrail.plugins.next.settings import DesignSettings
@@ -157,7 +157,7 @@ class Measurement(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class Plan(Shown):
+class MeasurementPlan(Shown):
     """Plan of measurements.
 
     Attributes
@@ -230,7 +230,7 @@ def next_measurements(
     *,
     threads: int | None = None,
     note: Callable[[str], None] = lambda _: None,
-) -> Plan:
+) -> MeasurementPlan:
     """Measurements that would make parameters or predictions most certain, with the noise of the data that there are.
 
     Parameters
@@ -302,7 +302,7 @@ def next_measurements(
         others += _measurements(problem, [best_one], responses, column) if np.isfinite(scores[best_one]) else []
     measurements, failed = tuple(_measurements(problem, plan, responses, column)), sum(r.failed for r in responses[:n])
     gains = before, after, failed, tuple(notes), widest, tuple(others)
-    return Plan(measurements, rules.cost(plan), settings, n, *gains)
+    return MeasurementPlan(measurements, rules.cost(plan), settings, n, *gains)
 
 
 def _of_other_kinds(wanted: Sequence[Candidate], data: Sequence[DataSet]) -> list[Candidate]:

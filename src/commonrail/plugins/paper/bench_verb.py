@@ -72,12 +72,12 @@ def _show(source: str, json: bool) -> None:
 
 
 def _write(folder: Path, source: str, seed: int, json: bool) -> None:
-    from commonrail.plugins.paper.bench_file import load_truth, write_bench_data
+    from commonrail.plugins.paper.bench_file import load_truth, virtual_bench
 
     check_folder(folder)
     truth = load_truth(source)
     say("simulating the test bench with the reference engine; the first time its loop is compiled ...")
-    written = write_bench_data(folder, seed, truth)
+    written = virtual_bench(folder, seed, truth)
     if json:
         print_json(
             {"kind": "virtual-bench", "truth": truth.name, "seed": seed, "files": [str(path) for path in written]}
