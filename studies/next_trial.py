@@ -6,7 +6,7 @@ sparse starts of four points are drawn. Each start is fitted, three points are a
 both diagonals of a regular grid of pressure and energising time), each is fitted, and the error is compared at the
 points that none of them holds: against the measured quantity, for a virtual injector against the true one.
 
-    python -m studies.next_trial [--benches 10] [--starts 10] [--criterion v] [--draws 6] [--noise 0.3]
+    python -m studies.next_trial [--benches 10] [--starts 10] [--criterion v] [--noise 0.3]
 """
 
 from __future__ import annotations
@@ -174,13 +174,12 @@ def main() -> None:
     parser.add_argument("--starts", type=int, default=10)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--criterion", default="v", choices=["v", "d", "a"])
-    parser.add_argument("--draws", type=int, default=6)
     parser.add_argument("--noise", type=float, default=0.3)
     given = parser.parse_args()
     study = reduced(cr.load_study(CASE))
     sigma = cr.Noise(sigma=given.noise, law=Law.GAUSSIAN)
     measured = whole_map(study).changed(noise=sigma)
-    settings = cr.DesignSettings(ADDED, cr.Criterion(given.criterion), draws=given.draws)
+    settings = cr.DesignSettings(ADDED, cr.Criterion(given.criterion))
     beds = [
         (bed, given.first + s) for bed, n in (("virtual", given.benches), ("CRI2-16", given.starts)) for s in range(n)
     ]

@@ -6,6 +6,7 @@ public names. `tools/site_pages.py` hands them to the site.
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import inspect
 import re
@@ -285,7 +286,18 @@ def python() -> str:
             name = path.rpartition(".")[2]
             if name in commonrail.__all__:
                 parts.append(f"::: commonrail.{path}\n    options:\n      heading: {name}\n      toc_label: {name}\n")
+                parts += _settings(getattr(commonrail, name))
     return "\n".join(parts)
+
+
+def _settings(kind: Any) -> list[str]:
+    """Table of the declared settings of a class; empty if it is another object."""
+    from commonrail.base.declare import declared_fields
+
+    if not (inspect.isclass(kind) and dataclasses.is_dataclass(kind)) or not (declared := declared_fields(kind)):
+        return []
+    rows = [(f"`{name}`", one.accepted, one.default_text, one.meaning) for name, one in declared.items()]
+    return [table(("setting", "value", "default", "meaning"), rows)]
 
 
 GENERATED = {"commands": commands, "parameters": parameters, "files": files, "python": python}

@@ -5,7 +5,6 @@ reads nothing.
 """
 
 import sys
-from importlib import import_module
 from typing import Any
 
 import lazy_loader
@@ -24,12 +23,8 @@ def __getattr__(name: str) -> Any:
 
         raise AttributeError(f"commonrail has no {name}{nearest(name, __all__)}; dir(commonrail) lists what it has.")
     value = _load(name)
-    _prepare_notebooks()
-    return value
-
-
-def _prepare_notebooks() -> None:
-    """Give results of the physics their tables and figures, and say in a notebook when a kernel is compiled."""
-    import_module("commonrail.base.display").lend()
     if "ipykernel" in sys.modules:
-        import_module("commonrail.base.display").watch()
+        from commonrail.base.display import watch
+
+        watch()
+    return value

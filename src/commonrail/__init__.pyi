@@ -154,7 +154,7 @@ from .plugins.prediction.run import Prediction as Prediction
 from .plugins.prediction.run import predict as predict
 from .plugins.sensitivity.file import Sensitivity as Sensitivity
 from .plugins.sensitivity.run import sensitivity as sensitivity
-from .plugins.sensitivity.study import SensitivitySettings as SensitivitySettings
+from .plugins.sensitivity.settings import SensitivitySettings as SensitivitySettings
 from .plugins.sensitivity.study import parameters_within as parameters_within
 from .plugins.stepper.linear import LinearModel as LinearModel
 from .plugins.stepper.run import Stepper as Stepper

@@ -14,7 +14,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.base.choices import Precision
-from commonrail.compiler import lower, target
+from commonrail.compiler import child, target
 from commonrail.compiler.target import describe
 from commonrail.engine import lanes, machine_code
 from commonrail.engine.job import VECTORS
@@ -31,7 +31,7 @@ def test_no_leave_to_fuse_or_reorder_is_in_an_exact_text() -> None:
     flags = re.compile(r" (?:nsz|arcp|contract|reassoc|fast|nnan|ninf|afn) ")
     vector = VECTORS[Precision.F64]
     for exact in (False, True):
-        (text,) = lower.texts(machine_code.source_of(Variant("rigid"), vector, exact)).values()
+        (text,) = child.texts(machine_code.source_of(Variant("rigid"), vector, exact)).values()
         assert (len(flags.findall(text)) > 1000) is not exact
         assert bool(flags.search(text)) is not exact
 

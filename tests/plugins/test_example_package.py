@@ -180,7 +180,7 @@ def test_its_feature_is_a_target_and_an_output_of_a_sensitivity_study(study: Pat
     settings = commonrail.SensitivitySettings(design="morris", samples=4)
     point = commonrail.OperatingPoint("160 MPa", "700 us")
     found = commonrail.sensitivity(regulated, spread, [point], ["quantity", "energised_rate"], settings=settings)
-    whole, rate = (output.tornado.base for output in found.outputs)
+    whole, rate = (output.base for output in found.outputs)
     assert rate == pytest.approx(whole / 700e-6)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.base.display import lend
 from commonrail.plugins.maps.response import Conditions
 from commonrail.plugins.maps.sweep import Base, Sweep, Variable
 from commonrail.report.notebook import MOST_ROWS, Picture, plot_of
@@ -32,7 +31,6 @@ def made_sweep() -> Sweep:
 
 
 def test_a_line_says_what_it_is_and_stays_short() -> None:
-    lend()
     study = cr.load_study(TEMPLATE)
     for result, words in (
         (solution(), "mm³ injected"),
@@ -71,12 +69,11 @@ def test_frames_have_a_row_for_each_place_and_units_behind_the_names() -> None:
 
 def test_arrays_have_named_axes_and_units() -> None:
     pytest.importorskip("xarray", reason="xarray comes with the extra notebook")
-    lend()
     found = made_sweep().to_xarray()
     assert found.injected_volume.dims == ("dwell", "rail_pressure")
     assert found.injected_volume.sel(dwell=500.0, rail_pressure=160.0).item() == pytest.approx(2.0)
     assert found.rail_pressure.attrs["units"] == "MPa"
-    course = solution().to_xarray()  # type: ignore[attr-defined]
+    course = solution().to_xarray()
     assert course.needle_lift.attrs["units"] == "um"
     assert course.needle_lift.values == pytest.approx([200.0] * 4)
     assert course.rate.values[:3] == pytest.approx([0.0, 10.0, 20.0])  # mm³/ms at 800 kg/m³

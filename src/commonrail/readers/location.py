@@ -182,6 +182,11 @@ def read_bytes(path: Path, largest: int) -> bytes:
         raise InputError(f"{path}: this is UTF-16 text; save it as UTF-8.")
     if b"\0" in data:
         raise InputError(f"{path}: this is not a text file; save it as UTF-8 text.")
+    return plain_lines(data)
+
+
+def plain_lines(data: bytes) -> bytes:
+    """Bytes of a text without byte order mark and with line ends as ``"\\n"``."""
     return data.removeprefix(_BYTE_ORDER_MARK).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
 
 

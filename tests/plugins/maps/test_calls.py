@@ -27,6 +27,16 @@ def test_axes_and_conditions_are_read_with_their_units(monkeypatch: pytest.Monke
     assert (rules.several, rules.beyond, progress) == (cr.Several.NEIGHBOURS, cr.Beyond.EXTRAPOLATE, None)
 
 
+def test_a_rule_may_be_its_word(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr(run, "injection_map", lambda *given: asked.append(given[3]))
+    injector = cr.load_injector("virtual-lino-2016")
+    cr.map(injector, several="shortest", beyond="hold")  # type: ignore[arg-type]
+    assert asked == [(cr.Several.SHORTEST, cr.Beyond.HOLD)]
+    with pytest.raises(cr.ConfigurationError):
+        cr.map(injector, several="small")  # type: ignore[arg-type]
+
+
 def test_a_sweep_has_variables_and_a_base(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[cr.Injector, list[Variable], Base]] = []
     monkeypatch.setattr(run, "swept", lambda *given: asked.append(given))

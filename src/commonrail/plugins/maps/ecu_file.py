@@ -39,6 +39,11 @@ class EcuMaps(NamedTuple):
     foreign: dict[str, str]
     comments: list[str]
 
+    @property
+    def sound(self) -> list[MapTable]:
+        """Maps that are read."""
+        return [table for label, table in self.tables.items() if label not in self.foreign]
+
     def add(self, texts: Sequence[str], axes: Sequence[tuple[str, list[str]]], rows: Sequence[Sequence[str]]) -> None:
         """Add a map from texts: label, title and unit; units and support points of x and y; rows of values."""
         label, title, unit = texts
@@ -92,8 +97,7 @@ def _elements(path: Path, data: bytes, wanted: str) -> Iterator[ElementTree.Elem
 
 def _read_cdfx(path: Path, data: bytes) -> EcuMaps:
     """Maps of ASAM CDF 2.0; the support points of one may be an instance of their own."""
-    note = re.search(rb"<LONG-NAME>([^<]{1,4000})</LONG-NAME>", data)
-    maps = EcuMaps("CDF 2", {}, {}, _split_notes(note[1] if note else b""))
+    maps = EcuMaps("CDF 2", {}, {}, _notes(rb"<LONG-NAME>([^<]{1,4000})</LONG-NAME>", data))
     shared = {
         _text(instance, "SHORT-NAME"): [v.text or "" for v in instance.iter("V")]
         for instance in _elements(path, data, "SW-INSTANCE")
@@ -101,13 +105,10 @@ def _read_cdfx(path: Path, data: bytes) -> EcuMaps:
     }
     for instance in _elements(path, data, "SW-INSTANCE"):
         if _text(instance, "CATEGORY") == "MAP":
-            axes = [
-                (
-                    _text(axis, "UNIT-DISPLAY-NAME"),
-                    [v.text or "" for v in axis.iter("V")] or shared.get(_text(axis, "SW-INSTANCE-REF"), []),
-                )
-                for axis in instance.iter("SW-AXIS-CONT")
-            ]
+            axes = []
+            for axis in instance.iter("SW-AXIS-CONT"):
+                points = [v.text or "" for v in axis.iter("V")] or shared.get(_text(axis, "SW-INSTANCE-REF"), [])
+                axes.append((_text(axis, "UNIT-DISPLAY-NAME"), points))
             rows = [[v.text or "" for v in group.findall("V")] for group in instance.iter("VG")]
             texts = [_text(instance, n) for n in ("SHORT-NAME", "LONG-NAME", "SW-VALUE-CONT/UNIT-DISPLAY-NAME")]
             maps.add(texts, axes, rows)
@@ -117,8 +118,7 @@ def _read_cdfx(path: Path, data: bytes) -> EcuMaps:
 def _read_table(path: Path, data: bytes) -> EcuMaps:
     """Map of a table of TunerStudio; its axes have units only where their names state them."""
     root = next(_elements(path, data, "table"))
-    comment = b"".join(re.findall(rb"<!--([^<]{1,4000})-->", data)[:1])
-    maps = EcuMaps("TunerStudio", {}, {}, _split_notes(comment))
+    maps = EcuMaps("TunerStudio", {}, {}, _notes(rb"<!--([^<]{1,4000})-->", data))
     places = [root.find("xAxis"), root.find("yAxis")]
     axes = [(name_and_unit(p.get("name", ""))[1], (p.text or "").split()) for p in places if p is not None]
     cells = (root.findtext("zValues") or "").split()
@@ -130,8 +130,10 @@ def _read_table(path: Path, data: bytes) -> EcuMaps:
     return maps
 
 
-def _split_notes(text: bytes) -> list[str]:
-    return unescape(text.decode("utf-8", "replace").strip()).split("; ")
+def _notes(pattern: bytes, data: bytes) -> list[str]:
+    """Notes in the first match of a pattern, as they are written with semicolons between."""
+    note = re.search(pattern, data)
+    return unescape((note[1] if note else b"").decode("utf-8", "replace").strip()).split("; ")
 
 
 def _text(element: ElementTree.Element, name: str) -> str:
@@ -144,9 +146,7 @@ def read_axes(path: Path) -> MapTable:
     InputError if no map has such axes.
     """
     maps = read_ecu_maps(path)
-    fitting = [
-        table for label, table in maps.tables.items() if label not in maps.foreign and is_turned(table) is not None
-    ]
+    fitting = [table for table in maps.sound if is_turned(table) is not None]
     if not fitting:
         passed = "".join(f"; {label} is not read: {reason}" for label, reason in list(maps.foreign.items())[:4])
         raise InputError(f"{path}: no map in it has an axis of pressure and one of quantity, with their units{passed}.")
@@ -177,7 +177,7 @@ class MapFile:
         maps = read_ecu_maps(path)
         if not (maps.tables or maps.foreign):
             raise InputError(f"{path}: there is no map in this file; single values and curves are passed over.")
-        self._tables = [table for label, table in maps.tables.items() if label not in maps.foreign]
+        self._tables = maps.sound
         self.comments = maps.comments
         self.taken_for = f"calibration data, {maps.kind}"
         self.facts = {
@@ -212,11 +212,6 @@ class MapFile:
         _, _, kinds, units, table = min(candidates)
         by_kind = dict(zip(kinds, map(plain_unit, units), strict=True))
         matrix = Matrix(table.y.values, table.x.values, table.values, np.arange(1, table.values.size + 1))
-        return map_of_matrix(
-            self.path,
-            matrix,
-            {kind: stated[kind] or by_kind[kind] for kind in KINDS},
-            [(kinds[0], kinds[1])] if all(kinds) else ORDERS,
-            [f"map {table.label}"],
-            self.comments,
-        )
+        in_file = {kind: stated[kind] or by_kind[kind] for kind in KINDS}
+        orders = [(kinds[0], kinds[1])] if all(kinds) else ORDERS
+        return map_of_matrix(self.path, matrix, in_file, orders, [f"map {table.label}"], self.comments)

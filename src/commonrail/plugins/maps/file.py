@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.base.arrays import Floats
 from commonrail.base.csv_output import neutralised, write_csv
 from commonrail.base.errors import InputError
 from commonrail.base.output import replacing, write_text
@@ -18,6 +17,7 @@ from commonrail.base.text import number, numbers
 from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.dcm import number_text, write_dcm
 from commonrail.plugins.maps.difference import Comparison
+from commonrail.plugins.maps.response import Conditions
 from commonrail.plugins.maps.run import InjectionMap, MapBands
 from commonrail.plugins.maps.table import Axis, Layer, MapTable
 from commonrail.report.html import render
@@ -46,24 +46,21 @@ def check_map_file(path: Path) -> None:
 def _write_csv(path: Path, tables: Sequence[MapTable]) -> None:
     """One row for each cell, so that the file can serve as data of a study."""
     table = _only(path, tables, "CSV file")
-    header = [f"{name} [{unit}]" for name, unit, _ in (table.x, table.y)] + [f"{table.name} [{table.unit}]", "state"]
-    header += [f"{layer.name} [{layer.unit}]" for layer in table.layers]
-    write_csv(path, (table.title, *table.notes), header, _cells(table))
+    parts: list[Axis | Layer] = [table.x, table.y, *table.layers]
+    x, y, *layers = (f"{part.name} [{part.unit}]" for part in parts)
+    rows = []
+    for i, x_value in enumerate(table.x.values.tolist()):
+        for j, y_value in enumerate(table.y.values.tolist()):
+            cells = [number_text(x_value), number_text(y_value), _cell(table.values[j, i]), table.states[j][i]]
+            rows.append(cells + [_cell(layer.values[j, i]) for layer in table.layers])
+    header = [x, y, f"{table.name} [{table.unit}]", "state", *layers]
+    write_csv(path, (table.title, *table.notes), header, rows)
 
 
 def _only(path: Path, tables: Sequence[MapTable], what: str) -> MapTable:
     if len(tables) != 1:
         raise InputError(f"{path}: a {what} holds one map, not {len(tables)}; write each into a file of its own.")
     return tables[0]
-
-
-def _cells(table: MapTable) -> list[list[str]]:
-    rows = []
-    for i, x in enumerate(table.x.values.tolist()):
-        for j, y in enumerate(table.y.values.tolist()):
-            cells = [number_text(x), number_text(y), _cell(table.values[j, i]), table.states[j][i]]
-            rows.append(cells + [_cell(layer.values[j, i]) for layer in table.layers])
-    return rows
 
 
 def _cell(value: float) -> str:
@@ -90,16 +87,14 @@ def _write_mat(path: Path, tables: Sequence[MapTable]) -> None:
 
     content = {}
     for table in tables:
+        axes: dict[str, Any] = {}
+        for key, axis in (("x", table.x), ("y", table.y)):
+            axes |= {f"{key}_name": axis.name, f"{key}_unit": axis.unit, key: axis.values}
         content[_variable(path, table.label)] = {
             "title": table.title,
             "name": table.name,
             "unit": table.unit,
-            "x_name": table.x.name,
-            "x_unit": table.x.unit,
-            "x": table.x.values,
-            "y_name": table.y.name,
-            "y_unit": table.y.unit,
-            "y": table.y.values,
+            **axes,
             "values": table.values,
             "states": np.array(table.states, object),
             "notes": np.array(table.notes, object),
@@ -206,26 +201,25 @@ def map_record(found: Mapping[str, InjectionMap], compared: Comparison | None = 
     return record
 
 
+def conditions_record(conditions: Conditions) -> dict[str, float]:
+    """Pressures [Pa] and time step [s]; threads change no result."""
+    return {name: value for name, value in conditions._asdict().items() if name != "threads"}
+
+
 def _one(label: str, found: InjectionMap) -> dict[str, Any]:
-    conditions, inverse = found.conditions, found.inverse
+    inverse = found.inverse
     return {
         "label": label,
         "injector": found.injector.name,
         "variant": found.injector.variant.label,
         "synthetic": found.injector.synthetic,
-        "conditions": {
-            "cylinder_pressure": conditions.cylinder_pressure,
-            "return_pressure": conditions.return_pressure,
-            "time_step": conditions.time_step,
-        },
+        "conditions": conditions_record(found.conditions),
         "reference_density": found.density,
         "rules": {"several": found.rules.several.value, "unreachable": found.rules.beyond.value},
         "adjustment": found.adjustment._asdict(),
         "costs": [cost._asdict() for cost in found.costs],
         "simulations": found.simulations,
-        "rail_pressure": found.axes.rail_pressure.tolist(),
-        "quantity": found.axes.quantity.tolist(),
-        "energising_time": found.axes.energising_time.tolist(),
+        **{name: axis.tolist() for name, axis in vars(found.axes).items()},
         "injected_volume": numbers(found.volume),
         "ballistic": found.ballistic.tolist(),
         "falls_with_pressure": found.falls_with_pressure.tolist(),
@@ -242,13 +236,8 @@ def _one(label: str, found: InjectionMap) -> dict[str, Any]:
 
 def _bands(bands: MapBands) -> dict[str, Any]:
     """Edges by the share that a band is to hold, over the cells of the quantity map and of the inverse."""
-    return {
-        "estimator": bands.estimator,
-        "levels": list(bands.quantity),
-        "injected_volume": [_edges(pair) for pair in bands.quantity.values()],
-        "delivered": [_edges(pair) for pair in bands.delivered.values()],
+    edges = {
+        name: [{"lower": numbers(low), "upper": numbers(high)} for low, high in pairs.values()]
+        for name, pairs in (("injected_volume", bands.quantity), ("delivered", bands.delivered))
     }
-
-
-def _edges(pair: tuple[Floats, Floats]) -> dict[str, Any]:
-    return {"lower": numbers(pair[0]), "upper": numbers(pair[1])}
+    return {"estimator": bands.estimator, "levels": list(bands.quantity), **edges}

@@ -8,7 +8,7 @@ the two are fused into one, and only the total is a quantity of its own.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, overload
 
@@ -144,14 +144,14 @@ def _arguments(row: Sequence[float], alone: bool) -> dict[str, Any]:
 _energising = functools.lru_cache(maxsize=10_000)(Energising)  # the points of a sweep share most of theirs
 
 
-# Variables of the operating point and their SI units.
+# Variables of the operating point: SI unit, and the value where none is stated.
 OPERATING = {
-    "rail_pressure": "Pa",
-    "energising_time": "s",
-    "first_energising_time": "s",
-    "dwell": "s",
-    "cylinder_pressure": "Pa",
-    "return_pressure": "Pa",
+    "rail_pressure": ("Pa", 100e6),
+    "first_energising_time": ("s", 0.0),
+    "dwell": ("s", 1e-3),
+    "energising_time": ("s", 500e-6),
+    "cylinder_pressure": ("Pa", 5e6),
+    "return_pressure": ("Pa", 0.5e6),
 }
 SHORT = {"temperature": FUEL_TEMPERATURE}
 OF_THE_SECOND = ("energising_time", "dwell")  # variables that the first of two injections does not know
@@ -196,6 +196,8 @@ class Sweep(Shown):
         `Status` of each simulation.
     first_status : array of int
         Of the first of two injections alone; `OK` for a single injection.
+    fusion : sequence of (float, float)
+        Rail pressures [Pa] and the dwells below which two injections fuse [s], as far as they were searched for.
     """
 
     presenter = "commonrail.plugins.maps.sweep_page:SWEEP"
@@ -209,6 +211,7 @@ class Sweep(Shown):
     opening: Floats
     status: Ints
     first_status: Ints
+    fusion: Sequence[tuple[float, float]] = ()
 
     @property
     def two(self) -> bool:
@@ -236,7 +239,7 @@ def unit_of(name: str) -> tuple[str, str]:
     """Full name and SI unit of a variable; ConfigurationError if there is no such variable or parameter."""
     plain = name.replace("-", "_")
     if plain in OPERATING:
-        return plain, OPERATING[plain]
+        return plain, OPERATING[plain][0]
     full, known = SHORT.get(plain, name), parameter_quantities()
     if full not in known:
         raise ConfigurationError(
@@ -286,17 +289,9 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
         """Axes in the order of the variables, from (candidates, points)."""
         return np.asarray(table.reshape(sizes).transpose(order))
 
-    return Sweep(
-        injector,
-        base,
-        tuple(variables),
-        shaped(total),
-        shaped(second),
-        shaped(fused),
-        shaped(both.opening),
-        shaped(both.status.astype(np.int64)),
-        shaped(first_status.astype(np.int64)),
-    )
+    statuses = (status.astype(np.int64) for status in (both.status, first_status))
+    arrays: list[Any] = list(map(shaped, (total, second, fused, both.opening, *statuses)))
+    return Sweep(injector, base, tuple(variables), *arrays)
 
 
 def _first_alone(base: Base, columns: Mapping[str, Floats], count: int) -> tuple[Sequence[OperatingPoint], IndexArray]:
@@ -401,13 +396,10 @@ class WithoutNumber(NamedTuple):
 
 def without_number(found: Sweep) -> list[WithoutNumber]:
     """Reasons for missing numbers, the most frequent first."""
-    groups = [*_groups(found, found.status, False)]
-    groups += _groups(found, np.where(found.status == OK, found.first_status, OK), True)
+    groups = []
+    for alone, statuses in enumerate((found.status, np.where(found.status == OK, found.first_status, OK))):
+        for status in np.unique(statuses[statuses != OK]).tolist():
+            places = np.argwhere(statuses == status)
+            first = {v.name: float(v.values[i]) for v, i in zip(found.variables, places[0].tolist(), strict=True)}
+            groups.append(WithoutNumber(Status(status), len(places), first, bool(alone)))
     return sorted(groups, key=lambda group: (group.alone, -group.combinations))
-
-
-def _groups(found: Sweep, statuses: Ints, alone: bool) -> Iterator[WithoutNumber]:
-    for status in np.unique(statuses[statuses != OK]).tolist():
-        places = np.argwhere(statuses == status)
-        first = {v.name: float(v.values[i]) for v, i in zip(found.variables, places[0].tolist(), strict=True)}
-        yield WithoutNumber(Status(status), len(places), first, alone)

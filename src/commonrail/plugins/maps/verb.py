@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -57,6 +58,7 @@ class Bands(StrEnum):
 
 INVERSE, QUANTITY = "tiEnergising", "qInjected"  # labels where none is given
 READABLE = ("MPa", "mm3", "us")  # units of files that people read
+UNITS = ("pressure_unit", "quantity_unit", "time_unit")  # options of a file's units
 
 
 @verb
@@ -157,12 +159,20 @@ def map_(
     from commonrail.plugins.maps.inverse import Rules
     from commonrail.plugins.maps.page import map_html, map_lines, map_tables
     from commonrail.plugins.maps.response import density_at
-    from commonrail.plugins.maps.run import injection_map
+    from commonrail.plugins.maps.run import injection_map, with_bands
     from commonrail.plugins.maps.table import check_label, quantity_table, simulated_columns
 
-    _refuse_unused(out, quantity_out)
-    if axes is not None:
-        _refuse_beside_axes(axes)
+    any_file = bool(out or quantity_out), "--out or --quantity-out"
+    refuse_unused(
+        {
+            "label": (_have_labels(out), "a file of --out with labels (no CSV)"),
+            "quantity_label": (_have_labels(quantity_out), "a file of --quantity-out with labels (no CSV)"),
+            **dict.fromkeys(UNITS, any_file),
+        }
+    )
+    for name in ("rail_pressure", "quantity", *UNITS) if axes is not None else ():
+        if is_given(name):
+            raise InputError(f"--{name.replace('_', '-')}: --axes {axes} gives axes and units; omit one of the two.")
     for path in (*out, *quantity_out):
         check_file(path, "--out")
         check_map_file(path)
@@ -181,11 +191,17 @@ def map_(
         refuse_return_pressure(model.injector)
     wanted = _axes(injector, conditions, (rail_pressure, quantity, energising_time), like)
     points = None if measured is None else read_measured_map(measured, density_at(injector, conditions))
-    fit = _fit(named[0], bands)
+    fit = None
+    with _no_bands_if_refused(bands):
+        fit = _fit(named[0], bands)
     rules = Rules(several, unreachable)
     adjustment = _adjustment(smooth, monotone, resolution, density_at(injector, conditions))
     found = {m.label: injection_map(m.injector, wanted, conditions, rules, say, adjustment) for m in named}
-    first = found[named[0].label] = _with_bands(found[named[0].label], fit, bands)
+    first = found[named[0].label]
+    if fit is not None:
+        say("predicting the bands of its cells ...")
+        with _no_bands_if_refused(bands):
+            first = found[named[0].label] = with_bands(first, *fit)
     if like is not None and not (columns := simulated_columns(like, conditions)).all():
         say(f"at or below the cylinder pressure {counted(int((~columns).sum()), 'column')} of {axes} kept as before")
     for path in out:
@@ -214,13 +230,6 @@ def read_conditions(
     return Conditions(*read_pressures(*pressures, run), parse(time_step, "s", "--time-step"), threads)
 
 
-def _refuse_beside_axes(axes: Path) -> None:
-    """Refuse options that state what the map of a file states."""
-    for name in ("rail_pressure", "quantity", "pressure_unit", "quantity_unit", "time_unit"):
-        if is_given(name):
-            raise InputError(f"--{name.replace('_', '-')}: --axes {axes} gives axes and units; omit one of the two.")
-
-
 def _write_inverse(
     path: Path, found: InjectionMap, label: str | None, units: MapUnits, file: tuple[Path | None, MapTable | None]
 ) -> None:
@@ -241,60 +250,31 @@ def _write_inverse(
         write_map_file(path, [table])
 
 
-def _refuse_unused(out: Sequence[Path], quantity_out: Sequence[Path]) -> None:
-    """Refuse options of files that are not written; a CSV file has no label."""
-    files = bool(out or quantity_out), "--out or --quantity-out"
-    refuse_unused(
-        {
-            "label": (any(path.suffix.lower() != ".csv" for path in out), "a file of --out with labels (no CSV)"),
-            "quantity_label": (
-                any(path.suffix.lower() != ".csv" for path in quantity_out),
-                "a file of --quantity-out with labels (no CSV)",
-            ),
-            "pressure_unit": files,
-            "quantity_unit": files,
-            "time_unit": files,
-        }
-    )
+def _have_labels(paths: Sequence[Path]) -> bool:
+    return any(path.suffix.lower() != ".csv" for path in paths)
+
+
+@contextmanager
+def _no_bands_if_refused(wanted: Bands | None) -> Iterator[None]:
+    """Say why there are no bands in place of raising it, where they are not asked for."""
+    try:
+        yield
+    except CommonrailError as error:
+        if wanted is not None:
+            raise
+        say(f"no bands: {error}")
 
 
 def _fit(model: NamedModel, wanted: Bands | None) -> tuple[Study, dict[str, float], Floats | None] | None:
-    """Study, best values and draws (m, d) of the run that bands are those of; None without bands.
-
-    Why a run has none is said where they are not asked for.
-    """
+    """Study, best values and draws (m, d) of the run that bands are those of; None without bands."""
     if wanted is Bands.NONE or (wanted is None and model.run is None):
         return None
     if model.run is None:
         raise InputError(f"--bands: {model.text} is no run folder as it was calibrated, and only a fit has bands.")
     from commonrail.runs.folder import read_draws, read_fit
 
-    try:
-        study, best = read_fit(model.run)
-        return study, best, read_draws(model.run, study.space.names)
-    except CommonrailError as error:
-        if wanted is not None:
-            raise
-        say(f"no bands: {error}")
-        return None
-
-
-def _with_bands(
-    found: InjectionMap, fit: tuple[Study, dict[str, float], Floats | None] | None, wanted: Bands | None
-) -> InjectionMap:
-    """Map with the bands of a fit; why there are none is said where they are not asked for."""
-    if fit is None:
-        return found
-    from commonrail.plugins.maps.run import with_bands
-
-    try:
-        say("predicting the bands of its cells ...")
-        return with_bands(found, *fit)
-    except CommonrailError as error:
-        if wanted is not None:
-            raise
-        say(f"no bands: {error}")
-        return found
+    study, best = read_fit(model.run)
+    return study, best, read_draws(model.run, study.space.names)
 
 
 def _axes(

@@ -70,7 +70,6 @@ def plan_record(plan: Plan) -> dict[str, Any]:
     return {
         "kind": "next",
         "criterion": settings.criterion.value,
-        "draws": settings.draws,
         "seed": settings.seed,
         "candidates": plan.candidates,
         "failed": plan.failed,

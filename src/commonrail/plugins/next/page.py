@@ -32,10 +32,7 @@ _AIMS = {
 def plan_tables(plan: Plan) -> list[Table]:
     """Measurements in order, and standard errors before and after them."""
     rows = list(enumerate(plan.measurements, 1))
-    note = (
-        f"Factor: {_AIMS[plan.settings.criterion]}, with this measurement and those above it, over that before; "
-        f"averaged over {plan.settings.draws} draws of the parameters."
-    )
+    note = f"Factor: {_AIMS[plan.settings.criterion]}, with this measurement and those above it, over that before."
     first = tabulated(
         "Next measurements",
         rows,
@@ -100,7 +97,7 @@ def plan_lines(plan: Plan) -> list[str]:
             "the distance between points; state more rail pressures or energising times, or a smaller distance."
         )
     if plan.failed:
-        lines.append(f"{plan.failed} pairs of a candidate and a draw could not be simulated; they count as no news.")
+        lines.append(f"{plan.failed} pairs of a candidate and a draw could not be simulated; they are left out.")
     return lines + list(plan.notes)
 
 

@@ -23,12 +23,7 @@ from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.noise_fit import FittedNoise
 from commonrail.plugins.certainty.run import certify
 from commonrail.plugins.certainty.uncertain import with_uncertain_free
-from commonrail.plugins.next.problem import (
-    Responder,
-    Response,
-    has_discrepancy,
-    problem_of,
-)
+from commonrail.plugins.next.problem import Response, has_discrepancy, problem_of, responses_of
 from commonrail.plugins.next.study import (
     KINDS,
     MOST_CANDIDATES,
@@ -141,6 +136,7 @@ def _ordered(problem: Problem, rules: Rules, plan: Sequence[int]) -> list[int]:
 
 TRUSTED = 5.0  # degrees of freedom from which a scale that was estimated is believed
 WORTH = 0.1  # fall of an error from which it is worth measuring: an error that 50 values estimate is uncertain by that
+DRAWS, DRAWS_EACH = 100, 5  # draws at which candidates are simulated, or more of many parameters
 MOST_TRIED = 16  # places at which a kind that is not planned is tried: the best of them is named, no plan is made
 
 
@@ -162,8 +158,6 @@ class DesignSettings:
     apart : (float, float)
         Rail pressure [Pa] and energising time [s]: a measurement is refused that is closer in both to another of its
         kind, planned or made. Zeros allow repetitions.
-    draws : int
-        Draws of the parameters, over which the criterion is averaged.
     seed : int
         Of the draws.
 
@@ -179,12 +173,10 @@ class DesignSettings:
     budget: float = math.inf
     pressure_cost: float = 0.0
     apart: tuple[float, float] = (20e6, 30e-6)
-    draws: int = 12
     seed: int = 0
 
     def __post_init__(self) -> None:
         whole(self.points, "points", 1)
-        whole(self.draws, "draws", 1)
         whole(self.seed, "seed")
         settle(self, criterion=chosen(self.criterion, Criterion, "criterion"))
         apart = array(self.apart, "1", "apart of a plan", 1)
@@ -224,9 +216,9 @@ class Plan(Shown):
     candidates : int
         Number that the plan was chosen from.
     before, after : mapping of str to float
-        Standard error of each parameter [SI] at the most likely values, without and with the plan.
+        Standard error of each parameter [SI], without and with the plan.
     failed : int
-        Simulations of candidates that failed, each at one draw; there the candidate counts as telling nothing.
+        Simulations of candidates that failed, each at one draw.
     notes : tuple of str
         What the plan takes for granted.
     widest : str
@@ -321,17 +313,26 @@ def next_measurements(
     n, wanted = len(wanted), [*wanted, *_of_other_kinds(wanted, data)]
     note("fitting the noise of the data ...")
     certainty = certify(study, best, threads=threads, seed=settings.seed)
-    found, likelihood = certainty.estimate, certainty.estimate.likelihood
-    noises, notes = _trusted(found, data)
-    chosen_draws = np.random.default_rng(settings.seed).permutation(len(certainty.draws.unit))[: settings.draws - 1]
-    unit = np.vstack([found.unit, certainty.draws.unit[chosen_draws]])
-    note(f"simulating {len(wanted)} candidates at {len(unit)} draws of the parameters ...")
+    estimate, draws = certainty.estimate, certainty.draws.unit
+    noises, notes = _trusted(estimate, data)
+    many = min(max(DRAWS, DRAWS_EACH * draws.shape[1]), len(draws))
+    unit = draws[np.random.default_rng(settings.seed).permutation(len(draws))[:many]]
+    note(f"simulating {len(wanted)} candidates at {many} draws of the parameters ...")
+    likelihood = estimate.likelihood.with_noises(noises)
     simulator = Simulator(free.injector, likelihood.names, study.time_step, threads, same_bits=study.same_bits)
     by_kind = {one.kind: noise for one, noise in reversed(list(zip(data, noises, strict=True)))}
-    responses = Responder(simulator, likelihood.space, unit).of(wanted, data, by_kind)
-    trusted = likelihood.with_noises(noises)
-    aim = settings.criterion, columns, study.space.dimension, n
-    problem = problem_of(found, trusted, data, unit, responses, aim)
+    responses = responses_of(wanted, data, by_kind, simulator, likelihood.space.from_unit(unit), unit)
+    problem = problem_of(
+        settings.criterion,
+        estimate,
+        likelihood,
+        draws,
+        data,
+        responses,
+        parameters=columns,
+        own=study.space.dimension,
+        predicted=n,
+    )
     rules = _rules(wanted, data, settings)
     plan = select(problem, rules._replace(costs=np.where(np.arange(len(wanted)) < n, rules.costs, np.inf)))
     if not plan:
@@ -339,7 +340,7 @@ def next_measurements(
             "No candidate may be measured within the budget and the distance to the points that there are, or none "
             "tells anything; state other rail pressures and energising times, or a smaller distance."
         )
-    before, after = (_standard_errors(study, found, problem, chosen) for chosen in ([], plan))
+    before, after = (_standard_errors(study, estimate, problem, chosen) for chosen in ([], plan))
     widest = max(study.space.parameters, key=lambda one: before[one.name] / (one.upper - one.lower)).name
     column = study.space.names.index(widest)
     others, scores = list[Measurement](), np.where(np.isfinite(rules.costs), problem.scores([]), np.inf)
@@ -408,20 +409,20 @@ def _measurements(
     problem: Problem, plan: Sequence[int], responses: Sequence[Response], column: int
 ) -> Iterator[Measurement]:
     """Measurements of a plan; `column`: of the widest parameter."""
-    first, prior = problem.score([]), problem.covariance([])[0]
+    first, prior = problem.score([]), problem.covariance([])
     for k, i in enumerate(plan, 1):
         one = responses[i]
-        d = one.plain.shape[1]
-        deviation = math.sqrt(float(one.plain[0] @ prior[:d, :d] @ one.plain[0])) * one.scale
-        ratio = math.sqrt(problem.covariance(plan[:k])[0, column, column] / prior[column, column])
+        d = len(one.plain)
+        deviation = math.sqrt(float(one.plain @ prior[:d, :d] @ one.plain)) * one.scale
+        ratio = math.sqrt(problem.covariance(plan[:k])[column, column] / prior[column, column])
         factor = math.exp(problem.score(plan[:k]) - first)
         yield Measurement(one.candidate, one.value, deviation, factor, ratio)
 
 
-def _standard_errors(study: Study, found: Estimate, problem: Problem, plan: Sequence[int]) -> dict[str, float]:
-    """Standard error of each parameter of a study [SI] at the most likely values, after a plan."""
-    scale = found.likelihood.scaled(found.unit)
-    deviations = np.sqrt(np.diag(problem.covariance(plan)[0])[: len(scale)]) * scale
+def _standard_errors(study: Study, estimate: Estimate, problem: Problem, plan: Sequence[int]) -> dict[str, float]:
+    """Standard error of each parameter of a study [SI], after a plan."""
+    scale = estimate.likelihood.scaled(estimate.unit)
+    deviations = np.sqrt(np.diag(problem.covariance(plan))[: len(scale)]) * scale
     return dict(zip(study.space.names, deviations.tolist(), strict=False))
 
 

@@ -56,7 +56,6 @@ def next_(
     apart_time: Annotated[
         str, Option(help="Energising time within which points are too close, if their pressures are too.")
     ] = "30us",
-    draws: Annotated[int, Option(min=1, max=1000, help="Draws of the parameters that are averaged over.")] = 12,
     seed: Annotated[int, Option(min=0, help="Seed of the draws.")] = 0,
     out: Annotated[Path | None, Option(metavar="FILE.csv", help="File for the measuring plan.")] = None,
     report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with the plan among the data.")] = None,
@@ -65,8 +64,8 @@ def next_(
 ) -> None:
     """Advise which points to measure next.
 
-    Noise and correlation are those of the run's data. The criterion is averaged over draws of the parameters from what
-    the data leave open, so that the plan does not rest on one set of values.
+    Noise and correlation are those of the run's data. Candidates are simulated at draws of what the data leave open, so
+    that the plan does not rest on one set of values.
 
     \b
     Examples:
@@ -92,7 +91,6 @@ def next_(
         math.inf if budget is None else budget,
         pressure_cost,
         (parse(apart_pressure, "Pa", "--apart-pressure"), parse(apart_time, "s", "--apart-time")),
-        draws,
         seed,
     )
     study, best = read_fit(run)

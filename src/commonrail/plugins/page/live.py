@@ -15,7 +15,7 @@ from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.records import JUDGED, Record
 from commonrail.data.simulator import Simulator
-from commonrail.physics.fuel_kernel import fuel_coefficients
+from commonrail.physics.fuel_polynomials import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE
 from commonrail.plugins.page.module import wasm_module
 from commonrail.plugins.page.page import FIRST_POINT, bench_numbers, curve_numbers, embedded, map_numbers, packed

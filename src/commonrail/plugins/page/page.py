@@ -28,11 +28,12 @@ from commonrail.data.quantities.dead_times import FLATTEST, neighbours
 from commonrail.data.records import origin_of
 from commonrail.data.simulator import Simulator
 from commonrail.engine import plan
-from commonrail.engine.job import CHECK_AFTER, Outcome
+from commonrail.engine.courses import CHECK_AFTER
+from commonrail.engine.job import Outcome
 from commonrail.engine.loop import CoursePlan
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.plan import candidate_matrix, columns
-from commonrail.physics.fuel_kernel import fuel_coefficients
+from commonrail.physics.fuel_polynomials import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.meters import Meter, given_values, is_of_meter, low_pass
 from commonrail.plugins.export.entry_points import channels, sizes
