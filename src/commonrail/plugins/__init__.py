@@ -112,3 +112,22 @@ SHIPPED: dict[str, dict[str, str]] = {
         "lab reproduce": "commonrail.plugins.paper.verb:reproduce",
     },
 }
+# Verbs by the headings of the help.
+HEADINGS = {
+    "Fit a model to data": ("new", "inspect", "calibrate", "resume", "runs", "update", "certainty", "next", "report"),
+    "Use a model": ("simulate", "map", "sweep", "features", "predict", "observe", "page", "export"),
+    "Many parts": ("fleet", "type", "adapt", "tolerance"),
+    "A part on the bench": ("plan", "diagnose", "trim", "judge"),
+    "Judge and look up": ("compare", "sensitivity", "catalogue", "cite", "fuel", "doctor", "lab"),
+}
+# Cure of too little memory, by verb.
+MEMORY = {
+    "simulate": "shorten --horizon or lengthen --time-step",
+    "calibrate": "lower --workers or --threads, or the members of the study's [optimiser]",
+    "resume": "lower --workers or --threads",
+    "compare": "lower --threads, or name fewer models or studies",
+    "lab reproduce": "lower --threads or --seeds",
+    "sensitivity": "lower --threads or --samples, or name fewer parameters or features",
+    "tolerance": "lower --threads or --parts",
+    "fleet": "lower --workers, or divide the fleet's table",
+}
