@@ -16,41 +16,24 @@ from commonrail.base.chart import MARKERS, Figure, Panel, Series
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.table import BEST_LEGEND, SIGNS, Cell, Part, Table, marked, size_of, table_of
 from commonrail.base.text import field_unit, fixed, megapascal, number, pressure, several, signed
+from commonrail.data import records
 from commonrail.data.base import Merit, Missing, Role, Score, Term, ToleratedData, View, read_labels, share_of, term_of
 from commonrail.data.curves.data import RateData
 from commonrail.data.noise import NOISE, Noise
 from commonrail.data.quantities.returned import ReturnData
-from commonrail.data.records import (
-    JUDGED,
-    MEASURED,
-    Models,
-    Plotted,
-    Record,
-    Texts,
-    origin_of,
-    point_record,
-    present,
-    start_words,
-)
+from commonrail.data.records import JUDGED, MEASURED, Models, Plotted, Record, Texts
 from commonrail.data.simulator import ITSELF, Candidates, Simulator
 from commonrail.data.study_block import Context
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
 from commonrail.physics.meters import Meter
+from commonrail.plugins.features import targets_file
 from commonrail.plugins.features.rate_trace import RateTrace, rate_trace
 from commonrail.plugins.features.result import Features, decimals_of
 from commonrail.plugins.features.run import features
 from commonrail.plugins.features.settings import FeatureSettings, Levels
 from commonrail.plugins.features.table import find_feature
-from commonrail.plugins.features.targets_file import (
-    AFTER,
-    RETURNED,
-    FeaturesModel,
-    FeatureTarget,
-    read_curve_of,
-    read_targets,
-    settings_of,
-)
+from commonrail.plugins.features.targets_file import RETURNED, FeaturesModel, FeatureTarget
 
 NO_FEATURE = "NO_FEATURE"
 
@@ -72,7 +55,7 @@ class FeatureView(View):
     def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
         """Root mean square error in tolerances."""
         best, start = (several([d["rms"].get(key) for d in data], lambda v: fixed(v, 2)) for key in (label, "start"))
-        return Merit(best, f"tolerances rms of the features{start_words(start, '')}".replace(" )", ")"))
+        return Merit(best, f"tolerances rms of the features{records.start_words(start, '')}".replace(" )", ")"))
 
     def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
         """Root mean square errors of the features."""
@@ -90,9 +73,7 @@ class FeatureView(View):
         """Errors of the features in tolerances."""
         return [_figure(data, plotted.models)]
 
-    def compared_figures(self, data: Record, plotted: Plotted) -> list[Figure]:
-        """Errors of the features in tolerances."""
-        return [_figure(data, plotted.models)]
+    compared_figures = figures
 
 
 def _name(row: Record) -> str:
@@ -118,19 +99,19 @@ def _values_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
 
     parts = (
         _HEAD,
-        Part((origin_of(data), "tolerance"), lambda row: (_shown(row, MEASURED), _shown(row, "tolerance"))),
+        Part((records.origin_of(data), "tolerance"), lambda row: (_shown(row, MEASURED), _shown(row, "tolerance"))),
         Part([texts[label] for label in labels], lambda row: [_shown(row, label) for label in labels]),
         Part(("error", "error, tolerances"), errors),
     )
     title = f"Features of {data['name']} ({data['role']}), {pressure(data['rail_pressure'])}"
-    return table_of(title, data["rows"], parts, f"Errors are {texts[JUDGED]} − {origin_of(data)}. {_LEGEND}", 2)
+    return table_of(title, data["rows"], parts, f"Errors are {texts[JUDGED]} − {records.origin_of(data)}. {_LEGEND}", 2)
 
 
 def _errors_table(data: Record, labels: Sequence[str]) -> Table:
     def errors(row: Record) -> list[Cell]:
         return marked([_error(row, label) for label in labels], lambda error: signed(error, 2), _STEPS)
 
-    parts = (_HEAD, Part((origin_of(data),), lambda row: (_shown(row, MEASURED),)), Part(labels, errors))
+    parts = (_HEAD, Part((records.origin_of(data),), lambda row: (_shown(row, MEASURED),)), Part(labels, errors))
     title = f"Errors of the features in tolerances: {data['name']}, {megapascal(data['rail_pressure'])} MPa"
     return table_of(title, data["rows"], parts, f"{_LEGEND} {BEST_LEGEND}", 2)
 
@@ -145,9 +126,16 @@ def _figure(data: Record, models: Models) -> Figure:
     ]
     return Figure(
         f"Features of {data['name']}",
-        f"Simulated − {origin_of(data)}, each in its tolerance; the number is that of the injection.",
+        f"Simulated − {records.origin_of(data)}, each in its tolerance; the number is that of the injection.",
         "",
-        (Panel("error, tolerances", present(series), zero_line=True, categories=tuple(_name(row) for row in rows)),),
+        (
+            Panel(
+                "error, tolerances",
+                records.present(series),
+                zero_line=True,
+                categories=tuple(_name(row) for row in rows),
+            ),
+        ),
     )
 
 
@@ -239,10 +227,10 @@ class FeatureData(ToleratedData):
     @classmethod
     def read_all(cls, model: FeaturesModel, context: Context) -> tuple[Self, ...]:
         """Read features; see `DataSet.read_all`."""
-        curve = read_curve_of(model, context)
-        settings = settings_of(model, context.injector, curve.point, context.at)
+        curve = targets_file.read_curve_of(model, context)
+        settings = targets_file.settings_of(model, context.injector, curve.point, context.at)
         measured = features(curve, settings=settings) if model.file else None
-        targets = read_targets(model, context.injector, curve.point, measured, context.at)
+        targets = targets_file.read_targets(model, context.injector, curve.point, measured, context.at)
         levels = None if measured is None else measured.levels
         labels = model.weight, model.source, model.synthetic
         more = model.stroke_period, context.meter(model.meter)
@@ -262,7 +250,7 @@ class FeatureData(ToleratedData):
         """Features (candidates, targets) [SI] of simulated traces, as the meter shows them if there is one."""
         rates = self.curve.simulated(simulator, values)
         trace = rate_trace(self.curve)
-        found = np.array([self._values_of(self._found(trace, rate)) for rate in rates])
+        found = np.array([self._values_of(trace, rate) for rate in rates])
         if self.returned is not None:
             column = [target.feature for target in self.targets].index(RETURNED)
             found[:, column] = self.returned.simulated(simulator, values)[:, 0]
@@ -288,11 +276,10 @@ class FeatureData(ToleratedData):
             return None
         return features(trace.with_rate(rate), settings=self.settings, levels=self.levels)
 
-    def _values_of(self, found: Features | None) -> list[float]:
-        if found is None:
-            return [math.nan] * len(self.targets)
+    def _values_of(self, trace: RateTrace, rate: Floats) -> list[float]:
+        found = self._found(trace, rate)
         return [
-            math.nan if target.feature == RETURNED else found.value(target.feature, target.injection)
+            math.nan if found is None or target.feature == RETURNED else found.value(target.feature, target.injection)
             for target in self.targets
         ]
 
@@ -326,7 +313,7 @@ class FeatureData(ToleratedData):
             for i, target in enumerate(self.targets)
         ]
         return {
-            **point_record(self.curve.point),
+            **records.point_record(self.curve.point),
             "rows": rows,
             "rms": {label: number(score.error) for label, score in scores.items()},
         }
@@ -383,7 +370,7 @@ def _returned(data: FeatureData, targets: Sequence[FeatureTarget]) -> ReturnData
     if not targets:
         return None
     point = data.curve.point
-    end = max(pulse.start + pulse.duration for pulse in point.pulses) + AFTER
+    end = max(pulse.start + pulse.duration for pulse in point.pulses) + targets_file.AFTER
     longer = replace(point, horizon=max(end - point.start, point.duration))
     value, tolerance = np.array([targets[0].value]), targets[0].tolerance
     none = np.zeros(1, bool)

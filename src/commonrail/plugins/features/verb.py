@@ -8,18 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.errors import InputError
 from commonrail.base.units import parse
+from commonrail.cli import options
 from commonrail.cli.console import print_result, print_table, print_text
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import (
-    DecimalSign,
-    Encoding,
-    Json,
-    SheetName,
-    check_file,
-    read_energisings,
-    read_form,
-    read_pair,
-)
 
 if TYPE_CHECKING:
     from commonrail.engine.operating_point import Energising
@@ -64,12 +55,12 @@ def features(
     separate: Annotated[
         bool, Option("--separate", help="The rates are of different operating points, no repeated shots.")
     ] = False,
-    encoding: Encoding = None,
-    decimal: DecimalSign = None,
-    sheet: SheetName = None,
+    encoding: options.Encoding = None,
+    decimal: options.DecimalSign = None,
+    sheet: options.SheetName = None,
     model: Annotated[str, Option(help="Simulation of a run: best, start or rigid.")] = "best",
     out: Annotated[Path | None, Option(metavar="FILE.csv", help="Table of all features.")] = None,
-    json: Json = False,
+    json: options.Json = False,
 ) -> None:
     """Find delays, ramps, rates and quantities in traces.
 
@@ -87,12 +78,12 @@ def features(
     from commonrail.plugins.features.run import features as find
     from commonrail.plugins.features.settings import FeatureSettings
 
-    check_file(out, "--out")
+    options.check_file(out, "--out")
     settings = FeatureSettings(
         threshold, split=parse(split, "1", "--split"), averaging=averaging, tail=tail, zero_at_rest=zero_at_rest
     )
     pulses = _energisings(energising_time, energising)
-    form = read_form(encoding, decimal, sheet, [source])
+    form = options.read_form(encoding, decimal, sheet, [source])
     if source.is_dir():
         if rate or pulses:
             raise InputError(f"{source}: a run has its own rates and energisings; omit --rate and --energising.")
@@ -100,7 +91,7 @@ def features(
         return
     between = None
     if window is not None:
-        between = read_pair(window, "s", f"--window {window}", "BEGIN:END, such as 0us:3000us")
+        between = options.read_pair(window, "s", f"--window {window}", "BEGIN:END, such as 0us:3000us")
     columns = RateColumns(time, rate, time_unit, rate_unit, centred, between, form)
     found = {name: find(trace, settings=settings) for name, trace in read_rates(source, columns, pulses).items()}
     _print_file(found, repeated=not separate and are_repeated(list(found)), out=out, json=json)
@@ -111,7 +102,7 @@ def _energisings(duration: str | None, pulses: Sequence[str]) -> tuple[Energisin
 
     if duration is None and not pulses:
         return ()
-    return OperatingPoint(100e6, read_energisings(duration, pulses)).pulses
+    return OperatingPoint(100e6, options.read_energisings(duration, pulses)).pulses
 
 
 def _print_file(found: dict[str, Features], *, repeated: bool, out: Path | None, json: bool) -> None:

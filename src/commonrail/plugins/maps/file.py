@@ -15,11 +15,11 @@ from commonrail.base.errors import InputError
 from commonrail.base.output import replacing, write_text
 from commonrail.base.text import number, numbers
 from commonrail.plugins.maps.choices import CellState
-from commonrail.plugins.maps.dcm import number_text, write_dcm
+from commonrail.plugins.maps.dcm import number_text, write_dcm, write_into_dcm
 from commonrail.plugins.maps.difference import Comparison
 from commonrail.plugins.maps.response import Conditions
 from commonrail.plugins.maps.run import InjectionMap, MapBands
-from commonrail.plugins.maps.table import Axis, Layer, MapTable
+from commonrail.plugins.maps.table import Axis, Layer, MapTable, shaped_like
 from commonrail.report.html import render
 
 LONGEST_SHEET = 31  # characters of the name of a sheet
@@ -32,6 +32,15 @@ def write_map_file(path: Path, tables: Sequence[MapTable]) -> None:
     """
     check_map_file(path)
     _WRITERS[path.suffix.lower()](path, tables)
+
+
+def write_map_like(path: Path, table: MapTable, like: MapTable, source: Path) -> None:
+    """Write a map in the shape of another one, whose file is `source`: a DCM file as that file with new values."""
+    table = shaped_like(table, like)
+    if path.suffix.lower() == source.suffix.lower() == ".dcm":
+        write_into_dcm(path, source, like.label, table)
+    else:
+        write_map_file(path, [table])
 
 
 def check_map_file(path: Path) -> None:
