@@ -23,7 +23,18 @@ from commonrail.cli.console import say
 from commonrail.cli.guard import check_paths, guarded
 
 HEADINGS = {
-    "Fit a model to data": ("new", "inspect", "calibrate", "resume", "runs", "update", "certainty", "next", "report"),
+    "Fit a model to data": (
+        "app",
+        "new",
+        "inspect",
+        "calibrate",
+        "resume",
+        "runs",
+        "update",
+        "certainty",
+        "next",
+        "report",
+    ),
     "Use a model": ("simulate", "map", "sweep", "features", "predict", "observe", "page", "export"),
     "Many parts": ("fleet", "type", "adapt", "tolerance"),
     "A part on the bench": ("plan", "diagnose", "trim", "judge"),

@@ -98,6 +98,7 @@ SHIPPED: dict[str, dict[str, str]] = {
         "catalogue": "commonrail.plugins.catalogue.verb:catalogue",
         "fuel": "commonrail.plugins.fuel.verb:fuel",
         "new": "commonrail.plugins.new.verb:new",
+        "app": "commonrail.plugins.app.verb:app",
         "doctor": "commonrail.plugins.doctor.verb:doctor",
         "lab": "commonrail.cli.grammar:lab",
         "lab verify": "commonrail.plugins.verification.verb:verify",
