@@ -49,7 +49,7 @@ class Outcome(NamedTuple):
 def run_study(
     study: Study, folder: Path, threads: int | None, workers: Workers | None = None, *, strict: bool = False
 ) -> Outcome:
-    """Calibrate a study into a new folder, with progress and warnings on stderr; as `commonrail.calibrate_into`."""
+    """Calibrate a study into a new folder, with progress and warnings on stderr; as `runs.calibrate_into`."""
     from commonrail.runs.fit import calibrate_into
 
     points = counted(sum(len(data.points) for data in study.data), "operating point")

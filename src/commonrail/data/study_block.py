@@ -26,26 +26,13 @@ LONGEST_NAME = 200
 
 
 class Context(NamedTuple):
-    """Surroundings in which a data set is read.
-
-    Attributes
-    ----------
-    injector : Injector
-    time_step : float
-        [s].
-    reach : Reach
-        Folders where its files may lie.
-    at : Place
-        Of its block in the study file.
-    meters : mapping of str to Meter
-        Those that the study describes, by name.
-    """
+    """Surroundings in which a data set is read."""
 
     injector: Injector
-    time_step: float
-    reach: Reach
-    at: Place
-    meters: Mapping[str, Meter] = {}
+    time_step: float  # [s]
+    reach: Reach  # folders where its files may lie
+    at: Place  # of its block in the study file
+    meters: Mapping[str, Meter] = {}  # those that the study describes, by name
 
     def meter(self, name: str | None) -> Meter | None:
         """Meter that a block names, or None; `InputError` if the study does not describe it."""
@@ -147,8 +134,3 @@ class DataModel(FormModel):
     noise: NoiseModel = NoiseModel()
     source: str = "no source stated"
     synthetic: str = ""
-
-    @property
-    def has_dead_times(self) -> bool:
-        """True if a second file has dead times."""
-        return False

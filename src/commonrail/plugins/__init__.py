@@ -105,6 +105,7 @@ SHIPPED: dict[str, dict[str, str]] = {
         "catalogue": "commonrail.plugins.catalogue.verb:catalogue",
         "fuel": "commonrail.plugins.fuel.verb:fuel",
         "new": "commonrail.plugins.new.verb:new",
+        "app": "commonrail.plugins.app.verb:app",
         "doctor": "commonrail.plugins.doctor.verb:doctor",
         "lab": "commonrail.cli.grammar:lab",
         "lab verify": "commonrail.plugins.verification.verb:verify",
@@ -114,7 +115,18 @@ SHIPPED: dict[str, dict[str, str]] = {
 }
 # Verbs by the headings of the help.
 HEADINGS = {
-    "Fit a model to data": ("new", "inspect", "calibrate", "resume", "runs", "update", "certainty", "next", "report"),
+    "Fit a model to data": (
+        "app",
+        "new",
+        "inspect",
+        "calibrate",
+        "resume",
+        "runs",
+        "update",
+        "certainty",
+        "next",
+        "report",
+    ),
     "Use a model": ("simulate", "map", "sweep", "features", "predict", "observe", "page", "export"),
     "Many parts": ("fleet", "type", "adapt", "tolerance"),
     "A part on the bench": ("plan", "diagnose", "trim", "judge"),
