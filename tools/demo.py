@@ -73,10 +73,10 @@ def _calibrate(case: Path, folder: Path, threads: int | None) -> Outcome:
     from commonrail.calibration.study_file import load_study
 
     if case.name == "paper" and not any((case / "data").glob("*.csv")):
-        from commonrail.plugins.paper.bench_file import write_bench_data
+        from commonrail.plugins.paper.bench_file import virtual_bench
 
         say("simulating the virtual test bench; this takes minutes ...")
-        write_bench_data(case, BENCH_SEED)
+        virtual_bench(case, BENCH_SEED)
     return run_study(load_study(case / "study.toml"), folder, threads)
 
 

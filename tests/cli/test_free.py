@@ -128,7 +128,7 @@ def test_a_report_advises_to_free_what_a_test_suspects(
     study: Path, tmp_path: Path, test: dict[str, Any], free: str
 ) -> None:
     run = tmp_path / "run"
-    cr.calibrate_into(run, cr.load_study(study), threads=1)
+    cr.runs.calibrate_into(run, cr.load_study(study), threads=1)
     record = read_result(run)
     alarm = {"score": 1e-9, "size": None, "found": True, "sentence": "the residuals look like it"} | test
     record["certainty"]["tests"] = [alarm]

@@ -56,7 +56,7 @@ def test_a_run_at_its_bound_is_widened_and_the_study_file_is_not(tmp_path: Path)
     write_map(tmp_path / "march.csv", (40, 160), (400, 700, 1000), 1)
     write_map(tmp_path / "check.csv", (60, 120), (500, 900), 2)
     first, second, third = (tmp_path / name for name in ("first", "second", "third"))
-    cr.calibrate_into(first, cr.load_study(study), threads=1)
+    cr.runs.calibrate_into(first, cr.load_study(study), threads=1)
     assert next(p["at_bound"] for p in read_result(first)["parameters"] if p["name"] == FREE)
     advised = [step.command for step in verdict(read_result(first), str(first)).steps]
     assert f"commonrail calibrate {study} --widen {first}" in advised

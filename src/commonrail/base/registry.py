@@ -32,6 +32,7 @@ PACKAGE = "commonrail"
 GROUPS = (
     "verbs",
     "data",
+    "views",
     "optimisers",
     "readers",
     "injectors",

@@ -22,18 +22,23 @@ if TYPE_CHECKING:
     from commonrail.calibration.search import Progress
     from commonrail.calibration.study import Study
     from commonrail.runs.fit import Listener
+    from commonrail.runs.folder import Results
     from commonrail.workers.workers import Workers
 
 JUDGED_SOON = 30.0  # time of a judgement whose stages need not be shown [s]
 
 
 class Outcome(NamedTuple):
-    """Run folder, report and the record of the result; `judged` is false if Ctrl-C has stopped the judgement."""
+    """Run folder, report and the record of the result; `judged` is false if Ctrl-C has stopped the judgement.
+
+    `results` are those of a calibration that has just been written.
+    """
 
     folder: Path
     report: Path
     record: dict[str, Any]
     judged: bool = True
+    results: Results | None = None
 
     @property
     def interrupted(self) -> bool:
@@ -44,7 +49,7 @@ class Outcome(NamedTuple):
 def run_study(
     study: Study, folder: Path, threads: int | None, workers: Workers | None = None, *, strict: bool = False
 ) -> Outcome:
-    """Calibrate a study into a new folder, with progress and warnings on stderr; as `commonrail.calibrate_into`."""
+    """Calibrate a study into a new folder, with progress and warnings on stderr; as `runs.calibrate_into`."""
     from commonrail.runs.fit import calibrate_into
 
     points = counted(sum(len(data.points) for data in study.data), "operating point")
@@ -65,20 +70,24 @@ def reported(
     `stage` says how far a search is for the bar with the title, by default `stage_of`.
     """
     from commonrail.base.hooks import held_interrupts
-    from commonrail.report.page import write_report
+    from commonrail.report.page import write_report, write_report_of
     from commonrail.report.result_kind import kind_of
     from commonrail.runs.fit import Listener
     from commonrail.runs.folder import RESULT
 
     shown, judged = stage_of if stage is None else stage, True
+    written: list[Results] = []
     with held_interrupts():  # once the search has ended, its report is written whatever keys are pressed
         with Bar(title) as bar, telling(shown_by(bar, JUDGED_SOON)):
             try:
-                work(Listener(lambda p: bar.show(shown(p)), bar.note))
+                work(Listener(lambda p: bar.show(shown(p)), bar.note, written.append))
             except KeyboardInterrupt:
                 if not (folder / RESULT).is_file():
                     raise
                 judged = False
+        if written and judged:
+            report = write_report_of(written[0], folder, live=False)
+            return Outcome(folder, report, written[0].record, results=written[0])
         report = write_report(folder, live=False)
         return Outcome(folder, report, dict(kind_of(folder).read(folder)), judged)
 
@@ -120,10 +129,12 @@ def make_live(outcome: Outcome) -> None:
 
     The first of a variant is compiled for some time, so the verdict and a report without it are there before.
     """
-    from commonrail.report.page import write_report
+    from commonrail.report.page import write_report, write_report_of
     from commonrail.report.result_kind import kind_of
 
-    if outcome.report.is_file() and kind_of(outcome.folder).still:
+    if outcome.results is not None:
+        write_report_of(outcome.results, outcome.folder)
+    elif outcome.report.is_file() and kind_of(outcome.folder).still:
         write_report(outcome.folder)
 
 

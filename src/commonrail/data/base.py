@@ -1,7 +1,8 @@
 """Interface that every kind of measured data implements.
 
-A kind is a frozen dataclass that derives from `DataSet` and is registered in the group "data", with a `Score`, a `View`
-and the model of its block in a study file. Search, journal, fleet, comparison, plausibility and report know these only.
+A kind is a frozen dataclass that derives from `DataSet` and is registered in the group "data", with a `Score` and the
+model of its block in a study file. Search, journal, fleet, comparison and plausibility know these only; reports show it
+by the part of the same name in the group "views".
 """
 
 from __future__ import annotations
@@ -17,12 +18,8 @@ import numpy as np
 
 from commonrail.base.arguments import chosen, instance, number, plain_text, settle
 from commonrail.base.arrays import Bools, Floats, Ints
-from commonrail.base.chart import Figure
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.table import Table
-from commonrail.base.text import number as number_or_none
 from commonrail.data.noise import NOISE, Noise
-from commonrail.data.records import JUDGED, Plotted, Record, Texts
 from commonrail.data.simulator import Candidates, Simulator
 from commonrail.data.study_block import Context, DataModel
 from commonrail.engine import lanes, plan
@@ -149,74 +146,6 @@ class Score(ABC):
         return []
 
 
-class Merit(NamedTuple):
-    """Figure of merit on the first page of a report: the figure with its unit, and of what it is."""
-
-    figure: str
-    words: str
-
-
-class FitError(NamedTuple):
-    """Error of a calibrated model on data: a share of what was measured, or `in_tolerances`; a study's tolerance."""
-
-    size: float
-    in_tolerances: bool = False
-    tolerance: float = 0.0
-
-
-class View(ABC):
-    """Content of reports on records of one kind: tables, figures and sentences, as plain data."""
-
-    def has(self, data: Record, label: str) -> bool:
-        """True if a model has any number for the data set, by default for any of its rows."""
-        return any(number_or_none(row.get(label)) is not None for row in data["rows"])
-
-    @abstractmethod
-    def operating_point(self, data: Record) -> Record:
-        """One of the data set's operating points, to simulate it again."""
-
-    def operating_points(self, data: Record) -> Sequence[Record]:
-        """All of the data set's operating points."""
-        return [self.operating_point(data)]
-
-    @abstractmethod
-    def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
-        """Error of a model on data sets, beside that of the start values if there are any."""
-
-    def fit_error(self, data: Record) -> FitError | None:
-        """Error of the calibrated model on a data set, by default in tolerances; None without a figure."""
-        size = number_or_none(data.get("rms", {}).get(JUDGED))
-        return None if size is None else FitError(size, in_tolerances=True)
-
-    def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
-        """Error of the quantity per stroke, where `merit` does not say it."""
-        return None
-
-    def quantities(self, data: Record) -> list[tuple[float, float | None]]:
-        """Measured and calibrated quantities per stroke [m³]."""
-        return []
-
-    @abstractmethod
-    def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
-        """Measure of the best model of a comparison, and the errors by label of each data set."""
-
-    @abstractmethod
-    def tables(self, data: Sequence[Record], texts: Texts) -> list[Table]:
-        """Tables of a calibration; errors and shares are those of the label "best", whatever its text."""
-
-    @abstractmethod
-    def compared_tables(self, data: Sequence[Record], labels: Sequence[str]) -> list[Table]:
-        """Tables of a comparison: a column for each model, the least error of each row marked."""
-
-    @abstractmethod
-    def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
-        """Figures of one data set of a calibration."""
-
-    @abstractmethod
-    def compared_figures(self, data: Record, plotted: Plotted) -> list[Figure]:
-        """Figures of one data set of a comparison."""
-
-
 class DataSet(ABC):
     """Measured values at operating points.
 
@@ -230,8 +159,6 @@ class DataSet(ABC):
         Of the kind: what `Score.error` is, "J", and its unit.
     model : type of DataModel
         Of the kind: keys of its block in a study file.
-    view : View
-        Of the kind: what reports show of it.
     meter_inputs : set of str
         Of the kind: quantities of a meter that its values depend on.
     sigma_unit, residual_unit : str
@@ -267,7 +194,6 @@ class DataSet(ABC):
     unit: ClassVar[str]
     error_head: ClassVar[tuple[str, str]]
     model: ClassVar[type[DataModel]]
-    view: ClassVar[View]
     meter_inputs: ClassVar[frozenset[str]]
     sigma_unit: ClassVar[str] = "1"
     residual_unit: ClassVar[str] = "tolerances"

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Points, Series
+from commonrail.base.record import to_record
 from commonrail.base.text import MISSING, number
 from commonrail.compiler.target import describe, package_versions
 from commonrail.engine.operating_point import OperatingPoint
@@ -56,6 +57,12 @@ def record_head(kind: str, title: str, synthetic: str) -> dict[str, Any]:
     """First keys of a record that a folder keeps: what it is, what made it where, what of it is not measured."""
     made = {"software": package_versions(), "target": describe().machine}
     return {"schema": SCHEMA, "kind": kind, **made, "title": title, "synthetic": synthetic}
+
+
+def record_of(kind: str, result: Any) -> dict[str, Any]:
+    """Record that a folder keeps of a typed result with a title: its head, and its fields by `to_record`."""
+    record: dict[str, Any] = to_record(result)
+    return record_head(kind, result.title, result.synthetic) | record
 
 
 def point_record(point: OperatingPoint) -> dict[str, float]:

@@ -17,6 +17,13 @@ SHIPPED: dict[str, dict[str, str]] = {
         "features": "commonrail.plugins.features.targets:FeatureData",
         "test plan": "commonrail.plugins.plans.data:PlanData",
     },
+    "views": {
+        "rate": "commonrail.report.data.curves:CURVES",
+        "quantities": "commonrail.report.data.quantities:QUANTITIES",
+        "return quantities": "commonrail.report.data.quantities:RETURNS",
+        "features": "commonrail.plugins.features.targets_page:VIEW",
+        "test plan": "commonrail.plugins.plans.page:VIEW",
+    },
     "optimisers": {"multi-start least squares": "commonrail.plugins.multistart:REGISTERED"},
     "readers": {  # by what `format_of` returns; all else is a text
         "csv": "commonrail.readers.table_sheet:open_table",

@@ -12,6 +12,7 @@ from typing import Annotated, Literal, NamedTuple, Protocol
 
 import numpy as np
 from pydantic import AfterValidator, Field
+from pydantic_core import PydanticCustomError
 
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import InputError, nearest
@@ -46,32 +47,26 @@ def check_encoding(name: str, at: str) -> str:
 
     Raises `InputError` if there is none of that name; `at` is the place where it was stated.
     """
-    if reason := _refusal(name):
-        raise InputError(f"{at}: {reason}.")
-    return name
+    try:
+        return _known_encoding(name)
+    except PydanticCustomError as error:
+        raise InputError(f"{at}: {error.message()}.") from error
 
 
-def _refusal(name: str) -> str:
-    """Reason why a name is none of an encoding of texts, empty if it is one."""
+def _known_encoding(name: str) -> str:
     try:
         found = codecs.lookup(name)
     except (LookupError, ValueError):  # a null character
-        return f'there is no encoding "{name}"; write utf-8, utf-16 or cp1252'
+        raise fault(f'there is no encoding "{name}"; write utf-8, utf-16 or cp1252') from None
     if not getattr(found, "_is_text_encoding", True) or found.name in _NOT_OF_FILES:
-        return f'"{name}" is no encoding of texts; write utf-8, utf-16 or cp1252'
-    return ""
-
-
-def _encoding(name: str) -> str:
-    if reason := _refusal(name):
-        raise fault(reason)
+        raise fault(f'"{name}" is no encoding of texts; write utf-8, utf-16 or cp1252')
     return name
 
 
 class FormModel(FileModel):
     """Keys that state the form of the table's file."""
 
-    encoding: Annotated[str, Field(max_length=40), AfterValidator(_encoding)] | None = None
+    encoding: Annotated[str, Field(max_length=40), AfterValidator(_known_encoding)] | None = None
     decimal: Literal[".", ","] | None = None
     sheet: str | None = None
 
@@ -356,7 +351,11 @@ class ChannelSheet:
 
     def __init__(self, path: Path, channels: Sequence[Channel]) -> None:
         self.path = path
-        self._channels = _named(channels)
+        counts = Counter(channel.name for channel in channels)
+        self._channels: dict[str, Channel] = {}
+        for number, channel in enumerate(channels, start=1):
+            whole = channel.name if counts[channel.name] == 1 else f"{channel.group}/{channel.name}"
+            self._channels[whole if whole not in self._channels else f"{whole}, channel {number}"] = channel
         self.names = list(self._channels)
 
     def unit(self, name: str) -> str:
@@ -372,8 +371,7 @@ class ChannelSheet:
         channels = [column for column in columns if not column.increasing]
         if len(channels) != 1:
             raise InputError(f"{self.path}: each channel of this record has its own times; name files one by one.")
-        (wanted,) = channels
-        name = self.names[find_column(self.path, self.names, wanted.name)]
+        name = self.names[find_column(self.path, self.names, channels[0].name)]
         channel = self._channels[name]
         for column in columns:
             if column.increasing and column.name not in (TIME, channel.master):
@@ -387,13 +385,3 @@ class ChannelSheet:
         given = {c.name: "s" if c.increasing else channel.unit for c in columns}
         table = Table(self.path, numbers, {}, given, np.arange(1, len(channel.time) + 1), row="sample")
         return finite(table, [column._replace(required=True) for column in columns], "the value is not a finite number")
-
-
-def _named(channels: Sequence[Channel]) -> dict[str, Channel]:
-    """Channels by name, with their groups where a name is not the only one."""
-    counts = Counter(channel.name for channel in channels)
-    found: dict[str, Channel] = {}
-    for number, channel in enumerate(channels, start=1):
-        whole = channel.name if counts[channel.name] == 1 else f"{channel.group}/{channel.name}"
-        found[whole if whole not in found else f"{whole}, channel {number}"] = channel
-    return found

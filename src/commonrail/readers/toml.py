@@ -274,16 +274,26 @@ def read_model(kind: type[_Model], document: Mapping[str, Any], at: Place) -> _M
     try:
         return kind.model_validate(document)
     except ValidationError as error:
-        raise _translated(error.errors(include_url=False)[0], at) from error
+        raise _translated(kind, error.errors(include_url=False)[0], at) from error
 
 
-def _translated(found: ErrorDetails, at: Place) -> InputError:
+def _translated(kind: type[BaseModel], found: ErrorDetails, at: Place) -> InputError:
+    if found["type"] == "list_type" and not at.key and found["loc"] in _lists_of_tables(kind):
+        key = found["loc"][0]
+        return (at / str(key)).error(f"this must be a list, and a list of tables is written [[{key}]]")
     for part in found["loc"]:
         if isinstance(part, int):
             at = at[part]
         elif not part.startswith("<"):  # a tag: which form of a key was tried
             at = at / part
     return at.error(_sentence(found, at.key))
+
+
+def _lists_of_tables(kind: type[BaseModel]) -> list[tuple[str]]:
+    """Keys of a file that hold lists of tables."""
+    items = {key: get_args(field.annotation) for key, field in kind.model_fields.items()}
+    kinds = {key: (get_args(of[0]) or of)[0] for key, of in items.items() if of}  # of Annotated[…] the first
+    return [(key,) for key, item in kinds.items() if isinstance(item, type) and issubclass(item, BaseModel)]
 
 
 def _sentence(found: ErrorDetails, key: str) -> str:
@@ -296,8 +306,6 @@ def _sentence(found: ErrorDetails, key: str) -> str:
     if kind in ("model_type", "dict_type"):
         return "this must be a table" + ("" if not key or key.endswith("]") else f", written [{key}]")
     if kind == "list_type":
-        if last in _LISTS_OF_TABLES:
-            return f"this must be a list, and a list of tables is written [[{last}]]"
         return f"this must be a list in brackets{_LISTS.get(last, '')}"
     if kind in ("too_short", "too_long"):
         limit = found["ctx"].get("min_length") or found["ctx"].get("max_length")
@@ -308,7 +316,6 @@ def _sentence(found: ErrorDetails, key: str) -> str:
 
 
 _MISSING = {"injector": 'injector = "virtual-lino-2016"', "temperature": 'temperature = "80 degC"'}
-_LISTS_OF_TABLES = ("data", "parameter", "dimension", "point", "correlation")
 _LISTS = {
     "window": ', such as ["0 us", "1600 us"]',
     "energisings": ', such as [{ start = "0 us", duration = "700 us" }]',

@@ -93,10 +93,7 @@ def _calibration_tables(c: Calibration) -> list[Table]:
 
 def _calibration_figures(c: Calibration) -> Iterator[Chart]:
     record = result_record(c, {})
-    traces = {
-        curve.data: {"time_s": 0.5 * (curve.bounds[1:] + curve.bounds[:-1]), **curve.rates}
-        for curve in rate_curves(c.study.data, c.scores)
-    }
+    traces = {curve.data: curve.trace for curve in rate_curves(c.study.data, c.scores)}
     yield from error_maps(record)
     yield from figures_of(record, traces)
     if len(record["generations"]) > 1:

@@ -41,9 +41,8 @@ from commonrail.report.fit.verdict import (
 )
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind, kind_of
-from commonrail.runs.folder import DRAWS, RESULT, TRACES, final_text, read_draws
+from commonrail.runs.folder import RESULT, Results, final_text, read_results
 from commonrail.runs.journal import JOURNAL, best_course, held_run
-from commonrail.runs.traces import read_traces
 
 BENCH = "bench.html"  # page with sliders, which a report links where it lies beside
 MAIN_HEIGHT = 420  # of the chart on the first screen [px]
@@ -86,6 +85,15 @@ def write_report(folder: str | Path, live: bool = True) -> Path:
     with kind.refusing_broken(folder):
         make = kind.still if kind.still and not live else kind.page
         page = make(kind.read(folder), folder)
+    return _write(folder, page)
+
+
+def write_report_of(results: Results, folder: Path, live: bool = True) -> Path:
+    """Write ``report.html`` of a calibration from the results that were just written into its folder."""
+    return _write(folder, _results_page(results, folder, live))
+
+
+def _write(folder: Path, page: str) -> Path:
     path = folder / "report.html"
     with held_run(folder) if (folder / JOURNAL).is_file() else nullcontext():
         write_text(path, final_text(page, folder))
@@ -93,13 +101,18 @@ def write_report(folder: str | Path, live: bool = True) -> Path:
 
 
 def _page(record: Record, folder: Path, live: bool = True) -> str:
+    return _results_page(read_results(folder, record), folder, live)
+
+
+def _results_page(results: Results, folder: Path, live: bool) -> str:
+    record = results.record
     return report_html(
         record,
-        read_traces(folder / TRACES),
+        results.traces,
         folder.as_posix() or "RUN",
         bench=(folder / BENCH).is_file(),
         course=_course(folder),
-        draws=_draws(folder, record),
+        draws=results.draws,
         live=_live(record, folder) if live else "",
         openings=[
             part.call(folder) for name, part in registry.entries("openings").items() if (folder / name).is_file()
@@ -123,14 +136,6 @@ def _course(folder: Path) -> Floats | None:
     with suppress(StudyError):
         return best_course(folder) if (folder / JOURNAL).is_file() else None
     return None
-
-
-def _draws(folder: Path, record: Record) -> dict[str, Floats]:
-    """Draws of the posterior by parameter [SI]; none without a file."""
-    if not (folder / DRAWS).is_file():
-        return {}
-    names = [str(parameter["name"]) for parameter in record["parameters"]]
-    return dict(zip(names, read_draws(folder, names).T, strict=True))
 
 
 KEYS = ("title", "seed", "status", "injector", "parameters", "objective", "data", "generations")

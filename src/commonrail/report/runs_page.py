@@ -17,8 +17,8 @@ from commonrail.base.chart import BOTH, MARKERS, Figure, Panel, Series, points
 from commonrail.base.errors import CommonrailError
 from commonrail.base.table import Table, tabulated
 from commonrail.base.text import MISSING, duration, listed, quantity_range, significant
-from commonrail.data.curves.page import RATE
 from commonrail.data.records import MICROSECOND, MM3_PER_MS, Record, Traces
+from commonrail.report.data.curves import RATE
 from commonrail.report.figure import drawings
 from commonrail.report.fit.record import short_names
 from commonrail.report.fit.verdict import merits

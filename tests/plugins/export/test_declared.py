@@ -50,7 +50,7 @@ def test_a_measured_course_that_is_not_read_is_refused(variant: Variant) -> None
         (RETURN, cr.OperatingPoint("20 MPa", "400 us", 0.1e6, course)),
     ):
         if name in unread_inputs(variant):
-            with pytest.raises(cr.ConfigurationError, match="does not read the measured"):
+            with pytest.raises(cr.errors.ConfigurationError, match="does not read the measured"):
                 check_inputs(injector, point)
         else:
             check_inputs(injector, point)

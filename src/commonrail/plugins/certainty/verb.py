@@ -39,7 +39,7 @@ def certainty(
       commonrail certainty runs/first
       commonrail certainty runs/first --combination "plunger_needle.k2 + plunger_needle.k3"
     """
-    from commonrail.plugins.certainty.run import certify
+    from commonrail.plugins.certainty.run import certainty as certify
     from commonrail.report.fit.certainty import certainty_lines, certainty_tables
     from commonrail.report.page import write_report
     from commonrail.runs.fit import Listener, estimate_again

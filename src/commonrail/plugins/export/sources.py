@@ -23,7 +23,7 @@ from commonrail.engine.plan import BACKFLOW
 from commonrail.engine.status import Status
 from commonrail.engine.time_step import TIME_STEPS, Medium, bears, limiting, room_left
 from commonrail.physics.fuel import Fuel
-from commonrail.physics.fuel_kernel import fuel_coefficients
+from commonrail.physics.fuel_polynomials import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths
 from commonrail.physics.law import Domain
 from commonrail.physics.variants import COMMAND, DRIVE, RAIL, RETURN, Variant, unread_inputs

@@ -14,13 +14,13 @@ from markupsafe import Markup
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Bars, Figure, Panel, Points, Series, points
 from commonrail.base.text import MISSING, fixed
-from commonrail.data.curves.page import RATE
 from commonrail.data.records import MICROSECOND, MM3, MM3_PER_MS
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.solution import Solution
 from commonrail.plugins.features.result import Features, Injection
-from commonrail.plugins.features.run import features
+from commonrail.plugins.features.run import find_features
 from commonrail.plugins.features.settings import FeatureSettings
+from commonrail.report.data.curves import RATE
 from commonrail.report.figure import svg
 from commonrail.report.fit.rules import Tile
 from commonrail.report.html import render
@@ -80,7 +80,7 @@ def _features(solution: Solution, point: OperatingPoint | None) -> Features:
     """Features of a solution; none of a simulation that failed on its way."""
     if not np.isfinite(solution.mass_rate).all():
         solution = replace(solution, mass_rate=np.zeros_like(solution.mass_rate))
-    return features(solution, point)
+    return find_features(solution, point)
 
 
 def _ramp(solution: Solution, injection: Injection) -> Ramp:

@@ -22,7 +22,7 @@ from commonrail.data.simulator import ITSELF, Simulator
 from commonrail.engine.operating_point import Energising
 from commonrail.plugins.features.rate_trace import RATE_UNITS, RateTrace, rate_trace
 from commonrail.plugins.features.result import Features, unit_of
-from commonrail.plugins.features.run import features
+from commonrail.plugins.features.run import find_features
 from commonrail.plugins.features.settings import FeatureSettings
 from commonrail.plugins.features.shot_statistics import ShotStatistic
 from commonrail.plugins.features.table import features_of_traces
@@ -168,8 +168,8 @@ def run_features(folder: Path, label: str = "best", settings: FeatureSettings | 
 
 def _compared(data: DataSet, curve: RateData, rate: Floats, settings: FeatureSettings | None) -> ComparedFeatures:
     trace = rate_trace(curve)
-    measured = features(trace, settings=settings)
-    simulated = features(trace.with_rate(rate), settings=settings, levels=measured.levels)
+    measured = find_features(trace, settings=settings)
+    simulated = find_features(trace.with_rate(rate), settings=settings, levels=measured.levels)
     return ComparedFeatures(data.name, data.role.value, data.synthetic, measured, simulated)
 
 

@@ -28,7 +28,7 @@ from commonrail.plugins.features.settings import CLEAR, FeatureSettings, Levels,
 from commonrail.plugins.features.table import features_of_traces
 
 
-def features(
+def find_features(
     source: Any,
     energisings: OperatingPoint | Sequence[Energising] | None = None,
     settings: FeatureSettings | None = None,
@@ -57,7 +57,7 @@ def features(
     >>> import commonrail as cr
     >>> bounds = 5e-6 * np.arange(241)
     >>> ramps = np.interp(bounds[1:] - 2.5e-6, [300e-6, 400e-6, 900e-6, 1000e-6], [0.0, 50e-6, 50e-6, 0.0])
-    >>> found = cr.features(cr.RateTrace(bounds, ramps), [cr.Energising(0.0, "700 us")])
+    >>> found = cr.features.find_features(cr.features.RateTrace(bounds, ramps), [cr.Energising(0.0, "700 us")])
     >>> round(found.value("opening_delay") * 1e6), round(found.value("quantity") * 1e9, 2)
     (310, 30.0)
     """

@@ -125,6 +125,7 @@ class FmuStudy:
     files: Mapping[Path, str] = field(default_factory=dict)
     text: str = ""
     note: str = ""
+    as_read: FmuStudy | None = None
 
     def __post_init__(self) -> None:
         for what in ("title", "text", "note"):
@@ -436,7 +437,7 @@ def load_fmu_study(path: str | Path) -> FmuStudy:
     """
     with noting_files() as files:
         study = _study(file_path(path, "path of a study"))
-    return replace(study, files=files)
+    return replace(study, files=files, as_read=study)
 
 
 def _study(file: Path) -> FmuStudy:

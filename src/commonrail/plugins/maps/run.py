@@ -243,7 +243,7 @@ def injection_map(
 # Maps and sweeps in one call, with units in texts.
 
 
-def map(
+def quantity_map(
     model: Injector | Calibration,
     *,
     pressures: ArrayLike | None = None,

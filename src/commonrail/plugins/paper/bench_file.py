@@ -183,7 +183,7 @@ def _check_fit(truth: Truth, injector: Injector, at: Place) -> None:
 OWN = "# SYNTHETIC: virtual test bench of commonrail, not a measurement"  # first line of a file of the bench
 
 
-def write_bench_data(folder: Path, seed: int, truth: Truth | None = None) -> list[Path]:
+def virtual_bench(folder: Path, seed: int, truth: Truth | None = None) -> list[Path]:
     """Simulate the paper's three injection curves on the virtual test bench and write them to ``folder/data``.
 
     The same seed, of scatter and noise, gives the same files; `truth` is `TRUTH` if left out. InputError if the

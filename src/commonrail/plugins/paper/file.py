@@ -142,7 +142,7 @@ def reproduction_record(reproduction: Reproduction, quick: bool = False) -> dict
     }
 
 
-def _table1(f: Figures, bench: cr.Bench) -> list[dict[str, Any]]:
+def _table1(f: Figures, bench: cr.lab.Bench) -> list[dict[str, Any]]:
     values = np.array([r.best.x for r in f.repetitions])
     true = bench.truth.hidden(bench.injector).values
     rows = []
@@ -173,7 +173,7 @@ def _table1(f: Figures, bench: cr.Bench) -> list[dict[str, Any]]:
 def _rigid_fit(f: Figures) -> list[dict[str, Any]]:
     """Stop and control volume of the rigid body fitted at 160 MPa."""
     values = np.array([r.rigid.x for r in f.repetitions])
-    meanings = cr.parameter_quantities()
+    meanings = cr.models.parameter_quantities()
     return [
         {
             "name": p.name,

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from commonrail.base.chart import Figure, Panel, Series
+from commonrail.base.record import Interval
 from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import MISSING, fixed, percent, quantity, significant
 from commonrail.data.records import MICROSECOND, MM3, Record
@@ -165,7 +166,7 @@ def _figures(point: Record) -> list[tuple[Figure, int]]:
     figures = [(_histogram(point), 260)]
     rows = [row for row in point["dimensions"] if row["share"] is not None][:SHOWN]
     if rows:
-        bars = (interval_bars("", "start", rows, "share", 100.0),)
+        bars = (interval_bars("", "start", [Interval(**row["share"]) for row in rows], 100.0),)
         panel = Panel("", (), bars=bars, rows=tuple(row["name"] for row in rows))
         figure = Figure(
             "Share of the variance", "Covariance of each dimension's part of a cubic fit.", "share, %", (panel,)

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 from commonrail.base.text import command, counted, listed, quantity
 from commonrail.base.units import to_text
-from commonrail.data.base import View
 from commonrail.data.records import LABELS, Record, Shown
-from commonrail.data.registry import kind_of, kinds_of
+from commonrail.data.registry import kinds_of
+from commonrail.report.data.view import View, view_of
 from commonrail.runs.copies import study_of_run
 from commonrail.runs.folder import STUDY, final_text
 
@@ -60,7 +60,7 @@ def short_names(names: Sequence[str]) -> dict[str, str]:
 def by_kind(data: Sequence[Record]) -> Iterator[tuple[View, list[Record]]]:
     """Data sets of each kind that there is, with what reports show of it."""
     for kind in kinds_of(d["kind"] for d in data):
-        yield kind.view, [d for d in data if d["kind"] == kind.kind]
+        yield view_of(kind.kind), [d for d in data if d["kind"] == kind.kind]
 
 
 def of_role(data: Sequence[Record], role: str) -> list[Record]:
@@ -105,7 +105,7 @@ def map_line(record: Record, run: str) -> tuple[str, str]:
     Where the data have several cylinder or return pressures, the most frequent are taken, and the purpose says so.
     `run` is the name of the calibration's folder.
     """
-    points = (point for data in record["data"] for point in kind_of(data["kind"]).view.operating_points(data))
+    points = (point for data in record["data"] for point in view_of(data["kind"]).operating_points(data))
     counts = Counter(_options(point, _PRESSURES) for point in points)
     ranked = [pressures for pressures, _ in counts.most_common()]
     pressures, others = ranked[0], ranked[1:]
@@ -132,7 +132,7 @@ def rerun_lines(record: Record, run: str) -> list[tuple[str, str]]:
     """Purpose and command line, for the run folder of that name."""
     advice, simulate = Advice.of(run), command("simulate", f"{run}/calibrated.toml")
     first = record["data"][0]
-    point = _options(kind_of(first["kind"]).view.operating_point(first), _POINT)
+    point = _options(view_of(first["kind"]).operating_point(first), _POINT)
     return [
         ("Calibrate again", advice.calibrate()),
         ("Add generations", advice.of_run("resume", MORE)),

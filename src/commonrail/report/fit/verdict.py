@@ -12,11 +12,12 @@ from commonrail.calibration.optimisers.base import ALIKE
 from commonrail.calibration.result import confirms
 from commonrail.calibration.search import ONE_POINT
 from commonrail.calibration.usual import BENCH, UNNAMED, USUAL_OF_METER
-from commonrail.data.bands import band_sentence, too_few_inside
 from commonrail.data.records import JUDGED, LABELS, MEAN, MICROSECOND, MM3, Record
 from commonrail.data.registry import kind_of
 from commonrail.physics.injector import parameter_quantities
 from commonrail.physics.meters import is_of_meter, parameter_name, parts_of
+from commonrail.report.data.bands import band_sentence, too_few_inside
+from commonrail.report.data.view import view_of
 from commonrail.report.fit.record import MORE, Advice, by_kind, map_line, meter_lines, of_role
 from commonrail.report.fit.rules import BAD, CARE, GOOD, TITLES, Kind, Point, Step, Tile, judge, worst_level
 
@@ -347,7 +348,7 @@ def _errors(record: Record, advice: Advice) -> Iterator[Point]:
     """Errors on each data set, fitted or not."""
     step = Step("Check units, time zero and operating points of the data, then the bounds of the parameters.")
     for data in record["data"]:
-        if (error := kind_of(data["kind"]).view.fit_error(data)) is not None:
+        if (error := view_of(data["kind"]).fit_error(data)) is not None:
             name = f"{data['name']}{'' if data['role'] == 'fit' else ', which was not fitted,'}"
             size = f"{significant(error.size, 2)} tolerances" if error.in_tolerances else f"{percent(error.size)} %"
             yield Point(Kind.ERROR, f"The model misses {name} by {size}.", step, error)
@@ -379,7 +380,7 @@ def _ending(record: Record, advice: Advice) -> Iterator[Point]:
         step = Step("Continue the search.", advice.of_run("resume", MORE), ON)
         step = step if convergence.get("cut_short", True) else _full(advice, record)
         yield Point(kind, f"The search has not converged: {search_words(convergence)}.", step)
-    errors = (kind_of(d["kind"]).view.fit_error(d) for d in of_role(record["data"], "fit"))
+    errors = (view_of(d["kind"]).fit_error(d) for d in of_role(record["data"], "fit"))
     if start is not None and not best < start and worst_level(filter(None, errors)) != GOOD:
         step = Step("Check bounds and data: the start values fit as well as anything that was tried.")
         yield Point(Kind.FAULT, "The objective did not fall below that of the start values.", step)
@@ -395,7 +396,7 @@ def _unfinished(record: Record) -> bool:
 
 
 def _plausibility(record: Record, advice: Advice) -> Iterator[Point]:
-    errors = {d["name"]: kind_of(d["kind"]).view.fit_error(d) for d in record["data"]}
+    errors = {d["name"]: view_of(d["kind"]).fit_error(d) for d in record["data"]}
     usable = [(QUANTITY, name) for name, error in errors.items() if error and worst_level([error]) != BAD]
     mild = [w for w in record["warnings"] if w["code"] == WEIGHTS or (w["code"], w["subject"]) in usable]
     if odd := [w for w in record["warnings"] if w not in mild] or mild:
@@ -463,7 +464,7 @@ def _is_at_end(parameter: Record) -> bool:
 def _plan(record: Record, advice: Advice) -> Step:
     """Measurements to plan; of data at one operating point `next` needs the range of the bench."""
     text = "Plan the measurements that would pin them down"
-    points = [p for d in of_role(record["data"], "fit") for p in kind_of(d["kind"]).view.operating_points(d)]
+    points = [p for d in of_role(record["data"], "fit") for p in view_of(d["kind"]).operating_points(d)]
     if len({(p.get("rail_pressure"), p.get("energising_time")) for p in points}) == 1:
         return Step(
             f"{text} with commonrail next. The fitted data are of one operating point: state what the bench can run by "

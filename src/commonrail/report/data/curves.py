@@ -12,8 +12,6 @@ from commonrail.base.arrays import Floats
 from commonrail.base.chart import Band, Figure, Panel, Points, Series, points
 from commonrail.base.table import BEST_LEGEND, Cell, Part, Table, marked, table_of
 from commonrail.base.text import fixed, megapascal, number, percent, pressure, several, signed
-from commonrail.data.bands import shaded
-from commonrail.data.base import FitError, Merit, View
 from commonrail.data.records import (
     JUDGED,
     MEASURED,
@@ -27,6 +25,8 @@ from commonrail.data.records import (
     relative_error,
     start_words,
 )
+from commonrail.report.data.bands import shaded
+from commonrail.report.data.view import FitError, Merit, View
 
 RATE, ERROR = "rate, mm³/ms", "error, mm³/ms"
 _J_TITLE = "Error J of the injection curves, mm³/ms"
@@ -106,6 +106,9 @@ class CurveView(View):
     def compared_figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """The same figure; its title lacks the role, which does not matter where nothing is fitted."""
         return [replace(figure, title=_title(data, data["name"])) for figure in self.figures(data, plotted)]
+
+
+CURVES = CurveView()
 
 
 def _named(data: Sequence[Record]) -> str:

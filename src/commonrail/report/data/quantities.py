@@ -7,17 +7,15 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any
 
-from commonrail.base.chart import LINES, MARKERS, Band, Figure, Panel, Points, Series
+from commonrail.base.chart import BOTH, LINES, MARKERS, Band, Figure, Panel, Points, Series
 from commonrail.base.table import BEST_LEGEND, BEST_SIGN, SIGNS, Cell, Part, Table, marked, size_of, table_of
 from commonrail.base.text import MISSING, fixed, listed, megapascal, number, pressure, several, signed, significant
-from commonrail.data.bands import band_cells, band_name, band_note, error_band, shaded
-from commonrail.data.base import FitError, Merit, View
-from commonrail.data.quantities.dead_times import compared_dead_times, dead_time_figure, dead_time_table
 from commonrail.data.records import (
     JUDGED,
     MEASURED,
     MICROSECOND,
     MM3,
+    MPA,
     Models,
     Plotted,
     Record,
@@ -28,6 +26,8 @@ from commonrail.data.records import (
     scaled,
     start_words,
 )
+from commonrail.report.data.bands import band_cells, band_name, band_note, error_band, shaded
+from commonrail.report.data.view import FitError, Merit, View
 
 ENERGISING = "energising time, µs"
 WIDE = 3  # models of which a row of a map holds quantities and errors; of more only errors
@@ -114,6 +114,9 @@ class MapView(View):
         models = plotted.models
         found = [_map_compared(self, data, models), _errors_compared(self, data, models)] if _quantities(data) else []
         return [*found, *dead_time_figure(data, models)]
+
+
+QUANTITIES, RETURNS = MapView(), MapView("return ", "Return quantity")
 
 
 def _rms(view: MapView, data: Sequence[Record], key: str, model: str = JUDGED) -> Merit | None:
@@ -350,3 +353,83 @@ def _unlabelled(series: Sequence[Series], named: Sequence[Series]) -> tuple[Seri
     """Series of a second panel: one entry in the legend for each model is enough."""
     known = {s.label for s in named}
     return tuple(replace(s, label="") if s.label in known else s for s in series)
+
+
+# Dead times: energising times at which a small quantity is reached.
+
+_DEAD_TIME_STEPS = (10.0, 20.0)  # [us]
+_DEAD_TIME_LEGEND = "{small} within 10 µs, {medium} within 20 µs, {large} beyond.".format(**SIGNS)
+
+
+def dead_times_of(data: Record) -> list[Record]:
+    """Rows of a map that are dead times."""
+    return [row for row in data["rows"] if row["dead_time"]]
+
+
+def dead_time_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
+    """Dead times of one map and the error of the calibrated model.
+
+    `labels`: models that have a column. `texts`: what they are called.
+    """
+
+    def error(row: Record) -> list[Cell]:
+        (found,) = _dead_time_errors(row, [JUDGED])
+        return [Cell(signed(found, 1), size_of(found, _DEAD_TIME_STEPS))]
+
+    parts = (
+        *_dead_time_head(origin_of(data)),
+        Part([texts[label] for label in labels], lambda row: [fixed(row.get(k), 1, MICROSECOND) for k in labels]),
+        Part(("error",), error),
+    )
+    title = f"Dead times, µs: {data['name']} ({data['role']})"
+    note = f"Energising time at which the quantity is reached. {_DEAD_TIME_LEGEND}"
+    return table_of(title, dead_times_of(data), parts, note, 0)
+
+
+def compared_dead_times(data: Record, labels: Sequence[str]) -> Table:
+    """Errors of the dead times of one map, by model."""
+
+    def errors(row: Record) -> list[Cell]:
+        return marked(_dead_time_errors(row, labels), lambda error: signed(error, 1), _DEAD_TIME_STEPS)
+
+    note = (
+        "The dead time is the energising time at which the quantity is reached; errors are simulated − "
+        f"{origin_of(data)}. {_DEAD_TIME_LEGEND} {BEST_LEGEND}"
+    )
+    parts = (*_dead_time_head(f"{origin_of(data)}, µs"), Part(labels, errors))
+    return table_of(f"Errors of the dead times, µs: {data['name']}", dead_times_of(data), parts, note, 0)
+
+
+def dead_time_figure(data: Record, models: Models) -> list[Figure]:
+    """Dead times [us] against rail pressure [MPa], if there are two or more."""
+    rows = sorted(dead_times_of(data), key=lambda row: float(row["rail_pressure"]))
+    if len(rows) < 2:
+        return []
+    x = scaled(rows, "rail_pressure", MPA)
+    lines = [
+        Series(model.text, model.look, x, scaled(rows, label, MICROSECOND), BOTH, model.family)
+        for label, model in models.items()
+    ]
+    marks = Series(origin_of(data), MEASURED, x, scaled(rows, MEASURED, MICROSECOND), MARKERS)
+    return [
+        Figure(
+            f"Dead times of {data['name']}",
+            "Energising time at which the injector delivers the stated small quantity.",
+            "rail pressure, MPa",
+            (Panel("dead time, µs", (*present(lines), marks)),),
+        )
+    ]
+
+
+def _dead_time_head(origin: str) -> tuple[Part, Part]:
+    place = Part(
+        ("rail, MPa", "quantity, mm³"),
+        lambda row: (megapascal(row["rail_pressure"]), significant(row.get("quantity"), 3, MM3)),
+    )
+    return place, Part((origin,), lambda row: (fixed(row[MEASURED], 0, MICROSECOND),))
+
+
+def _dead_time_errors(row: Record, labels: Sequence[str]) -> list[float | None]:
+    """Errors [us] of models."""
+    found = (number(row.get(label)) for label in labels)
+    return [None if value is None else (value - row[MEASURED]) * MICROSECOND for value in found]
