@@ -73,7 +73,7 @@ def features(
     """
     from commonrail.engine.operating_point import OperatingPoint
     from commonrail.plugins.features import file, page
-    from commonrail.plugins.features.run import find_features as find
+    from commonrail.plugins.features.run import find_features
     from commonrail.plugins.features.settings import FeatureSettings
     from commonrail.plugins.features.shot_statistics import shot_statistics
 
@@ -104,7 +104,10 @@ def features(
     if window is not None:
         between = options.read_pair(window, "s", f"--window {window}", "BEGIN:END, such as 0us:3000us")
     columns = file.RateColumns(time, rate, time_unit, rate_unit, centred, between, form)
-    found = {name: find(trace, settings=settings) for name, trace in file.read_rates(source, columns, pulses).items()}
+    found = {
+        name: find_features(trace, settings=settings)
+        for name, trace in file.read_rates(source, columns, pulses).items()
+    }
     repeated = len(found) > 1 and not separate and file.are_repeated(list(found))
     shots = shot_statistics(list(found.values())) if repeated else ()
     if out is not None:

@@ -39,7 +39,8 @@ def virtual_bench(
       commonrail lab virtual-bench --show > my-truth.toml
       commonrail lab virtual-bench my-case --truth my-truth.toml
     """
-    from commonrail.plugins.paper.bench_file import load_truth, truth_catalogue, virtual_bench
+    from commonrail.plugins.paper.bench_file import load_truth, truth_catalogue
+    from commonrail.plugins.paper.bench_file import virtual_bench as make_bench
 
     if list_ + show + (folder is not None) != 1:
         raise InputError("Give one of DIR, --list and --show.")
@@ -58,7 +59,7 @@ def virtual_bench(
         check_folder(folder)
         declared = load_truth(truth)
         say("simulating the test bench with the reference engine; the first time its loop is compiled ...")
-        files = [str(path) for path in virtual_bench(folder, seed, declared)]
+        files = [str(path) for path in make_bench(folder, seed, declared)]
         record = {"kind": "virtual-bench", "truth": declared.name, "seed": seed, "files": files}
         tell = partial(click.echo, "\n".join(files))
     if json:
