@@ -17,7 +17,7 @@ def test_the_error_of_a_curve_lacks_the_noise_of_its_samples() -> None:
     bounds = np.linspace(0.0, 2e-3, 1001)
     model = 30e-6 * np.sin(np.pi * bounds[1:] / bounds[-1]) ** 2
     noise = 0.6e-6 * np.random.default_rng(1).standard_normal(len(model))
-    data = cr.RateData("curve", cr.Role.FIT, POINT, bounds, model + noise, 1.0, "", "")
+    data = cr.RateData("curve", cr.data.Role.FIT, POINT, bounds, model + noise, 1.0, "", "")
     for gain, share in ((1.0, 0.0), (1.08, 0.08)):
         record = data.record({"best": RateScore(data, gain * model)})
         error = view_of(data.kind).fit_error(record)
@@ -29,7 +29,7 @@ def test_the_error_of_a_curve_lacks_the_noise_of_its_samples() -> None:
 def test_the_error_of_a_map_has_the_tolerance_of_its_block() -> None:
     quantity = np.array([10e-9, 20e-9])
     data = cr.QuantityData(
-        "map", cr.Role.FIT, (POINT, POINT), quantity, 1e-10, 0.05, np.zeros(2, bool), 1.0, "", "synthetic"
+        "map", cr.data.Role.FIT, (POINT, POINT), quantity, 1e-10, 0.05, np.zeros(2, bool), 1.0, "", "synthetic"
     )
     record = data.record({"best": QuantityScore(data, 1.04 * quantity, np.zeros(0))})
     error = view_of(data.kind).fit_error(record)

@@ -82,7 +82,7 @@ def test_arrays_have_named_axes_and_units() -> None:
 
 def test_without_the_library_there_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(cr.ConfigurationError, match=r"needs pandas, .* pip install 'commonrail\[notebook\]'"):
+    with pytest.raises(cr.errors.ConfigurationError, match=r"needs pandas, .* pip install 'commonrail\[notebook\]'"):
         made_sweep().to_pandas()
 
 
@@ -102,13 +102,13 @@ def test_a_simulation_is_drawn_with_its_delays_beside_a_section_of_the_injector(
     bars = [len(one.figures[0].panels[0].bars) for one in (plot_of(trapezium()), picture)]
     assert bars[0] < bars[1]
     assert '<svg class="section"' in picture.save(tmp_path / "one.html").read_text(encoding="utf-8")
-    with pytest.raises(cr.ConfigurationError, match="has no point"):
+    with pytest.raises(cr.errors.ConfigurationError, match="has no point"):
         made_sweep().plot(cr.OperatingPoint(1e8, 700e-6))
 
 
 def test_what_has_no_figure_or_values_says_so() -> None:
     study = cr.load_study(TEMPLATE)
-    with pytest.raises(cr.ConfigurationError, match="nothing to draw"):
+    with pytest.raises(cr.errors.ConfigurationError, match="nothing to draw"):
         study.plot()
     assert list(study.to_pandas()["parameter"]) == list(study.space.names)
 

@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from commonrail.calibration.record import CalibrationRecord, ParameterRecord, read_as
 from commonrail.calibration.study_file import load_study
 from commonrail.runs import folder as folders
 from commonrail.runs.fit import STUDIES, Listener, calibrate_into
 from commonrail.runs.folder import Results, read_result, read_results
+from tests.runs.conftest import Whole
 
 
 def test_a_run_goes_on_with_the_study_that_was_read(study_file: Path, tmp_path: Path) -> None:
@@ -51,3 +53,14 @@ def test_the_result_is_written_once_and_is_what_a_reader_gets(
 
 def _refuse(path: Path) -> None:
     raise AssertionError(f"{path} was read again")
+
+
+def test_a_reader_has_every_key_that_is_written(whole: Whole) -> None:
+    """A key that is renamed on one side alone would be read as its default."""
+    record = read_as(CalibrationRecord, read_result(whole.run))
+    assert set(CalibrationRecord.model_fields) - record.model_fields_set <= {"loss_scale", "meters", "refits"}
+    (first, *_) = record.parameters
+    assert set(ParameterRecord.model_fields) - first.model_fields_set <= {"prior", "pull"}
+    assert record.certainty is not None
+    assert record.certainty.model_fields_set == set(type(record.certainty).model_fields)
+    assert record.identifiability is not None

@@ -14,9 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from commonrail.base import registry
+from commonrail.base.arguments import file_path
 from commonrail.base.errors import InputError
 from commonrail.base.units import convert, fits, to_text
 from commonrail.readers.columns import PLAIN, TIME, ChannelSheet, Column, FileForm, Sheet, find_headings, unit_of
+from commonrail.readers.formats import format_of
 from commonrail.readers.grid import Grid, TooManyCells, read_grid
 from commonrail.readers.operating_points import find_traces, pattern_of, point_of_name, unit_of_name
 from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, HoldsOnlyMaps, NearMap, find_map, map_in
@@ -210,6 +213,34 @@ class Survey:
         """Why the file is no data of a study, in one sentence."""
         why = self.facts.get("reason") or self.facts.get("no map")
         return f"taken for {self.taken_for}{f' ({why.removesuffix(chr(46))})' if why else ''}"
+
+
+def inspect(path: str | Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits()) -> Survey:
+    """List what a data file holds and what it is taken for.
+
+    Parameters
+    ----------
+    path : str or path
+        CSV, Excel, MDF, TDMS, LabVIEW, MAT, Parquet, DCM file, or one of a format that an installed package inspects.
+    form : FileForm
+        Encoding, decimal sign and sheet, where they are stated.
+    given : GivenUnits
+        Units of a map that its file does not give.
+
+    Returns
+    -------
+    Survey
+        Of a format that an installed package inspects, its facts alone.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    path = file_path(path, "data file")
+    if part := registry.find("inspectors", format_of(path)):
+        return Survey(path, "", dict(part.call(path)))
+    return survey(path, form, given)
 
 
 def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits()) -> Survey:

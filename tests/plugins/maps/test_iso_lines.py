@@ -14,7 +14,7 @@ from commonrail.plugins.maps.run import InjectionMap, injection_map
 @pytest.fixture(scope="module")
 def found() -> InjectionMap:
     injector = cr.load_injector("virtual-lino-2016")
-    axes = cr.MapAxes(np.array([80e6, 160e6]), np.array([5e-9, 20e-9]), np.array([300e-6, 700e-6, 1000e-6]))
+    axes = cr.maps.MapAxes(np.array([80e6, 160e6]), np.array([5e-9, 20e-9]), np.array([300e-6, 700e-6, 1000e-6]))
     return injection_map(injector, axes)
 
 

@@ -16,9 +16,11 @@ from markupsafe import Markup
 from numpy.typing import ArrayLike
 
 from commonrail.base import registry
+from commonrail.base.arguments import file_path, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Figure, Panel, Series
 from commonrail.base.hooks import ALL_ENTRIES, lasting
+from commonrail.base.output import write_text
 from commonrail.base.text import in_print, number
 from commonrail.base.units import convert, to_text
 from commonrail.calibration.space import Space
@@ -378,6 +380,46 @@ def page_html(subject: Subject, point: OperatingPoint = FIRST_POINT) -> str:
         wasm=base64.b64encode(module).decode(),
         version=program,
     )
+
+
+def page(
+    model: str | Path,
+    out: str | Path = "bench.html",
+    *,
+    sliders: Sequence[str] = (),
+    point: OperatingPoint = FIRST_POINT,
+    threads: int | None = None,
+) -> Path:
+    """Write a page that simulates an injector in the browser, one HTML file without server or network.
+
+    Parameters
+    ----------
+    model : str or path
+        Run folder of `calibrate`, injector file or name of the catalogue.
+    out : str or path
+        Page to be written.
+    sliders : list of str
+        Further parameters on sliders.
+    point : OperatingPoint
+        First point of a page without data.
+    threads : int, optional
+        Threads that simulate fits near the best one; all usable processors by default.
+
+    Returns
+    -------
+    path
+        The page.
+
+    Raises
+    ------
+    InputError
+        If the model cannot be read, or there is no such parameter.
+    ConfigurationError
+        If the injector follows a measured voltage or current that the model does not hold.
+    """
+    path = file_path(out, "page")
+    write_text(path, page_html(read_subject(str(model), tuple(sliders), thread_count(threads)), point))
+    return path
 
 
 def page_of_run(folder: Path) -> str:

@@ -261,7 +261,7 @@ class Correlation(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Trim:
+class SeriesTrim:
     """Correction of each part's energising time from quantities that are measured on it.
 
     Parameters
@@ -318,7 +318,7 @@ class Tolerances:
     points : sequence of TolerancePoint
         At least one, each name once.
     correlations : sequence of Correlation
-    trim : Trim, optional
+    trim : SeriesTrim, optional
     parts : int
         Number of parts, from 1000.
     seed : int
@@ -345,7 +345,7 @@ class Tolerances:
     dimensions: tuple[Dimension, ...]
     points: tuple[TolerancePoint, ...]
     correlations: tuple[Correlation, ...] = ()
-    trim: Trim | None = None
+    trim: SeriesTrim | None = None
     _: KW_ONLY
     parts: int = 100_000
     seed: int = 1
