@@ -57,12 +57,13 @@ class Context(NamedTuple):
 
     def sheet(self, file: str, at: Place, form: FileForm) -> Sheet:
         """File with named columns; see `path` and `open_sheet`. The one that was opened last is not read again."""
-        wanted = self.path(file, at, form), form
-        if self.reach.opened[:-1] != wanted:
-            sheet = open_sheet(*wanted)
-            self.reach.opened = (*wanted, sheet) if sheet.apart or isinstance(sheet, TableSheet) else ()
-            return sheet
-        return cast(Sheet, self.reach.opened[-1])
+        wanted, last = (self.path(file, at, form), form), self.reach.opened
+        if last[:-1] == wanted:
+            return cast(Sheet, last[-1])
+        sheet = open_sheet(*wanted)
+        if sheet.apart or isinstance(sheet, TableSheet):  # others may be gone through once
+            self.reach.opened = (*wanted, sheet)
+        return sheet
 
     def columns(
         self, file: str, at: Place, wanted: Sequence[Column], least: int = LEAST_SAMPLES, form: FileForm = PLAIN
