@@ -58,6 +58,7 @@ class Ordered:
 
     name: Text = setting(words="name")
     share: Number = setting(words="share", default=0.5)
+    before: Ordered | None = None
 
 
 def test_fields_can_be_given_in_order() -> None:

@@ -60,10 +60,10 @@ class Setting(Generic[_Value, _Accepted]):
 
 Number = Setting[float, Quantity]
 OptionalNumber = Setting[float | None, Quantity | None]
-Whole = Setting[int, int]
-OptionalWhole = Setting[int | None, int | None]
-Flag = Setting[bool, bool]
-Text = Setting[str, str]
+Whole = int  # a field that keeps what it accepts has the type itself for its annotation
+OptionalWhole = int | None
+Flag = bool
+Text = str
 Choice = Setting[_Choice, _Choice | str]
 
 
@@ -229,13 +229,16 @@ def _settings(cls: Any, kw_only: bool, frame: types.FrameType) -> Any:
         if check is not None:
             check(self)
 
-    kinds = inspect.get_annotations(cls, globals=frame.f_globals, locals=frame.f_locals, eval_str=True)
     cls.__post_init__ = read
     made = dataclasses.dataclass(frozen=True, kw_only=kw_only)(cls)
     declared = dict(declared_fields(made))
-    for field in dataclasses.fields(made):
-        if field.name in kinds and "setting" in field.metadata:
-            declared[field.name] = field.metadata["setting"]._replace(kind=get_args(kinds[field.name])[0])
+    annotations: dict[str, Any] = inspect.get_annotations(cls)
+    for name, kind in annotations.items():
+        field = made.__dataclass_fields__.get(name)
+        if field is not None and "setting" in field.metadata:
+            kind = eval(kind, frame.f_globals, frame.f_locals) if isinstance(kind, str) else kind
+            kind = get_args(kind)[0] if get_origin(kind) is Setting else kind
+            declared[name] = field.metadata["setting"]._replace(kind=kind)
     made.__settings__ = declared
     made.__doc__ = f"{inspect.getdoc(made)}\n\nParameters\n----------\n{_parameters(made)}"
     return made

@@ -15,6 +15,7 @@ from commonrail.plugins.next.study import Candidate
 from commonrail.plugins.prediction.band import Band
 from commonrail.plugins.sensitivity.file import Sensitivity
 from commonrail.plugins.sensitivity.page import sensitivity_figures
+from commonrail.plugins.tolerance.file import ToleranceResult
 from commonrail.plugins.tolerance.page import tolerance_figures
 from tests.report.analysis_samples import sensitivity_record, tolerance_record
 
@@ -89,4 +90,6 @@ def test_figures_of_analyses_name_their_output_or_point() -> None:
         "Share of the variance: Injected quantity, 160 MPa, 700 µs",
         "Tornado: Injected quantity, 160 MPa, 700 µs",
     ]
-    assert "Quantity of the parts: full load" in [figure.title for figure in tolerance_figures(tolerance_record())]
+    assert "Quantity of the parts: full load" in [
+        figure.title for figure in tolerance_figures(from_record(ToleranceResult, tolerance_record()))
+    ]
