@@ -1,139 +1,58 @@
-"""Pages of the app: data, injector, calibration and result; a page for workshops is in `workshop`."""
+"""Page of the four steps: data, injector, calibration and result; the page for workshops is in `workshop`."""
 
 from __future__ import annotations
 
 import asyncio
-import inspect
 import shutil
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from nicegui import app, ui
+from nicegui import ui
 
-from commonrail.base.errors import CommonrailError
-from commonrail.base.input import LARGEST_FILE
+from commonrail.base.errors import CommonrailError, InputError
 from commonrail.plugins.app import charts
-from commonrail.plugins.app.project import COMMANDS, EFFORTS, Outcome, Project
+from commonrail.plugins.app.elements import (
+    chart,
+    field,
+    finish,
+    frame,
+    header,
+    heading,
+    redraw,
+    say,
+    select,
+    soft,
+    trouble,
+    update,
+    upload,
+    waiting,
+)
+from commonrail.plugins.app.project import COMMANDS, EFFORTS, Project
 
 STEPS = ("Data", "Injector", "Calibrate", "Result")
 ROLES = {"fit": "fit", "validation": "held out", "unused": "not used"}
 MARKS = {"M": "measured", "E": "estimated", "C": "control unit", "F": "fitted"}
 PERIOD = 1.5  # between looks at the runs [s]
 MAPS = {"DCM": "dcm", "CDFX": "cdfx", "TunerStudio": "table"}
+METERS = {"": "as detected", "bench": "bench", "bench_2": "second meter", "none": "none"}
+# What can be stated about a file: key, words, hint, and the kind of file.
+FIELDS = (
+    ("rail_pressure", "Rail pressure", "by its name", "curve"),
+    ("energising_time", "Energising time", "by its name", "curve"),
+    ("time_zero", "Time zero", "0 us", "curve"),
+    ("quantity-unit", "Quantity unit", "as in the file", "map"),
+    ("pressure-unit", "Pressure unit", "as in the file", "map"),
+    ("time-unit", "Time unit", "as in the file", "map"),
+    ("cylinder_pressure", "Cylinder pressure", "of the bench", "both"),
+    ("return_pressure", "Return pressure", "of the bench", "both"),
+    ("sheet", "Sheet", "first with cells", "both"),
+    ("encoding", "Encoding", "detected", "both"),
+    ("decimal", "Decimal sign", "detected", "both"),
+)
+READING = ("quantity-unit", "pressure-unit", "time-unit", "sheet", "encoding", "decimal")  # inspect again
 STEP = 200  # of a slider between usual limits
-
-
-def register(project: Project) -> None:
-    """Declare the pages of a project."""
-    from commonrail.plugins.app import workshop
-
-    style = (Path(__file__).parent / "style.css").read_text("utf-8")
-
-    @ui.page("/")
-    async def home(step: str = "Data") -> None:
-        ui.add_css(style)
-        await Home(project, step if step in STEPS else STEPS[0]).build()
-
-    @ui.page("/workshop")
-    async def bench(language: str = "en") -> None:
-        ui.add_css(style)
-        await workshop.Workshop(project, "de" if language == "de" else "en").build()
-
-    app.on_exception(lambda error: None)
-
-
-async def finish(result: Any) -> Any:
-    """Result of a function that may be asynchronous."""
-    return await result if inspect.isawaitable(result) else result
-
-
-def say(sentence: str, *, bad: bool = False) -> None:
-    """Show a sentence for some seconds; an error until it is closed."""
-    if bad:
-        ui.notify(sentence, type="negative", timeout=0, close_button="Close", multi_line=True)
-    else:
-        ui.notify(sentence, type="positive")
-
-
-def heading(words: str, level: int = 2) -> None:
-    """Heading of a step or of a box."""
-    ui.label(words).classes("head" if level == 2 else "sub").props(f'role="heading" aria-level="{level}"')
-
-
-def soft(words: str) -> None:
-    """Explaining sentence."""
-    ui.label(words).classes("soft")
-
-
-def trouble(sentence: str) -> None:
-    """Reason why something is not shown."""
-    ui.label(sentence).classes("bad").props('role="alert"')
-
-
-def field(label: str, value: Any, save: Callable[[str], Any], hint: str = "", classes: str = "") -> ui.input:
-    """Field of a text, saved when it is left or Enter is pressed."""
-    box = ui.input(label, value=str(value or ""), placeholder=hint).props("dense outlined stack-label").classes(classes)
-    last = [box.value]
-
-    async def done() -> None:
-        if box.value != last[0]:
-            last[0] = box.value
-            try:
-                await finish(save(box.value.strip()))
-            except CommonrailError as error:
-                say(str(error), bad=True)
-
-    box.on("blur", done)
-    box.on("keydown.enter", done)
-    return box
-
-
-def upload(label: str, take: Callable[[str, Any], Any], *, many: bool = True, kinds: str = "") -> ui.upload:
-    """Place to drop files; each goes to `take` with its name and content."""
-
-    async def handle(event: Any) -> None:
-        try:
-            await finish(take(event.file.name, event.file.iterate()))
-        except CommonrailError as error:
-            say(str(error), bad=True)
-        box.reset()
-
-    box = ui.upload(
-        label=label,
-        multiple=many,
-        auto_upload=True,
-        max_file_size=LARGEST_FILE,
-        on_upload=handle,
-        on_rejected=lambda: say(f"A file may have {LARGEST_FILE // 1_000_000} MB.", bad=True),
-    )
-    box.props(f'flat bordered accept="{kinds}" aria-label="{label}"').classes("drop")
-    box.on("failed", lambda: say("The file could not be taken: it may be too large.", bad=True), args=[])
-    return box
-
-
-async def waiting(button: Any, work: Any, words: str) -> Any:
-    """Result of a work, during which its button turns and cannot be pressed."""
-    button.props("loading")
-    note = ui.notification(words, spinner=True, timeout=None, type="ongoing")
-    try:
-        return await work
-    finally:
-        note.dismiss()
-        button.props(remove="loading")
-
-
-def header(title: str, links: dict[str, str]) -> None:
-    """Bar with title, links and the switch of the dark mode."""
-    dark = ui.dark_mode(None)
-    with ui.header().classes("bar"):
-        ui.label(title).classes("title").props('role="heading" aria-level="1"')
-        ui.space()
-        for words, target in links.items():
-            ui.link(words, target)
-        turn = ui.button(icon="contrast", on_click=lambda: setattr(dark, "value", not dark.value))
-        turn.props('flat round dense color=white aria-label="Light or dark"').classes("no-print")
 
 
 class Home:
@@ -164,22 +83,21 @@ class Home:
         await self.turn(self.step)
         ui.timer(PERIOD, self.follow)
 
-    def own(self) -> None:
-        """This window shows the latest change already."""
-        self.seen = self.project.version
-
     async def turn(self, step: str) -> None:
         """Show a step by the present files."""
-        self.step = step
-        self.own()
+        self.step, self.seen = step, self.project.version
         for panel in self.panels.values():
             panel.clear()
         with self.panels[step]:
-            await finish(getattr(self, step.lower())())
+            try:
+                await finish(getattr(self, step.lower())())
+            except CommonrailError as error:
+                trouble(str(error))
 
     async def follow(self) -> None:
         """Show changes of other windows and the course of a run."""
-        if self.seen != self.project.version:
+        changed, self.seen = self.seen != self.project.version, self.project.version
+        if changed and self.project.author != ui.context.client.id:
             await self.turn(self.step)
         elif self.step == "Calibrate":
             await self.look()
@@ -211,25 +129,24 @@ class Home:
     async def take(self, name: str, chunks: Any) -> None:
         """Take a dropped file."""
         await self.project.take_data(name, chunks)
-        self.own()
         self.files.refresh()
 
     def bench(self, key: str, value: str) -> None:
         """State a pressure of the bench."""
         self.project.state["bench"][key] = value
         self.project.save()
-        self.own()
 
     def file(self, name: str, entry: dict[str, Any]) -> None:
         """One file: what it is taken for, and what can be stated about it."""
         facts, taken = entry.get("facts") or {}, str((entry.get("facts") or {}).get("taken for", ""))
         is_map = "quantity" in taken or not taken
 
-        def state(key: str, value: str, *, look: bool = False) -> Any:
+        async def state(key: str, value: str) -> None:
             entry[key] = value
             self.project.save()
-            self.own()
-            return self.again(name) if look else None
+            if key in READING:
+                await self.project.inspect(name)
+                self.files.refresh()
 
         with ui.card().classes("box file").props(f'role="group" aria-label="{name}"'):
             with ui.row().classes("line"):
@@ -252,48 +169,16 @@ class Home:
                         with ui.element("td"):
                             ui.label(value if isinstance(value, str) else ", ".join(map(str, value)))
             with ui.element("div").classes("fields"):
-                ui.select(ROLES, label="Role", value=entry["role"], on_change=lambda e: state("role", e.value)).props(
-                    "dense outlined"
-                )
-                if is_map:
-                    for key, words, hint in (
-                        ("quantity-unit", "Quantity unit", "as in the file"),
-                        ("pressure-unit", "Pressure unit", "as in the file"),
-                        ("time-unit", "Time unit", "as in the file"),
-                    ):
-                        field(words, entry.get(key), partial(state, key, look=True), hint)
-                if not is_map or entry.get("reason"):
-                    for key, words, hint in (
-                        ("rail_pressure", "Rail pressure", "by its name"),
-                        ("energising_time", "Energising time", "by its name"),
-                        ("time_zero", "Time zero", "0 us"),
-                    ):
-                        field(words, entry.get(key), partial(state, key), hint)
-                    meters = {"": "as detected", "bench": "bench", "bench_2": "second meter", "none": "none"}
-                    meter = entry.get("meter", "")
-                    ui.select(meters, label="Meter", value=meter, on_change=lambda e: state("meter", e.value)).props(
-                        "dense outlined"
-                    )
-                for key, words in (("cylinder_pressure", "Back pressure"), ("return_pressure", "Return pressure")):
-                    field(words, entry.get(key), partial(state, key), facts.get(words.lower()) or "of the bench")
-            with ui.expansion("How it is read").props("dense"), ui.element("div").classes("fields"):
-                for key, words, hint in (
-                    ("sheet", "Sheet", "first with cells"),
-                    ("encoding", "Encoding", "detected"),
-                    ("decimal", "Decimal sign", "detected"),
-                ):
-                    field(words, entry.get(key), partial(state, key, look=True), hint)
+                select("Role", ROLES, entry["role"], partial(state, "role"))
+                if not is_map:
+                    select("Meter", METERS, entry.get("meter", ""), partial(state, "meter"))
+                for key, words, hint, kind in FIELDS:
+                    if kind in ("both", "map" if is_map else "curve"):
+                        field(words, entry.get(key), partial(state, key), facts.get(words.lower()) or hint)
 
     def remove(self, name: str) -> None:
         """Remove a file."""
         self.project.remove(name)
-        self.own()
-        self.files.refresh()
-
-    async def again(self, name: str) -> None:
-        """Inspect a file again."""
-        await self.project.inspect(name)
-        self.own()
         self.files.refresh()
 
     # Injector
@@ -302,25 +187,18 @@ class Home:
         """Type, dimensions beside the section, and the data beside the model before any fit."""
         heading("Describe the injector")
         if not self.project.types:
-            types = await self.project.run("catalogue", "injectors", "--json", logged=False)
-            self.project.types = {
-                row["name"]: f"{row['name']}: {row['title']}" for row in types.record.get("injectors", ())
-            }
+            types = (await self.project.run("catalogue", "injectors", "--json", logged=False))["injectors"]
+            self.project.types = {row["name"]: f"{row['name']}: {row['title']}" for row in types}
         base = self.project.state["injector"]
         with ui.element("div").classes("fields"):
             options = self.project.types | ({base: base} if base and base not in self.project.types else {})
-            ui.select(
-                options, label="Type", value=base or None, with_input=True, on_change=lambda e: self.choose(e.value)
-            ).props("dense outlined")
+            select("Type", options, base or None, self.choose, search=True)
             field("Part number", "", self.find, "0 445 110 191")
             ui.button("Pictures of all types", icon="photo_library", on_click=self.gallery).props("outline no-caps")
             upload("Or drop an injector file", self.take_injector, many=False, kinds=".toml")
         if not base:
             return
         answer = await self.ask(do="section", injector=str(self.project.folder / "injector.toml"))
-        if "error" in answer:
-            trouble(answer["error"])
-            return
         with ui.element("div").classes("two"):
             with ui.card().classes("box picture"):
                 ui.label(answer["title"]).classes("sub")
@@ -348,73 +226,54 @@ class Home:
     def dimension(self, row: dict[str, Any]) -> None:
         """Value and mark of a dimension."""
 
-        def save(value: str, mark: str) -> None:
+        async def save(value: str, mark: str) -> None:
             self.project.set_dimension(row["name"], value, mark)
             row.update(text=value, mark=mark)
-            self.own()
-            self.later()
+            await self.move()
 
         with ui.element("div").classes("dimension"):
-            box = field(row["meaning"], row["text"], lambda v: save(v, "M"))
+            box = field(row["meaning"], row["text"], lambda value: save(value, "M"))
             box.props(f'aria-label="{row["meaning"]}"').tooltip(f"{row['name']}: {row['source']}")
-            mark = ui.select(MARKS, value=row["mark"], label="Mark", on_change=lambda e: save(box.value, e.value))
-            mark.props("dense outlined")
-
-    def later(self) -> None:
-        """Simulate again after a change, without building the page again."""
-        ui.timer(0.01, self.move, once=True)
+            select("Mark", MARKS, row["mark"], lambda mark: save(box.value, mark))
 
     async def choose(self, base: str) -> None:
         """Begin with a type of the catalogue."""
         if base and base != self.project.state["injector"]:
             self.project.edit_injector(lambda document: None, base)
-            self.own()
             await self.turn("Injector")
 
     async def find(self, number: str) -> None:
         """Choose the type that names a part number."""
-        outcome = await self.project.run("catalogue", "--search", number, "--json", logged=False)
-        parts = outcome.record.get("parts", [])
+        parts = (await self.project.run("catalogue", "--search", number, "--json", logged=False))["parts"]
         if not parts:
-            say(outcome.message or f"The catalogue has no type for {number}.", bad=True)
-            return
+            raise InputError(f"The catalogue has no type for {number}; choose one by its name.")
         say(parts[0]["reason"])
         await self.choose(parts[0]["injector"])
 
     async def gallery(self, event: Any) -> None:
         """Show all types of the catalogue with curves and figures."""
-        outcome = await waiting(
-            event.sender,
-            self.project.run("catalogue", "injectors", "--report", "out/types.html", "--json", logged=False),
-            "Drawing all types …",
-        )
-        if outcome.failed:
-            say(outcome.message, bad=True)
-            return
-        with ui.dialog(value=True).props("full-width full-height"), ui.card():
-            frame("out/types.html", "Types of the catalogue")
+        command = "catalogue", "injectors", "--report", "out/types.html", "--json"
+        work = partial(self.project.run, *command, logged=False)
+        if await waiting(event.sender, work, "Drawing all types …"):
+            with ui.dialog(value=True).props("full-width full-height"), ui.card():
+                frame("out/types.html", "Types of the catalogue")
 
     async def take_injector(self, name: str, chunks: Any) -> None:
         """Take an injector file instead of a type."""
         written = await self.project.add_file(name, chunks, "out")
         place = self.project.folder / "out" / written
-        answer = await self.ask(do="section", injector=str(place))
-        if "error" in answer:
-            say(answer["error"], bad=True)
-            return
+        await self.ask(do="section", injector=str(place))  # refuses what is not an injector
         shutil.copyfile(place, self.project.folder / "injector.toml")
         self.project.state["injector"] = written
         self.project.edit_injector(lambda document: None)
-        self.own()
         await self.turn("Injector")
 
     async def prepare(self, event: Any) -> None:
         """Write the study."""
-        outcome = await waiting(event.sender, self.project.new_study(), "Screening the parameters …")
-        self.own()
-        say(outcome.message or "The study is written.", bad=outcome.failed)
-        self.values, self.shifts = {}, {}
-        if not outcome.failed:
+        before = self.project.study
+        await waiting(event.sender, self.project.new_study, "Screening the parameters …")
+        if self.project.study != before:
+            self.values, self.shifts = {}, {}
             await self.turn("Injector")
 
     async def answer(self, key: str, value: str) -> None:
@@ -426,27 +285,18 @@ class Home:
         """Measured beside simulated values before any fit, with sliders of delay and time zeros."""
         heading("Before any fit")
         answer = await self.ask_study()
-        if "error" in answer:
-            trouble(answer["error"])
-            return
         soft("Set the delay of the meter and the time zeros so that the curves begin together.")
         for meter, delay in answer["meters"].items():
-            self.slider(
-                f"Delay of {meter}",
-                delay * 1e6,
-                (-200, 1000),
-                partial(self.try_delay, meter),
-                partial(self.set_delay, meter),
-            )
+            key = f"meter.{meter}.delay"
+            self.slider(f"Delay of {meter}", delay * 1e6, self.values, key, partial(self.set_delay, meter))
         self.charts = {}
         with ui.element("div").classes("tiles"):
             for data in answer["data"]:
                 with ui.element("div"):
                     self.tile(data, charts.START, self.charts)
                     if data["kind"] == "rate":
-                        name = data["name"]
-                        steps = partial(self.try_zero, name), partial(self.set_zero, name)
-                        self.slider("Time zero, from the study's", 0.0, (-500, 500), *steps)
+                        save = partial(self.set_zero, data["name"])
+                        self.slider("Time zero, from the study's", 0.0, self.shifts, data["name"], save)
 
     async def ask(self, **request: Any) -> dict[str, Any]:
         """Answer of the process that simulates."""
@@ -456,21 +306,14 @@ class Home:
         """Data of the latest study by the values of the sliders."""
         return await self.ask(do="study", path=str(self.project.study), values=self.values, shifts=self.shifts)
 
-    def slider(
-        self,
-        words: str,
-        value: float,
-        ends: tuple[int, int],
-        move: Callable[[float], Any],
-        save: Callable[[float], Any],
-    ) -> None:
+    def slider(self, words: str, value: float, tried: dict[str, float], key: str, save: Callable[[float], Any]) -> None:
         """Slider that simulates while it is moved and writes the study when it is released."""
         with ui.row().classes("line slider"):
             ui.label(f"{words}, µs")
-            bar = ui.slider(min=ends[0], max=ends[1], step=5, value=round(value)).props(f'label aria-label="{words}"')
+            bar = ui.slider(min=-500, max=1000, step=5, value=round(value)).props(f'label aria-label="{words}"')
 
             async def moved() -> None:
-                move(bar.value)
+                tried[key] = bar.value * 1e-6
                 await self.move()
 
             bar.on("update:model-value", moved, args=[], throttle=0.25, leading_events=False)
@@ -479,34 +322,20 @@ class Home:
 
     async def move(self) -> None:
         """Simulate again and move the charts."""
-        if not self.project.study:
-            return
-        answer = await self.ask_study()
-        if "error" in answer:
-            say(answer["error"], bad=True)
-            return
-        redraw(self.charts, answer["data"])
-
-    def try_delay(self, meter: str, value: float) -> None:
-        """Simulate with another delay of a meter."""
-        self.values[f"meter.{meter}.delay"] = value * 1e-6
-
-    def try_zero(self, name: str, value: float) -> None:
-        """Simulate with another time zero of a curve."""
-        self.shifts[name] = value * 1e-6
+        if self.project.study and self.charts:
+            redraw(self.charts, (await self.ask_study())["data"])
 
     def set_delay(self, meter: str, value: float) -> None:
         """Write the delay of a meter into the study, its bounds about it."""
 
         def change(document: Any) -> None:
             table = document["meters"][meter]
-            if "lower" in (table.get("delay") if hasattr(table.get("delay"), "get") else {}):
+            if isinstance(table.get("delay"), dict):
                 table["delay"].update(lower=f"{value - 200:g} us", upper=f"{value + 200:g} us", start=f"{value:g} us")
             else:
                 table["delay"] = f"{value:g} us"
 
         self.project.edit_study(change)
-        self.own()
 
     async def set_zero(self, name: str, value: float) -> None:
         """Shift the time zero of a curve in the study."""
@@ -518,7 +347,6 @@ class Home:
 
         self.project.edit_study(change)
         self.shifts.pop(name, None)
-        self.own()
         await self.turn("Injector")
 
     def tile(self, data: dict[str, Any], colour: str, charts_by_name: dict[str, Any]) -> None:
@@ -548,20 +376,15 @@ class Home:
         answer = await self.ask(do="parameters", path=str(self.project.study))
         with ui.row().classes("line"):
             document = self.project.read_study()
-            effort = next(
-                (k for k, v in EFFORTS.items() if v["members"] == document.get("optimiser", {}).get("members")), None
-            )
-            ui.toggle({k: k for k in EFFORTS}, value=effort, on_change=lambda e: self.set_effort(e.value)).props(
-                'no-caps aria-label="Effort of the search"'
-            )
+            size = document.get("optimiser", {}).get("members")
+            effort = next((name for name, table in EFFORTS.items() if table["members"] == size), None)
+            turn = ui.toggle({k: k for k in EFFORTS}, value=effort, on_change=lambda e: self.set_effort(e.value))
+            turn.props('no-caps aria-label="Effort of the search"')
             self.start = ui.button("Start", icon="play_arrow", on_click=self.begin).props("no-caps")
             self.halt = ui.button("Stop", icon="stop", on_click=self.end).props("no-caps outline")
             self.resume = ui.button("Continue", icon="replay", on_click=self.go_on).props("no-caps outline")
             undo = ui.button("Undo", icon="undo", on_click=self.undo).props("no-caps outline")
             undo.tooltip("Take back the latest change of the study")
-        if "error" in answer:
-            trouble(answer["error"])
-            return
         self.status = ui.label("").classes("sub").props('role="status" aria-live="polite"')
         self.note = ui.label("").classes("soft")
         self.area = ui.element("div")
@@ -569,8 +392,7 @@ class Home:
         with ui.expansion(title, value=not self.project.runs).classes("box").props("dense"):
             counts = {n: f"the best {n}" for n in (2, 4, 6, 8) if n < len(document["parameter"])}
             if counts:
-                best = ui.select(counts, label="Free only", on_change=lambda e: self.keep(e.value))
-                best.props("dense outlined").classes("few")
+                select("Free only", counts, None, self.keep).classes("few")
             for row in answer["rows"]:
                 self.parameter(row, document)
             for name, table in self.project.state["unticked"].items():
@@ -579,14 +401,7 @@ class Home:
                     ui.label(answer["meaning"].get(name, "")).classes("soft")
             free = {row["name"] for row in answer["rows"]} | set(self.project.state["unticked"])
             others = {n: f"{n}: {answer['meaning'][n]}" for n in answer["usual"] if n not in free}
-            ui.select(
-                others,
-                label="Free another parameter",
-                with_input=True,
-                on_change=lambda e: self.tick(
-                    e.value, dict(zip(("lower", "upper"), answer["usual"][e.value], strict=True)), True
-                ),
-            ).props("dense outlined").classes("wide")
+            select("Free another parameter", others, None, partial(self.free, answer["usual"]), search=True)
         await self.look()
 
     def parameter(self, row: dict[str, Any], document: Any) -> None:
@@ -612,36 +427,35 @@ class Home:
                 self.set_key(name, "lower", texts[0], upper=texts[1])
 
             bar.on("change", dragged, args=[])
-            prior = table.get("prior", {})
             if not name.startswith("meter."):
-                field("prior", prior.get("value", ""), lambda v: self.set_prior(name, "value", v), "none")
-                field("its sigma", prior.get("sigma", ""), lambda v: self.set_prior(name, "sigma", v), "none")
+                prior = table.get("prior", {})
+                text = f"{prior['value']} ± {prior['sigma']}" if "value" in prior else ""
+                field("prior", text, partial(self.set_prior, name), "4 mm ± 0.1 mm")
 
     def set_key(self, name: str, key: str, value: str, **more: str) -> None:
         """Write a bound of a parameter."""
         self.project.edit_study(lambda document: _table(document, name).update({key: value, **more}))
-        self.own()
 
-    def set_prior(self, name: str, key: str, value: str) -> None:
-        """Write a prior, or remove it with an empty text; it is written once both of its values are stated."""
-        state = self.project.state.setdefault("priors", {}).setdefault(name, {})
+    def set_prior(self, name: str, text: str) -> None:
+        """Write a prior, a value and its standard deviation; an empty text removes it."""
+        import tomlkit
+
+        value, sign, sigma = (part.strip() for part in text.replace("+-", "±").partition("±"))
+        if text and not (value and sigma):
+            raise InputError(f"A prior is a value and its standard deviation, as in 4 mm ± 0.1 mm, not {text}.")
+        prior = tomlkit.inline_table()
+        prior.update({"value": value, "sigma": sigma, "source": "stated in commonrail app"})
 
         def change(document: Any) -> None:
-            import tomlkit
-
             table = _table(document, name)
-            prior = (
-                {k: str(v) for k, v in table.pop("prior", {}).items()}
-                | state
-                | {key: value, "source": "stated in commonrail app"}
-            )
-            state.update({key: value})
-            if prior.get("value") and prior.get("sigma"):
-                table["prior"] = tomlkit.inline_table()
-                table["prior"].update(prior)
+            table.pop("prior", None)
+            table.update({"prior": prior} if sign else {})
 
         self.project.edit_study(change)
-        self.own()
+
+    async def free(self, usual: dict[str, list[str]], name: str) -> None:
+        """Free a parameter within its usual range."""
+        await self.tick(name, dict(zip(("lower", "upper"), usual[name], strict=True)), True)
 
     async def tick(self, name: str, table: dict[str, Any], on: bool) -> None:
         """Free a parameter, or hold it at its value."""
@@ -656,7 +470,6 @@ class Home:
         self.project.edit_study(change)
         unticked.pop(name, None) if on else unticked.update({name: table})
         self.project.save()
-        self.own()
         await self.turn("Calibrate")
 
     async def keep(self, count: int) -> None:
@@ -670,23 +483,17 @@ class Home:
         """Write how large the search is."""
         table = {"method": "staged least squares", **EFFORTS[effort]}
         self.project.edit_study(lambda document: document.__setitem__("optimiser", table))
-        self.own()
 
     async def undo(self) -> None:
         """Take back the latest change of the study."""
         if self.project.undo():
-            self.own()
             await self.turn("Calibrate")
         else:
             say("There is nothing to take back.")
 
     async def begin(self) -> None:
         """Start a calibration."""
-        if self.live.get("state") == "running":
-            say("A calibration is running; stop it first.", bad=True)
-            return
         self.shown = self.project.start_fit()
-        self.own()
 
     def end(self) -> None:
         """Stop the calibration."""
@@ -698,20 +505,17 @@ class Home:
         """Continue the latest run."""
         if self.project.runs:
             self.project.start_fit(self.project.runs[0])
-            self.own()
 
     async def look(self) -> None:
         """Show the state of the latest run."""
         if not self.project.study or not hasattr(self, "status") or self.status.is_deleted:
             return
-        latest = self.project.latest_log()[0] or next((run.name for run in self.project.runs), "")
-        answer = await self.ask(do="runs", place=str(self.project.folder / "runs"))
-        run = next((run for run in answer.get("runs", ()) if run["name"] == latest), None)
-        said = self.project.said(latest)
-        self.note.text = said
-        if run is None:
+        latest, drawn = self.project.latest(), self.live.get("drawn")
+        self.note.text = self.project.said(latest)
+        runs = (await self.ask(do="runs", place=str(self.project.folder / "runs")))["runs"]
+        run = next((run for run in runs if run["name"] == latest), {"state": ""})
+        if not run["state"]:
             self.status.text = f"{latest}: starting …" if latest else "No calibration yet."
-            self.live = {}
         else:
             steps = f"step {run['generation']} of {run['generations']}" if run["generations"] else ""
             best = f"J {run['best']:.5g}" if run["best"] is not None else ""
@@ -719,39 +523,30 @@ class Home:
             done = (run["generation"], run["refinements"], run["state"], latest)
             if self.live.get("done") != done:
                 more = await self.ask(do="run", place=str(self.project.folder / "runs" / latest))
-                self.live = {
-                    "state": run["state"],
-                    "done": done,
-                    "process": more.get("process"),
-                    "drawn": self.live.get("drawn"),
-                }
-                self.draw(more)
-        running = self.live.get("state") == "running"
-        self.start.set_enabled(not running)
-        self.halt.set_enabled(running)
-        self.resume.set_enabled(self.live.get("state") in ("stopped", "interrupted", "failed"))
+                self.live = {"done": done, "process": more["process"], "drawn": self.draw(more, drawn)}
+        self.live["state"] = run["state"]
+        self.start.set_enabled(run["state"] != "running")
+        self.halt.set_enabled(run["state"] == "running")
+        self.resume.set_enabled(run["state"] in ("stopped", "interrupted", "failed"))
 
-    def draw(self, answer: dict[str, Any]) -> None:
-        """Draw the course of a run, and the fit before and after."""
-        if "error" in answer:
-            self.note.text = answer["error"]
-            return
-        drawn = self.live["drawn"]
+    def draw(self, answer: dict[str, Any], drawn: Any) -> Any:
+        """Draw the course of a run, and the fit before and after; into charts that are drawn of the same data."""
         key = [data["name"] for data in answer["after"]]
-        if drawn is None or drawn["key"] != key:
-            self.area.clear()
-            drawn = self.live["drawn"] = {"key": key, "after": {}}
-            with self.area:
-                drawn["course"] = chart(charts.course(answer["course"]))
-                with ui.element("div").classes("two"):
-                    ui.label("Before").classes("sub")
-                    ui.label("After").classes("sub wide-only")
-                    for start, best in zip(answer["before"], answer["after"], strict=True):
-                        self.tile(start, charts.START, {})
-                        self.tile(best, charts.BEST, drawn["after"])
-        else:
+        if drawn and drawn["key"] == key:
             update(drawn["course"], charts.course(answer["course"]))
             redraw(drawn["after"], answer["after"])
+            return drawn
+        self.area.clear()
+        after: dict[str, Any] = {}
+        with self.area:
+            course = chart(charts.course(answer["course"]))
+            with ui.element("div").classes("two"):
+                ui.label("Before").classes("sub")
+                ui.label("After").classes("sub wide-only")
+                for start, best in zip(answer["before"], answer["after"], strict=True):
+                    self.tile(start, charts.START, {})
+                    self.tile(best, charts.BEST, after)
+        return {"key": key, "course": course, "after": after}
 
     # Result
 
@@ -766,7 +561,7 @@ class Home:
             self.shown = names[0]
         run = self.shown
         with ui.row().classes("line"):
-            ui.select(names, label="Run", value=run, on_change=lambda e: self.show(e.value)).props("dense outlined")
+            select("Run", names, run, self.show)
             ui.link("Open the report", f"/file/runs/{run}/report.html", new_tab=True)
         frame(f"runs/{run}/report.html", f"Report of {run}")
         with ui.element("div").classes("two"):
@@ -797,33 +592,31 @@ class Home:
     def button(self, words: str, make: Callable[[], Any]) -> None:
         """Button that makes a file and downloads it."""
 
+        async def work() -> Any:
+            async with self.project.busy:  # one after the other: they share files
+                return await finish(make())
+
         async def press() -> None:
-            path = await waiting(button, finish_later(make), f"Writing {words} …")
-            if isinstance(path, Outcome):
-                say(path.message, bad=True)
-            else:
+            path = await waiting(button, work, f"Writing {words} …")
+            if path:
                 ui.download.from_url(f"/file/{path}?save=1", Path(path).name)
 
         button = ui.button(words, icon="download", on_click=press).props("no-caps outline")
 
-    async def export_map(self, run: str, ending: str) -> str | Outcome:
+    async def export_map(self, run: str, ending: str) -> str:
         """Map of a run in the formats of control units."""
         files = [f"out/{run}.{ending}" for ending in MAPS.values()]
         if not self.is_fresh(run, files[0]):
             named = [text for file in files for text in ("--out", file)]
-            outcome = await self.project.run("map", f"runs/{run}", *named, "--json")
-            if outcome.failed:
-                return outcome
+            await self.project.run("map", f"runs/{run}", *named, "--json")
         return f"out/{run}.{ending}"
 
-    async def export(self, run: str, form: str, path: str) -> str | Outcome:
+    async def export(self, run: str, form: str, path: str) -> str:
         """FMU, or C library as an archive."""
         archive = f"{path}.zip" if form == "library" else path
         if not self.is_fresh(run, archive):
             shutil.rmtree(self.project.folder / path, ignore_errors=True)
-            outcome = await self.project.run("export", form, f"runs/{run}", "--out", path, "--json")
-            if outcome.failed:
-                return outcome
+            await self.project.run("export", form, f"runs/{run}", "--out", path, "--json")
             if form == "library":
                 place = str(self.project.folder / path)
                 await asyncio.to_thread(shutil.make_archive, place, "zip", place)
@@ -837,45 +630,10 @@ class Home:
     async def update(self, run: str, name: str, chunks: Any) -> None:
         """Judge new data by a run and fit all data together."""
         written = await self.project.take_data(name, chunks)
-        if self.project.state["files"][written]["reason"]:
-            say(self.project.state["files"][written]["reason"], bad=True)
-            return
+        if reason := self.project.state["files"][written]["reason"]:
+            raise InputError(reason)
         self.shown = self.project.start_update(run, written)
-        self.own()
         self.tabs.set_value("Calibrate")
-
-
-async def finish_later(make: Callable[[], Any]) -> Any:
-    """Result of a function that may be asynchronous, called here."""
-    return await finish(make())
-
-
-def frame(path: str, words: str) -> None:
-    """A report within the page; its scripts run apart from it."""
-    ui.element("iframe").props(f'src="/file/{path}" title="{words}" sandbox="allow-scripts"').classes("report")
-
-
-def chart(options: dict[str, Any]) -> ui.echart:
-    """Chart that says in words what it shows."""
-    element = ui.echart(options, renderer="svg").classes("chart")
-    return element.props(f'role="img" aria-label="{options["aria"]["label"]["description"]}"')
-
-
-def update(element: Any, options: dict[str, Any]) -> None:
-    """Give a chart other options."""
-    element.options.clear()
-    element.options.update(options)
-    element.update()
-
-
-def redraw(drawn: dict[str, Any], sets: list[dict[str, Any]]) -> None:
-    """Give charts and captions of data sets their new values."""
-    for data in sets:
-        for element, make in drawn.get(data["name"], ()):
-            if isinstance(element, ui.label):
-                element.text = make(data)
-            else:
-                update(element, make(data))
 
 
 def _table(document: Any, name: str) -> Any:

@@ -17,32 +17,24 @@ from typing import Any
 import numpy as np
 
 from commonrail.base.child import python, same_modules
-from commonrail.base.errors import CommonrailError
+from commonrail.base.errors import CommonrailError, InputError
 
 MOST_SAMPLES = 400  # of a curve that is drawn
 LONGEST_LINE = 20_000_000  # of an answer [bytes]
 # Dimensions beside the section, by the words in it.
 GROUPS = {
-    "solenoid": (
-        "solenoid.turns",
-        "solenoid.resistance",
-        "solenoid.residual_gap",
-        "drive.peak_current",
-        "drive.hold_current",
-        "drive.peak_duration",
-        "drive.boost_voltage",
-    ),
-    "armature and valve": ("valve.lift", "valve.mass", "valve.spring_preload", "valve.seat_diameter"),
-    "A-hole": ("control_chamber.a_hole_diameter", "control_chamber.a_hole_discharge"),
-    "Z-hole": ("control_chamber.z_hole_diameter", "control_chamber.z_hole_discharge"),
-    "control chamber": ("control_chamber.volume",),
-    "plunger": ("plunger_needle.plunger_diameter", "plunger_needle.plunger_gap"),
-    "needle": ("plunger_needle.stop_lift", "plunger_needle.guide_diameter", "plunger_needle.spring_preload"),
-    "seat": ("needle_seat.diameter", "needle_seat.cone_angle"),
-    "accumulation volume": ("accumulation.volume",),
-    "SAC": ("sac.volume",),
-    "nozzle holes": ("nozzle.holes", "nozzle.hole_diameter", "nozzle.discharge_maximum"),
-    "rail and pipes": ("rail.volume", "feed_pipe.length", "feed_pipe.diameter", "return_line.length"),
+    "solenoid": "solenoid.turns solenoid.resistance solenoid.residual_gap drive.peak_current drive.hold_current",
+    "armature and valve": "valve.lift valve.mass valve.spring_preload valve.seat_diameter",
+    "A-hole": "control_chamber.a_hole_diameter control_chamber.a_hole_discharge",
+    "Z-hole": "control_chamber.z_hole_diameter control_chamber.z_hole_discharge",
+    "control chamber": "control_chamber.volume",
+    "plunger": "plunger_needle.plunger_diameter plunger_needle.plunger_gap",
+    "needle": "plunger_needle.stop_lift plunger_needle.guide_diameter plunger_needle.spring_preload",
+    "accumulation volume": "accumulation.volume",
+    "seat": "needle_seat.diameter needle_seat.cone_angle",
+    "SAC": "sac.volume",
+    "nozzle holes": "nozzle.holes nozzle.hole_diameter nozzle.discharge_maximum",
+    "drive, rail and pipes": "drive.boost_voltage drive.peak_duration rail.volume feed_pipe.length feed_pipe.diameter",
 }
 
 
@@ -54,7 +46,7 @@ class Preview:
         self._lock = asyncio.Lock()
 
     async def ask(self, folder: Path, **request: Any) -> dict[str, Any]:
-        """Answer to a request; {"error": sentence} if it cannot be answered."""
+        """Answer to a request; `InputError` if it cannot be answered."""
         async with self._lock:
             if self._process is None or self._process.returncode is not None:
                 self._process = await asyncio.create_subprocess_exec(
@@ -77,8 +69,10 @@ class Preview:
                 line = b""
             if not line:
                 self.close()
-                return {"error": "The simulation ended without an answer; try again."}
+                raise InputError("The simulation ended without an answer; try again.")
             answer: dict[str, Any] = json.loads(line)
+            if "error" in answer:
+                raise InputError(answer["error"])
             return answer
 
     def close(self) -> None:
@@ -198,7 +192,7 @@ class Worker:
         groups = []
         for words, names in GROUPS.items():
             rows = []
-            for name in names:
+            for name in names.split():
                 if name in model.values:
                     source = model.sources.get(name)
                     row = {

@@ -14,10 +14,10 @@ import subprocess
 import unicodedata
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from commonrail.base.child import python, same_modules
-from commonrail.base.errors import InputError, OutputError, one_line
+from commonrail.base.errors import InputError, OutputError
 from commonrail.base.output import write_text, writing
 from commonrail.plugins.app.preview import Preview
 
@@ -30,14 +30,6 @@ EFFORTS: dict[str, dict[str, Any]] = {  # settings of the staged search
     "normal": {"members": 400, "inversions": 12, "generations": 64, "polish": 3, "polish_iterations": 30},
     "thorough": {"members": 1200, "inversions": 16, "generations": 128, "polish": 8, "polish_iterations": 30},
 }
-
-
-class Outcome(NamedTuple):
-    """End of a command: its JSON record, empty if it failed, and what it said on stderr."""
-
-    record: dict[str, Any]
-    message: str
-    failed: bool
 
 
 def safe_name(name: str) -> str:
@@ -55,15 +47,18 @@ class Project:
     Attributes
     ----------
     folder : Path
+    window : function, optional
+        Name of the window whose action is under way.
     state : dict
         Choices that no other file holds: injector, pressures of the bench, and those of each data file.
-    version : int
-        Grows with each change, so that the pages of all windows follow.
+    version, author : int, str
+        Grows with each change, and the window that made it, so that the pages of all others follow.
     preview : Preview
         Process that simulates.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, window: Callable[[], str] = str) -> None:
+        self._window, self.author = window, ""
         self.folder = folder.absolute()
         with writing(folder):
             for name in ("files", "runs", "out"):
@@ -82,7 +77,10 @@ class Project:
     def save(self) -> None:
         """Write the state."""
         write_text(self.folder / STATE, json.dumps(self.state, indent=1, ensure_ascii=False) + "\n")
-        self.version += 1
+        self._changed()
+
+    def _changed(self) -> None:
+        self.version, self.author = self.version + 1, self._window()
 
     def inside(self, path: str) -> Path | None:
         """A file of the folder, or None: neither `..` nor a link leads out of it."""
@@ -124,10 +122,12 @@ class Project:
     async def inspect(self, name: str) -> None:
         """Inspect a data file by the options stated for it."""
         entry = self.state["files"][name]
-        outcome = await self.run("inspect", f"files/{name}", *self._form(entry), "--json", logged=False)
-        hidden = ("kind", "file")
-        entry["facts"] = {k: v for k, v in outcome.record.items() if k not in hidden}
-        entry["reason"] = outcome.message if outcome.failed else ""
+        entry["facts"], entry["reason"] = {}, ""
+        try:
+            record = await self.run("inspect", f"files/{name}", *self._form(entry), "--json", logged=False)
+            entry["facts"] = {k: v for k, v in record.items() if k not in ("kind", "file")}
+        except InputError as error:
+            entry["reason"] = str(error)
         self.save()
 
     def remove(self, name: str) -> None:
@@ -197,28 +197,27 @@ class Project:
             numbers += [int(number) + 1] if number.isdecimal() else []
         return f"{stem}-{max(numbers)}"
 
-    async def new_study(self) -> Outcome:
-        """Write a study of the files by `commonrail new`, and what was stated for each file into it."""
+    async def new_study(self) -> None:
+        """Write a study of the files by `commonrail new`, and what was stated for each file into it.
+
+        `InputError` if there is no file or no injector, or the command fails.
+        """
         used = {name: entry for name, entry in self.state["files"].items() if entry["role"] != "unused"}
         if not used or not self.state["injector"]:
-            return Outcome({}, "Choose an injector, and drop a data file to be fitted.", True)
+            raise InputError("Choose an injector, and drop a data file to be fitted.")
         folder, sources, forms = self._free("study"), {}, list[str]()
         for name, entry in used.items():
             source = f"files/{name}"
             form = self._form(entry)
             if form and "quantity" in str(entry.get("facts", {}).get("taken for")):
                 source = f"files/{name.rpartition('.')[0]}.read.csv"
-                done = await self.run("inspect", f"files/{name}", *form, "--out", source, "--json")
-                if done.failed:
-                    return done
+                await self.run("inspect", f"files/{name}", *form, "--out", source, "--json")
             else:
                 forms += [text for text in form if text not in forms]
             sources[name] = source
         named = [text for source in sources.values() for text in ("--from", source)]
         bench = [text for key, value in self.state["bench"].items() if value for text in (f"--{key}", value)]
-        outcome = await self.run("new", folder, "--injector", "injector.toml", *named, *bench, *forms, "--json")
-        if outcome.failed:
-            return outcome
+        record = await self.run("new", folder, "--injector", "injector.toml", *named, *bench, *forms, "--json")
 
         def change(document: Any) -> None:
             for block in document["data"]:
@@ -226,9 +225,8 @@ class Project:
                 _state_block(document, block, used[owner])
 
         self._write_study(self.folder / folder / "study.toml", change)
-        self.state |= {"unticked": {}, "open": [*outcome.record["open"]]}
+        self.state |= {"unticked": {}, "open": record["open"]}
         self.save()
-        return outcome
 
     def state_open(self, key: str, value: str) -> None:
         """Write a value that `commonrail new` has left open into the study, as return_pressure or data[2].time_zero."""
@@ -278,8 +276,11 @@ class Project:
 
     # Commands, each in a process of its own
 
-    async def run(self, *arguments: str, logged: bool = True) -> Outcome:
-        """Run a command in the folder and wait for it; what succeeds is added to the commands."""
+    async def run(self, *arguments: str, logged: bool = True) -> dict[str, Any]:
+        """Record of a command that is run in the folder; what succeeds is added to the commands.
+
+        `InputError` with the command's own sentence if it fails.
+        """
         process = await asyncio.create_subprocess_exec(
             *python("-m", "commonrail", *arguments),
             cwd=self.folder,
@@ -292,11 +293,11 @@ class Project:
         lines = [line.strip() for line in said.decode("utf-8", "replace").replace("\r", "\n").split("\n")]
         message = next((line for line in reversed(lines) if line), "")
         if process.returncode:
-            return Outcome({}, one_line(message or f"The command ended with status {process.returncode}."), True)
+            raise InputError(message or f"The command ended with status {process.returncode}.")
         if logged:
             self._log(arguments)
-        record = json.loads(out) if out.strip().startswith(b"{") else {}
-        return Outcome(record, message, False)
+        record: dict[str, Any] = json.loads(out)
+        return record
 
     def _log(self, arguments: tuple[str, ...]) -> None:
         with (self.folder / COMMANDS).open("a", encoding="utf-8") as file:
@@ -332,7 +333,7 @@ class Project:
                 start_new_session=True,
                 creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
             )
-        self.version += 1
+        self._changed()
 
     def said(self, run: str) -> str:
         """Last line that the process of a run has written."""
@@ -344,10 +345,10 @@ class Project:
             text = file.read().decode("utf-8", "replace")
         return next((line.strip() for line in reversed(re.split(r"[\r\n]", text)) if line.strip()), "")
 
-    def latest_log(self) -> tuple[str, float]:
-        """Name of the run started last, and when its process wrote last [s since 1970]."""
+    def latest(self) -> str:
+        """Name of the run that was started or continued last, or of the latest; empty if there is none."""
         logs = sorted(self.folder.glob("runs/run-*.log"), key=lambda p: p.stat().st_mtime)
-        return (logs[-1].stem, logs[-1].stat().st_mtime) if logs else ("", 0.0)
+        return logs[-1].stem if logs else next((run.name for run in self.runs), "")
 
     def stop(self, process: int) -> None:
         """Ask a calibration to stop; it scores and writes the best values so far."""

@@ -42,9 +42,13 @@ def serve(folder: Path, listener: socket.socket, port: int, announce: Callable[[
     from fastapi.responses import FileResponse, PlainTextResponse, Response
     from nicegui import ui
 
-    from commonrail.plugins.app import pages
+    def window() -> str:
+        try:
+            return ui.context.client.id
+        except RuntimeError:  # no page acts
+            return ""
 
-    project, token = Project(folder), secrets.token_urlsafe(32)
+    project, token = Project(folder, window), secrets.token_urlsafe(32)
     address = f"http://127.0.0.1:{port}/?token={token}"
 
     @contextlib.asynccontextmanager
@@ -66,7 +70,7 @@ def serve(folder: Path, listener: socket.socket, port: int, announce: Callable[[
             place, filename=place.name, content_disposition_type="attachment" if save else "inline", headers=_SEALED
         )
 
-    pages.register(project)
+    _declare_pages(project)
     ui.run_with(
         application,
         title="commonrail",
@@ -85,3 +89,22 @@ def serve(folder: Path, listener: socket.socket, port: int, announce: Callable[[
         loop="asyncio",
     )
     uvicorn.Server(config).run(sockets=[listener])
+
+
+def _declare_pages(project: Project) -> None:
+    from nicegui import ui
+
+    from commonrail.plugins.app.pages import STEPS, Home
+    from commonrail.plugins.app.workshop import Workshop
+
+    style = (Path(__file__).parent / "style.css").read_text("utf-8")
+
+    @ui.page("/")
+    async def home(step: str = "") -> None:
+        ui.add_css(style)
+        await Home(project, step if step in STEPS else STEPS[0]).build()
+
+    @ui.page("/workshop")
+    async def workshop(language: str = "en") -> None:
+        ui.add_css(style)
+        await Workshop(project, "de" if language == "de" else "en").build()

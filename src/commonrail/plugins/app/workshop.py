@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import tomllib
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from nicegui import ui
 
 from commonrail.base.errors import CommonrailError, InputError
 from commonrail.base.output import write_text
-from commonrail.plugins.app.pages import field, header, say, upload, waiting
+from commonrail.plugins.app.elements import field, header, say, upload, waiting
 from commonrail.plugins.app.project import Project
 
 # Columns of a test plan as it is written: key, heading of the page, heading of the file.
@@ -189,21 +190,9 @@ class Workshop:
         except CommonrailError as error:
             say(str(error), bad=True)
             return
-        arguments = (
-            "judge",
-            self.part,
-            "tests.csv",
-            "--nominal",
-            "--noise",
-            self.noise,
-            "--report",
-            "out/judgement.html",
-        )
-        outcome = await waiting(event.sender, self.project.run(*arguments, "--json"), self.say("Judging …"))
-        if outcome.failed:
-            say(outcome.message, bad=True)
-            return
-        self.record = outcome.record
+        command = "judge", self.part, "tests.csv", "--nominal", "--noise", self.noise, "--report", "out/judgement.html"
+        work = partial(self.project.run, *command, "--json")
+        self.record = await waiting(event.sender, work, self.say("Judging …")) or {}
         self.verdict.refresh()
 
     @ui.refreshable_method
