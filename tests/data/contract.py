@@ -16,11 +16,12 @@ from commonrail.base.table import Table
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.result import data_records
 from commonrail.data.base import DataSet, widths_of
-from commonrail.data.records import LABELS, Plotted, Shown
+from commonrail.data.records import LABELS
 from commonrail.data.simulator import Simulator
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector
 from commonrail.report.data import view as views
+from commonrail.report.data.view import Plotted, Shown
 from commonrail.runs.fingerprint import fingerprint_of
 from tests.data.samples import SAMPLES, STEP, Sample
 

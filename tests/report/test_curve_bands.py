@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from commonrail.data.records import JUDGED, Plotted
+from commonrail.data.records import JUDGED
 from commonrail.report.data.bands import band_sentence
 from commonrail.report.data.curves import CurveView
+from commonrail.report.data.view import Plotted
 from commonrail.report.fit.record import shown_of
 from tests.report.samples import rate_record, rate_traces
 

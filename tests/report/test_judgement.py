@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from commonrail.data.records import Plotted
 from commonrail.report.data.quantities import MapView
+from commonrail.report.data.view import Plotted
 from commonrail.report.fit.diagnostics import loading_matrix
 from commonrail.report.fit.verdict import judgement_lines, judgement_tables
 from commonrail.report.page import report_html

@@ -9,8 +9,9 @@ from pathlib import Path
 from commonrail.base.chart import Figure
 from commonrail.base.table import Part, Table, table_of
 from commonrail.base.text import counted, fixed, listed, number, pressure, quantity, significant
-from commonrail.data.records import MICROSECOND, Plotted, Record, Traces
+from commonrail.data.records import MICROSECOND, Record, Traces
 from commonrail.plugins.compare.file import RECORD
+from commonrail.report.data.view import Plotted
 from commonrail.report.figure import drawings
 from commonrail.report.fit.record import by_kind, shown_of
 from commonrail.report.fit.rules import Tile

@@ -8,9 +8,9 @@ from typing import Any
 from commonrail.base.chart import MARKERS, Figure, Panel, Series
 from commonrail.base.table import BEST_LEGEND, SIGNS, Cell, Part, Table, marked, size_of, table_of
 from commonrail.base.text import field_unit, fixed, megapascal, number, pressure, several, signed
-from commonrail.data.records import JUDGED, MEASURED, Models, Plotted, Record, Texts, origin_of, present, start_words
+from commonrail.data.records import JUDGED, MEASURED, Record, Texts, origin_of
 from commonrail.plugins.features.result import decimals_of
-from commonrail.report.data.view import Merit, View
+from commonrail.report.data.view import Merit, Models, Plotted, View, present, start_words
 
 _STEPS = (1.0, 2.0)  # [tolerances]
 _LEGEND = "{small} within one tolerance, {medium} within two, {large} beyond.".format(**SIGNS)

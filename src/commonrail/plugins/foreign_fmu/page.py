@@ -8,9 +8,10 @@ from commonrail.base.chart import BOTH, MARKERS, Figure, Panel, Series, points
 from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import number, quantity, quantity_range, significant
 from commonrail.calibration.record import FitRecord, read_as
-from commonrail.data.records import Record, origin_of, present
+from commonrail.data.records import Record, origin_of
 from commonrail.plugins.foreign_fmu.file import KIND
 from commonrail.plugins.foreign_fmu.run import RECORD, STUDY
+from commonrail.report.data.view import present
 from commonrail.report.figure import drawings
 from commonrail.report.fit.record import Advice
 from commonrail.report.fit.rules import CARE, GOOD, Tile

@@ -18,15 +18,13 @@ from commonrail.data.records import (
     MICROSECOND,
     MM3,
     MM3_PER_MS,
-    Plotted,
     Record,
     Texts,
     origin_of,
     relative_error,
-    start_words,
 )
 from commonrail.report.data.bands import shaded
-from commonrail.report.data.view import FitError, Merit, View, by_label, column, errors_by_label
+from commonrail.report.data.view import FitError, Merit, Plotted, View, by_label, column, errors_by_label, start_words
 
 RATE, ERROR = "rate, mm³/ms", "error, mm³/ms"
 _J_TITLE = "Error J of the injection curves, mm³/ms"

@@ -10,24 +10,21 @@ from typing import Any
 from commonrail.base.chart import BOTH, LINES, MARKERS, Band, Figure, Panel, Points, Series
 from commonrail.base.table import BEST_LEGEND, BEST_SIGN, SIGNS, Cell, Part, Table, marked, size_of, table_of
 from commonrail.base.text import MISSING, fixed, listed, megapascal, number, pressure, several, signed, significant
-from commonrail.data.records import (
-    JUDGED,
-    MEASURED,
-    MICROSECOND,
-    MM3,
-    MPA,
+from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, MPA, Record, Texts, origin_of, relative_error
+from commonrail.report.data.bands import band_cells, band_name, band_note, error_band, shaded
+from commonrail.report.data.view import (
+    FitError,
+    Merit,
     Models,
     Plotted,
-    Record,
-    Texts,
-    origin_of,
+    View,
+    by_label,
+    column,
+    errors_by_label,
     present,
-    relative_error,
     scaled,
     start_words,
 )
-from commonrail.report.data.bands import band_cells, band_name, band_note, error_band, shaded
-from commonrail.report.data.view import FitError, Merit, View, by_label, column, errors_by_label
 
 ENERGISING = "energising time, µs"
 WIDE = 3  # models of which a row of a map holds quantities and errors; of more only errors

@@ -7,11 +7,29 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from commonrail.base import registry
-from commonrail.base.chart import Figure
+from commonrail.base.chart import Figure, Points, Series
 from commonrail.base.errors import InputError
 from commonrail.base.table import Part, Table, marked
-from commonrail.base.text import number
-from commonrail.data.records import JUDGED, Plotted, Record, Texts
+from commonrail.base.text import MISSING, number
+from commonrail.data.records import JUDGED, Record, Texts, Traces
+
+
+class Shown(NamedTuple):
+    """Look of a model in figures: text of the legend, and look and family of its `Series`."""
+
+    text: str
+    look: str
+    family: int | None = None
+
+
+Models = Mapping[str, Shown]  # by label, in order
+
+
+class Plotted(NamedTuple):
+    """Content of figures besides a record: models, and courses in time by data set."""
+
+    models: Models
+    traces: Traces
 
 
 class Merit(NamedTuple):
@@ -113,3 +131,25 @@ def errors_by_label(
 ) -> Part:
     """A column of errors for each label, the least of a row marked; see `marked`."""
     return Part(labels, lambda row: marked([error(row, label) for label in labels], text, steps))
+
+
+# Words and series of reports on records.
+
+
+def start_words(start: str, unit: str) -> str:
+    """Words behind a figure of merit that tell that of the start values; none where it is missing."""
+    return "" if start == MISSING else f" (start {start} {unit})"
+
+
+def scaled(rows: Sequence[Record], key: str, scale: float) -> Points:
+    """Values of the rows for a series; None where there is no number.
+
+    `scale`: factor on the values.
+    """
+    found = (number(row.get(key)) for row in rows)
+    return tuple(None if value is None else value * scale for value in found)
+
+
+def present(series: Sequence[Series]) -> tuple[Series, ...]:
+    """Without models that have no number at all: the legend would promise a curve."""
+    return tuple(s for s in series if any(y is not None for y in s.y))

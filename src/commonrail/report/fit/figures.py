@@ -12,7 +12,8 @@ from commonrail.base.text import megapascal, number, signed
 from commonrail.calibration.record import GenerationRecord
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.quantities.returned import ReturnData
-from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Plotted, Record, Texts, Traces, origin_of
+from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, Texts, Traces, origin_of
+from commonrail.report.data.view import Plotted
 from commonrail.report.fit.record import by_kind, shown_of
 
 

@@ -10,9 +10,9 @@ from typing import NamedTuple
 from commonrail.base.text import command, counted, listed, quantity
 from commonrail.base.units import to_text
 from commonrail.calibration.record import CalibrationRecord
-from commonrail.data.records import LABELS, Record, Shown, Texts
+from commonrail.data.records import LABELS, Record, Texts
 from commonrail.data.registry import kinds_of
-from commonrail.report.data.view import View, view_of
+from commonrail.report.data.view import Shown, View, view_of
 from commonrail.runs.copies import study_of_run
 from commonrail.runs.folder import STUDY, final_text
 
