@@ -179,7 +179,7 @@ def main() -> None:
     study = reduced(cr.load_study(CASE))
     sigma = cr.Noise(sigma=given.noise, law=Law.GAUSSIAN)
     measured = whole_map(study).changed(noise=sigma)
-    settings = cr.design.DesignSettings(ADDED, cr.design.Criterion(given.criterion))
+    settings = cr.design.DesignSettings(points=ADDED, criterion=given.criterion)
     beds = [
         (bed, given.first + s) for bed, n in (("virtual", given.benches), ("CRI2-16", given.starts)) for s in range(n)
     ]

@@ -81,14 +81,16 @@ def _calibrate(case: Path, folder: Path, threads: int | None) -> Outcome:
 
 
 def _print(outcome: Outcome) -> None:
+    from commonrail.calibration.record import CalibrationRecord, read_as
     from commonrail.report.fit.tables import tables_of
     from commonrail.report.fit.verdict import headline
 
     click.echo(outcome.record["title"])
     if outcome.record["synthetic"]:
         click.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
-    print_lines(headline(outcome.record))
-    for table in tables_of(outcome.record["data"]):
+    record = read_as(CalibrationRecord, outcome.record)
+    print_lines(headline(record))
+    for table in tables_of(record.data):
         print_table(table)
 
 

@@ -254,6 +254,17 @@ def files() -> str:
     return "\n".join(parts)
 
 
+# --- Terms of the reports ---------------------------------------------------------------------------------------------
+
+
+def terms() -> str:
+    """Terms of the reports, each with the page that says more."""
+    from commonrail.report.html import glossary
+
+    rows = [(f"**{term.name}**", term.meaning.replace("|", "\\|"), f"[more](../{term.page})") for term in glossary()]
+    return "# Terms of the reports\n\n" + table(("term", "meaning", ""), rows)
+
+
 # --- Python ---------------------------------------------------------------------------------------------------------
 
 
@@ -293,6 +304,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "commands": commands,
     "parameters": parameters,
     "files": files,
+    "terms": terms,
     "python": python,
     **{f"python-{space}": partial(python, space) for space in NAMESPACES},
 }

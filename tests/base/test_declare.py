@@ -19,6 +19,7 @@ from commonrail.base.declare import (
     Number,
     OptionalNumber,
     Setting,
+    Text,
     Whole,
     declared_fields,
     facts_of,
@@ -49,6 +50,19 @@ class Search:
     def __post_init__(self) -> None:
         if self.kind is Kind.SLOW and self.draws > 50:
             raise ConfigurationError("A slow search has at most 50 draws.")
+
+
+@settings(kw_only=False)
+class Ordered:
+    """Fields in order."""
+
+    name: Text = setting(words="name")
+    share: Number = setting(words="share", default=0.5)
+    before: Ordered | None = None
+
+
+def test_fields_can_be_given_in_order() -> None:
+    assert Ordered("a", "10 %") == Ordered(name="a", share=0.1)
 
 
 def test_texts_are_read_in_si_units_defaults_too() -> None:

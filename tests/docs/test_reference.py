@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import click
+from markupsafe import escape
 
 import commonrail as cr
 from commonrail.base.public import places
 from commonrail.cli.grammar import cli
+from commonrail.report.html import glossary
+from commonrail.report.runs_page import runs_html
 from tools.reference_pages import GENERATED, SYMBOLS
 
 PAGES = {name: make() for name, make in GENERATED.items()}
@@ -51,3 +55,11 @@ def test_keys_of_a_study_are_on_the_page_of_files_with_units_and_choices() -> No
     assert "| `cylinder_pressure` | quantity [Pa] |" in PAGES["files"]
     assert '| `precision` | "f64" or "f32" | f64 |' in PAGES["files"]
     assert "Undefined" not in PAGES["files"]
+
+
+def test_every_term_of_the_reports_has_a_page_and_is_explained_in_them() -> None:
+    docs = Path(__file__).parents[2] / "docs"
+    page = runs_html(Path("runs"), [], Path("runs.html"))
+    for term in glossary():
+        assert (docs / term.page.partition("#")[0]).is_file(), term
+        assert str(escape(term.meaning)) in page

@@ -14,6 +14,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.record import from_record
 from commonrail.plugins.sensitivity.file import Sensitivity
 from commonrail.plugins.sensitivity.page import sensitivity_html, sensitivity_lines, sensitivity_tables
+from commonrail.plugins.tolerance.file import ToleranceResult
 from commonrail.plugins.tolerance.page import tolerance_html, tolerance_lines, tolerance_tables
 from commonrail.report.figure import figure_svg
 from commonrail.report.page import write_report
@@ -24,6 +25,10 @@ HOSTILE = "<script>alert(1)</script>"
 
 def result(record: dict[str, Any]) -> Sensitivity:
     return from_record(Sensitivity, record)
+
+
+def spread() -> ToleranceResult:
+    return from_record(ToleranceResult, tolerance_record())
 
 
 def cells(rows: Any) -> list[list[str]]:
@@ -60,7 +65,7 @@ def test_a_morris_study_shows_sizes_in_units() -> None:
 
 
 def test_capability_shares_and_trim_are_tables() -> None:
-    capability, shares, trim = tolerance_tables(tolerance_record())
+    capability, shares, trim = tolerance_tables(spread())
     assert cells(capability.rows) == [
         ["full load", "50", "50.1", "0.7", "47.9 to 52.1", "48 to –", "0.60 % (0.58 to 0.62)", "3", "–", "1.05"]
     ]
@@ -83,7 +88,7 @@ def test_failures_and_limits_of_the_trim_are_told() -> None:
         "Synthetic, not measured",
     ):
         assert text in page
-    assert "90 % of the variance from nozzle.hole_diameter" in tolerance_lines(tolerance_record())[1]
+    assert "90 % of the variance from nozzle.hole_diameter" in tolerance_lines(spread())[1]
 
 
 def test_a_study_that_was_stopped_says_so() -> None:

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from commonrail.calibration.record import (
+    CalibrationRecord,
+    CertainParameter,
+    CertaintyRecord,
+    LackOfFitRecord,
+    NoiseRecord,
+    ParameterRecord,
+)
 from commonrail.calibration.study_file import load_study
 from commonrail.runs import folder as folders
 from commonrail.runs.fit import STUDIES, Listener, calibrate_into
 from commonrail.runs.folder import Results, read_result, read_results
+from tests.runs.conftest import Whole
 
 
 def test_a_run_goes_on_with_the_study_that_was_read(study_file: Path, tmp_path: Path) -> None:
@@ -51,3 +60,14 @@ def test_the_result_is_written_once_and_is_what_a_reader_gets(
 
 def _refuse(path: Path) -> None:
     raise AssertionError(f"{path} was read again")
+
+
+def test_a_reader_has_every_key_that_is_written(whole: Whole) -> None:
+    """A key that is renamed on one side alone would be read as its default."""
+    record = read_result(whole.run)
+    keys = {field.name for field in fields(CalibrationRecord)}
+    assert keys - set(record) <= {"loss_scale", "meters", "refits"}
+    assert set(ParameterRecord._fields) - set(record["parameters"][0]) <= {"prior", "pull"}
+    assert set(CertaintyRecord._fields) - set(record["certainty"]) == {"draws_refused"}
+    for kind, part in ((NoiseRecord, "noise"), (LackOfFitRecord, "tests"), (CertainParameter, "parameters")):
+        assert set(kind._fields) - set(record["certainty"][part][0]) <= {"probability"}

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 import reprlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from enum import Enum
 from numbers import Real
 from pathlib import Path
@@ -127,6 +127,18 @@ def amount(value: object, unit: str, what: str, limits: Limits) -> float:
     raise ConfigurationError(
         f"The {what} must lie between {low} and {high}, and {read} was read{_meant(found, limits)}."
     )
+
+
+def positive(unit: str) -> Callable[[object, str], float]:
+    """Reader of one number greater than zero, called with value and name; `ConfigurationError` as `number`."""
+
+    def read(value: object, what: str) -> float:
+        found = number(value, unit, what)
+        if not found > 0.0:
+            raise ConfigurationError(f"The {what} must be greater than zero, not {found:g}.")
+        return found
+
+    return read
 
 
 def _meant(found: float, limits: Limits) -> str:

@@ -8,9 +8,9 @@ option of a command (`commonrail.cli.grammar`), the docstring and the reference 
 from __future__ import annotations
 
 import dataclasses
-import functools
 import inspect
 import math
+import sys
 import types
 import typing
 from collections.abc import Callable, Collection, Mapping
@@ -60,10 +60,10 @@ class Setting(Generic[_Value, _Accepted]):
 
 Number = Setting[float, Quantity]
 OptionalNumber = Setting[float | None, Quantity | None]
-Whole = Setting[int, int]
-OptionalWhole = Setting[int | None, int | None]
-Flag = Setting[bool, bool]
-Text = Setting[str, str]
+Whole = int  # a field that keeps what it accepts has the type itself for its annotation
+OptionalWhole = int | None
+Flag = bool
+Text = str
 Choice = Setting[_Choice, _Choice | str]
 
 
@@ -204,13 +204,24 @@ def setting(
     return dataclasses.field(default=default, metadata={"setting": declared})
 
 
+@overload
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(setting, dataclasses.field))
-def settings(cls: type[_Class]) -> type[_Class]:
-    """Make a frozen, keyword-only dataclass whose constructor reads and checks the declared fields.
+def settings(cls: type[_Class]) -> type[_Class]: ...
+@overload
+def settings(*, kw_only: bool) -> Callable[[type[_Class]], type[_Class]]: ...
+def settings(cls: Any = None, *, kw_only: bool = True) -> Any:
+    """Make a frozen dataclass whose constructor reads and checks the declared fields, all of them by keyword.
 
-    A ``__post_init__`` of the class runs afterwards, for what concerns several fields. The docstring gets a section on
-    the parameters.
+    ``@settings(kw_only=False)`` takes them in order too. A ``__post_init__`` of the class runs afterwards, for what
+    concerns several fields. The docstring gets a section on the parameters.
     """
+    if cls is None:
+        return lambda given: _settings(given, kw_only, sys._getframe(1))
+    return _settings(cls, kw_only, sys._getframe(1))
+
+
+def _settings(cls: Any, kw_only: bool, frame: types.FrameType) -> Any:
+    """Class under `settings`; `frame` is where it is defined, whose names its annotations use."""
     check = getattr(cls, "__post_init__", None)
 
     def read(self: Any) -> None:
@@ -218,8 +229,17 @@ def settings(cls: type[_Class]) -> type[_Class]:
         if check is not None:
             check(self)
 
-    setattr(cls, "__post_init__", read)  # noqa: B010
-    made = dataclasses.dataclass(frozen=True, kw_only=True)(cls)
+    cls.__post_init__ = read
+    made = dataclasses.dataclass(frozen=True, kw_only=kw_only)(cls)
+    declared = dict(declared_fields(made))
+    annotations: dict[str, Any] = inspect.get_annotations(cls)
+    for name, kind in annotations.items():
+        field = made.__dataclass_fields__.get(name)
+        if field is not None and "setting" in field.metadata:
+            kind = eval(kind, frame.f_globals, frame.f_locals) if isinstance(kind, str) else kind
+            kind = get_args(kind)[0] if get_origin(kind) is Setting else kind
+            declared[name] = field.metadata["setting"]._replace(kind=kind)
+    made.__settings__ = declared
     made.__doc__ = f"{inspect.getdoc(made)}\n\nParameters\n----------\n{_parameters(made)}"
     return made
 
@@ -233,17 +253,9 @@ def _parameters(cls: type) -> str:
 
 
 def declared_fields(cls: type) -> Mapping[str, Declared]:
-    """Declared fields of a class by name."""
-    return _declared(cls)
-
-
-@functools.cache
-def _declared(cls: Any) -> dict[str, Declared]:
-    declared = {
-        field.name: field.metadata["setting"] for field in dataclasses.fields(cls) if "setting" in field.metadata
-    }
-    kinds = typing.get_type_hints(cls) if declared else {}
-    return {name: one._replace(kind=get_args(kinds[name])[0]) for name, one in declared.items()}
+    """Declared fields of a class by name; empty for one that is not under `settings`."""
+    declared: Mapping[str, Declared] = getattr(cls, "__settings__", {})
+    return declared
 
 
 def facts_of(settings: Any, names: Collection[str]) -> list[tuple[str, str]]:

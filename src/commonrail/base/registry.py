@@ -158,6 +158,12 @@ def shipped(group: str) -> Mapping[str, Entry]:
     return {name: Entry(group, name, target) for name, target in targets.items()}
 
 
+def words_on_shipped(table: str) -> Mapping[str, Any]:
+    """Table of `commonrail.plugins` with words on what ships: "HEADINGS" of the help, "MEMORY" with cures."""
+    found: Mapping[str, Any] = getattr(import_module(f"{PACKAGE}.plugins"), table)
+    return found
+
+
 def _of_folders(group: str, plugins: ModuleType) -> dict[str, str]:
     """Verbs and results of plug-in folders that no entry of the table names.
 

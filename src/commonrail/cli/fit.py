@@ -99,12 +99,13 @@ def print_outcome(outcome: Outcome, json: bool, *, full: bool = False, strict: b
 
     `StudyError` if `strict` and the run has given a warning; its files are written.
     """
+    from commonrail.calibration.record import CalibrationRecord, read_as
     from commonrail.report.fit.verdict import verdict
 
     record, warnings = outcome.record, outcome.record["warnings"]
     if json:
         places = {"run": str(outcome.folder), "report": str(outcome.report)}
-        judged = verdict(record, str(outcome.folder)).record()
+        judged = verdict(read_as(CalibrationRecord, record), str(outcome.folder)).record()
         print_json({"kind": "calibration", **places, "verdict": judged, "result": record})
     else:
         if full:
@@ -140,22 +141,24 @@ def make_live(outcome: Outcome) -> None:
 
 def _print_tables(record: Mapping[str, Any]) -> None:
     """Print all tables and sentences of a calibration."""
+    from commonrail.calibration.record import CalibrationRecord, read_as
     from commonrail.report.fit.certainty import certainty_lines, likelihood_tables
     from commonrail.report.fit.tables import parameter_table, tables_of
     from commonrail.report.fit.verdict import baseline_lines, convergence_lines, judgement_lines, judgement_tables
 
+    fit = read_as(CalibrationRecord, record)
     tables = (
-        *tables_of(record["data"]),
-        parameter_table(record["parameters"], record.get("certainty")),
-        *likelihood_tables(record),
-        *judgement_tables(record),
+        *tables_of(fit.data),
+        parameter_table(fit.parameters, fit.certainty),
+        *likelihood_tables(fit.certainty),
+        *judgement_tables(fit),
     )
     for table in tables:
         print_table(table)
-    print_lines(convergence_lines(record))
-    print_lines(certainty_lines(record))
-    print_lines(baseline_lines(record["data"]))
-    print_lines(judgement_lines(record))
+    print_lines(convergence_lines(fit))
+    print_lines(certainty_lines(fit.certainty))
+    print_lines(baseline_lines(fit.data))
+    print_lines(judgement_lines(fit))
 
 
 COLOURS = {"good": "green", "care": "yellow", "bad": "red"}  # of the levels of a verdict
@@ -164,9 +167,11 @@ LINES, STEPS = 15, 3  # lines of the card in a terminal, and commands in it
 
 def print_card(record: Mapping[str, Any], run: str) -> None:
     """Print verdict, figures, reasons and next commands of a calibration in some `LINES`, reasons cut first."""
+    from commonrail.calibration.record import CalibrationRecord, read_as
     from commonrail.report.fit.verdict import tiles, verdict
 
-    judged, figures = verdict(record, run), tiles(record)
+    fit = read_as(CalibrationRecord, record)
+    judged, figures = verdict(fit, run), tiles(fit)
     bar = click.style("┃", fg=COLOURS[judged.level])
     title = wrapped(f"┃ {judged.headline}", "┃ ")
     click.echo("\n".join(f"{bar}{click.style(line[1:], bold=True)}" for line in title))

@@ -26,26 +26,13 @@ LONGEST_NAME = 200
 
 
 class Context(NamedTuple):
-    """Surroundings in which a data set is read.
-
-    Attributes
-    ----------
-    injector : Injector
-    time_step : float
-        [s].
-    reach : Reach
-        Folders where its files may lie.
-    at : Place
-        Of its block in the study file.
-    meters : mapping of str to Meter
-        Those that the study describes, by name.
-    """
+    """Surroundings in which a data set is read."""
 
     injector: Injector
-    time_step: float
-    reach: Reach
-    at: Place
-    meters: Mapping[str, Meter] = {}
+    time_step: float  # [s]
+    reach: Reach  # folders where its files may lie
+    at: Place  # of its block in the study file
+    meters: Mapping[str, Meter] = {}  # those that the study describes, by name
 
     def meter(self, name: str | None) -> Meter | None:
         """Meter that a block names, or None; `InputError` if the study does not describe it."""
@@ -70,12 +57,13 @@ class Context(NamedTuple):
 
     def sheet(self, file: str, at: Place, form: FileForm) -> Sheet:
         """File with named columns; see `path` and `open_sheet`. The one that was opened last is not read again."""
-        wanted = self.path(file, at, form), form
-        if self.reach.opened[:-1] != wanted:
-            sheet = open_sheet(*wanted)
-            self.reach.opened = (*wanted, sheet) if sheet.apart or isinstance(sheet, TableSheet) else ()
-            return sheet
-        return cast(Sheet, self.reach.opened[-1])
+        wanted, last = (self.path(file, at, form), form), self.reach.opened
+        if last[:-1] == wanted:
+            return cast(Sheet, last[-1])
+        sheet = open_sheet(*wanted)
+        if sheet.apart or isinstance(sheet, TableSheet):  # others may be gone through once
+            self.reach.opened = (*wanted, sheet)
+        return sheet
 
     def columns(
         self, file: str, at: Place, wanted: Sequence[Column], least: int = LEAST_SAMPLES, form: FileForm = PLAIN
@@ -147,8 +135,3 @@ class DataModel(FormModel):
     noise: NoiseModel = NoiseModel()
     source: str = "no source stated"
     synthetic: str = ""
-
-    @property
-    def has_dead_times(self) -> bool:
-        """True if a second file has dead times."""
-        return False

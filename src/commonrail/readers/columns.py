@@ -80,35 +80,18 @@ MOST_SHOWN = 12  # names of a header
 
 
 class Column(NamedTuple):
-    """Column that is asked of a file.
-
-    Attributes
-    ----------
-    name : str
-    unit : str or tuple of str
-        SI unit of the values; of several the one of the column's kind is taken. Empty: the cells are texts.
-    stated : str or None
-        Unit of a column for which the file gives none; None if it may be stated and is not.
-    increasing : bool
-        Whether the values must increase from row to row, as a time does.
-    domain : Domain
-        Values outside are refused.
-    required : bool
-        Whether every cell must hold a number; if not, an empty one is NaN, and without a domain also the word "nan".
-    otherwise : str
-        Unit of a column that has none and for which none is stated; empty refuses it.
-    stating : str
-        Where a unit can be stated: words of a sentence, such as an option's; empty if nowhere but in the file.
-    """
+    """Column that is asked of a file."""
 
     name: str
+    # SI unit of the values; of several the one of the column's kind is taken. Empty: the cells are texts
     unit: str | tuple[str, ...] = ""
-    stated: str | None = ""
-    increasing: bool = False
-    domain: Domain = Domain.ANY
+    stated: str | None = ""  # unit where the file gives none; None if it may be stated and is not
+    increasing: bool = False  # whether the values must increase from row to row, as a time does
+    domain: Domain = Domain.ANY  # values outside are refused
+    # whether every cell must hold a number; if not, an empty one is NaN, and without a domain also the word "nan"
     required: bool = True
-    otherwise: str = ""
-    stating: str = "the study"
+    otherwise: str = ""  # unit where the file has none and none is stated; empty refuses it
+    stating: str = "the study"  # where a unit can be stated, as an option; empty if nowhere but in the file
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -118,38 +101,17 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of a file.
-
-    Attributes
-    ----------
-    path : Path
-    columns : dict of str to (rows,) array
-        Numbers: in the units of the file from a `Sheet`, SI values from `read_columns`.
-    texts : dict of str to list of str
-        Columns without a unit.
-    given : dict of str to str
-        Unit of each column as the file or whoever reads it states it, empty if nobody does.
-    rows : (rows,) array of int
-        Line in the file of each row.
-    comments : tuple of str
-        Comment lines without their sign.
-    row : str
-        Word for a row in messages.
-    units : dict of str to str
-        SI unit of each column, where several kinds were allowed.
-    headings : dict of str to str
-        Names in the file of columns that are called otherwise there.
-    """
+    """Columns of a file."""
 
     path: Path
-    columns: dict[str, Floats]
-    texts: dict[str, list[str]]
-    given: dict[str, str]
-    rows: IndexArray
-    comments: tuple[str, ...] = ()
-    row: str = "line"
-    units: dict[str, str] = field(default_factory=dict)
-    headings: dict[str, str] = field(default_factory=dict)
+    columns: dict[str, Floats]  # numbers (rows,): in the units of the file from a `Sheet`, in SI from `read_columns`
+    texts: dict[str, list[str]]  # columns without a unit
+    given: dict[str, str]  # unit of each column as the file or whoever reads it states it, empty if nobody does
+    rows: IndexArray  # (rows,): line in the file
+    comments: tuple[str, ...] = ()  # without their sign
+    row: str = "line"  # word for a row in messages
+    units: dict[str, str] = field(default_factory=dict)  # SI units, where several kinds were allowed
+    headings: dict[str, str] = field(default_factory=dict)  # names in the file of columns that are called otherwise
 
     def place(self, column: str, row: int) -> Place:
         """Place of a value, for a message."""
@@ -157,17 +119,10 @@ class Table:
 
 
 class Sheet(Protocol):
-    """File with named columns, of whatever format.
-
-    Attributes
-    ----------
-    path : Path
-    apart : bool
-        Whether columns have times of their own: then each is taken with the time alone, any number of times.
-    """
+    """File with named columns, of whatever format."""
 
     path: Path
-    apart: bool
+    apart: bool  # whether columns have times of their own: each is taken with the time alone, any number of times
 
     @property
     def names(self) -> Sequence[str]:

@@ -196,21 +196,6 @@ def _refuse_foreign(document: Mapping[str, Any], actuation: Actuation, at: Place
             )
 
 
-def meters_of(document: Mapping[str, Any], at: Place) -> tuple[Meter, ...]:
-    """Meters of a parsed file.
-
-    Raises `InputError` and `ConfigurationError` as `load_meters`.
-    """
-    from commonrail.readers.meters import MeterHead, meters_of_tables
-
-    tables: Mapping[str, MeterHead] = _checked(document, at).meters
-    for name, table in tables.items():
-        for key, amount in table.amounts():
-            if amount.free:
-                raise (at / "meters" / name / key).error("bounds belong in a study; give a value here")
-    return tuple(meters_of_tables(tables, at / "meters").values())
-
-
 def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach | None) -> Injector:
     """Injector of a parsed file.
 
@@ -498,5 +483,13 @@ def load_meters(path: str | Path) -> tuple[Meter, ...]:
     ConfigurationError
         If `path` is no path, or a meter makes no sense.
     """
+    from commonrail.readers.meters import MeterHead, meters_of_tables
+
     file = file_path(path, "path of an injector")
-    return meters_of(read_toml(file)[0], Place(str(file)))
+    at = Place(str(file))
+    tables: Mapping[str, MeterHead] = _checked(read_toml(file)[0], at).meters
+    for name, table in tables.items():
+        for key, amount in table.amounts():
+            if amount.free:
+                raise (at / "meters" / name / key).error("bounds belong in a study; give a value here")
+    return tuple(meters_of_tables(tables, at / "meters").values())

@@ -167,10 +167,7 @@ _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 def read_text(path: Path, largest: int) -> str:
     """Text of a UTF-8 file of at most `largest` bytes, line ends as ``"\\n"``.
 
-    Raises
-    ------
-    InputError
-        As `read_bytes`, or if it is not UTF-8 text.
+    Raises `InputError` as `read_bytes`, or if it is not UTF-8 text.
     """
     return decode_line(path, read_bytes(path, largest), 1)
 
@@ -178,10 +175,7 @@ def read_text(path: Path, largest: int) -> str:
 def read_bytes(path: Path, largest: int) -> bytes:
     """Bytes of a text file, without byte order mark and with line ends as ``"\\n"``.
 
-    Raises
-    ------
-    InputError
-        As `read_plain`, or if it is not text.
+    Raises `InputError` as `read_plain`, or if it is not text.
     """
     data = read_plain(path, largest)
     if data.startswith(_UTF16):

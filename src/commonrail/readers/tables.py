@@ -33,22 +33,9 @@ _READ_BY = {"encoding": "texts", "decimal": "texts and workbooks (.xlsx)", "shee
 
 
 def read_columns(path: Path, wanted: Sequence[Column], least: int = LEAST_SAMPLES, form: FileForm = PLAIN) -> Table:
-    """Read named columns of a file.
+    """Columns of a file that has `least` rows; `form`: encoding, decimal sign and sheet.
 
-    Parameters
-    ----------
-    path : Path
-        Its first bytes tell the format, see `open_sheet`.
-    wanted : sequence of Column
-    least : int
-        Rows that the file must have.
-    form : FileForm
-        Encoding, decimal sign and sheet.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, a column or unit is missing, or a cell is not a finite number.
+    Raises `InputError` if the file cannot be read, a column or unit is missing, or a cell is not a finite number.
     """
     return take_columns(open_sheet(path, form), wanted, least)
 

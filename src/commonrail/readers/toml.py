@@ -19,6 +19,7 @@ from pydantic import (
     GetCoreSchemaHandler,
     PlainValidator,
     SkipValidation,
+    TypeAdapter,
     ValidationError,
     ValidatorFunctionWrapHandler,
     WrapValidator,
@@ -215,48 +216,28 @@ class OneOf:
     more: Callable[[str], type[BaseModel] | None] = lambda _: None
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        return core_schema.tagged_union_schema(
-            {
-                f"<{name}>": core_schema.no_info_before_validator_function(self._known, handler.generate_schema(form))
-                for name, form in self.forms.items()
-                if form is not None
-            }
-            | {"<>": core_schema.no_info_plain_validator_function(self._other)},
-            self._tag,
-            custom_error_type="sentence",
-            custom_error_message=self._wanted(),
-        )
+        return core_schema.no_info_plain_validator_function(self.read)
 
-    def _known(self, item: Any) -> Any:
-        """The table itself; a key that only other forms have is refused with those forms."""
-        if not isinstance(item, Mapping):
+    def read(self, item: Any) -> Any:
+        """The table in its form; a key that only other forms have is refused with those forms."""
+        if isinstance(item, BaseModel):
             return item
-        for key in set(item).difference(getattr(self._form(item[self.key]), "model_fields", ())):
-            having = [name for name in self.forms if key in getattr(self._form(name), "model_fields", ())]
+        name = item.get(self.key) if isinstance(item, Mapping) else None
+        *others, last = (f'"{known}"' for known in self.forms)
+        wanted = f"{self.key} must be {', '.join(others)} or {last}"
+        if not isinstance(name, str):
+            raise fault(wanted)
+        if (form := self._form(name)) is None:
+            raise fault(f'{wanted}, not "{name}"{nearest(name, self.forms)}')
+        for key in set(item).difference(getattr(form, "model_fields", ())):
+            having = [known for known in self.forms if key in getattr(self._form(known), "model_fields", ())]
             if having:
-                others = " or ".join(f'"{name}"' for name in having)
-                raise fault(f'{self.key} = "{item[self.key]}" has no key "{key}", but {self.key} = {others} has it')
-        return item
+                those = " or ".join(f'"{known}"' for known in having)
+                raise fault(f'{self.key} = "{name}" has no key "{key}", but {self.key} = {those} has it')
+        return TypeAdapter(form).validate_python(item)
 
     def _form(self, name: str) -> Any:
         return self.forms.get(name) or self.more(name)
-
-    def _tag(self, item: Any) -> str | None:
-        found = item.get(self.key) if isinstance(item, Mapping) else getattr(item, self.key, None)
-        if not isinstance(found, str):
-            return None
-        return f"<{found}>" if self.forms.get(found) is not None else "<>"
-
-    def _other(self, item: Any) -> BaseModel:
-        if isinstance(item, BaseModel):
-            return item
-        if (form := self.more(name := item[self.key])) is None:
-            raise fault(f'{self._wanted()}, not "{name}"{nearest(name, self.forms)}')
-        return form.model_validate(self._known(item))
-
-    def _wanted(self) -> str:
-        *others, last = (f'"{name}"' for name in self.forms)
-        return f"{self.key} must be {', '.join(others)} or {last}"
 
 
 # Checking the tables of a file: the first fault as one sentence with its dotted key.

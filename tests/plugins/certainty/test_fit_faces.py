@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.plugins.next.run import DesignSettings, Measurement
+from commonrail.base.record import from_record
+from commonrail.plugins.next.run import Measurement
+from commonrail.plugins.next.settings import DesignSettings
 from commonrail.plugins.next.study import Candidate
 from commonrail.plugins.prediction.band import Band
+from commonrail.plugins.sensitivity.file import Sensitivity
 from commonrail.plugins.sensitivity.page import sensitivity_figures
+from commonrail.plugins.tolerance.file import ToleranceResult
 from commonrail.plugins.tolerance.page import tolerance_figures
 from tests.report.analysis_samples import sensitivity_record, tolerance_record
 
@@ -81,9 +85,11 @@ def test_data_of_unlike_units_name_theirs_in_a_column() -> None:
 
 
 def test_figures_of_analyses_name_their_output_or_point() -> None:
-    titles = [figure.title for figure in sensitivity_figures(sensitivity_record())]
+    titles = [figure.title for figure in sensitivity_figures(from_record(Sensitivity, sensitivity_record()))]
     assert titles == [
         "Share of the variance: Injected quantity, 160 MPa, 700 µs",
         "Tornado: Injected quantity, 160 MPa, 700 µs",
     ]
-    assert "Quantity of the parts: full load" in [figure.title for figure in tolerance_figures(tolerance_record())]
+    assert "Quantity of the parts: full load" in [
+        figure.title for figure in tolerance_figures(from_record(ToleranceResult, tolerance_record()))
+    ]

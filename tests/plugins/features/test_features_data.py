@@ -96,7 +96,7 @@ def test_measured_and_simulated_features_come_from_one_function(
         taken.append((type(source).__name__, more["settings"], more.get("levels")))
         return find_features(source, **more)
 
-    monkeypatch.setattr(module, "features", noted)
+    monkeypatch.setattr(module, "find_features", noted)
     data = read(regulated, tmp_path, ALL, pulses())
     data.simulated(Simulator(regulated, ("valve.mass",), STEP, 1), np.array([[3e-3], [6e-3]]))
     assert [name for name, *_ in taken] == ["RateData", "RateTrace", "RateTrace"]

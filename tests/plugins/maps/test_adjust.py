@@ -44,7 +44,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Made:
 
     def build(law: Callable[[Floats, Floats], Floats], **options: Any) -> InjectionMap:
         respond = lambda injector, rail, time, conditions: Response(law(rail, time), np.ones(len(time)))  # noqa: E731
-        monkeypatch.setattr(run, "respond", respond)
+        monkeypatch.setattr(run.response, "respond", respond)
         axes: Any = {"pressures": PRESSURES, "times": TIMES, "quantities": QUANTITIES}
         return cr.maps.quantity_map(cr.load_injector("virtual-lino-2016"), **axes | options)
 

@@ -25,7 +25,7 @@ from tests.map_study import map_study
 
 BEST = {"control_chamber.a_hole_diameter": 0.2127e-3}
 EXACT = {"gain": 1e-6}  # of the meter, which would be uncertain by 1 % otherwise
-SETTINGS = cr.design.DesignSettings(2)
+SETTINGS = cr.design.DesignSettings(points=2)
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import InputError
-from commonrail.plugins.paper.bench import Truth, bench_curve
-from commonrail.plugins.paper.bench_file import ENERGISING_TIME, load_truth, virtual_bench
+from commonrail.plugins.paper.bench import ENERGISING_TIME, Truth, bench_curve
+from commonrail.plugins.paper.bench_file import load_truth, virtual_bench
 from commonrail.readers.columns import Column
 from commonrail.readers.injector import load_injector
 from commonrail.readers.tables import read_columns

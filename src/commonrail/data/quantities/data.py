@@ -165,7 +165,7 @@ class QuantityData(ToleratedData):
         quantity = np.array([row.quantity for row in rows])
         density = np.array([mass_density(context.injector, row.unit, row.point) for row in rows])
         by_volume = np.isnan(density)
-        dead, sister = model.small_quantity, getattr(model, "sister", None)
+        dead, sister = getattr(model, "dead_times", None), getattr(model, "sister", None)
         with located(context.at):
             read = cls(
                 model.name,

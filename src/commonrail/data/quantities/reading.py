@@ -65,6 +65,7 @@ def map_columns(
 
 
 Pressure = Annotated[float, Unit("Pa")]
+Time = Annotated[float, Unit("s")]
 
 AFTER_ENERGISING = 3e-3  # simulated after the end of energising; it ends early once the needle has closed [s]
 MOST_POINTS = 10_000
@@ -95,8 +96,8 @@ class DeadTimesModel(FormModel):
 class HoldOutModel(FileModel):
     """Rail pressures and energising times whose rows are kept for validation."""
 
-    rail_pressure: list[Annotated[float, Unit("Pa")]] = Field(default=[], max_length=1000)
-    energising_time: list[Annotated[float, Unit("s")]] = Field(default=[], max_length=1000)
+    rail_pressure: list[Pressure] = Field(default=[], max_length=1000)
+    energising_time: list[Time] = Field(default=[], max_length=1000)
 
 
 class MapModel(DataModel):
@@ -111,17 +112,12 @@ class MapModel(DataModel):
     energising_time_unit: str | None = None
     quantity_unit: str | None = None
     rail_pressure: list[Pressure] | None = Field(default=None, min_length=1, max_length=1000)
-    energising_time: list[Annotated[float, Unit("s")]] | None = Field(default=None, min_length=1, max_length=1000)
+    energising_time: list[Time] | None = Field(default=None, min_length=1, max_length=1000)
     hold_out: HoldOutModel | None = None
     cylinder_pressure: Pressure
     return_pressure: Pressure
     absolute: Annotated[float, Unit("m3")] = 0.15e-9
     relative: Annotated[float, Unit("1")] = 0.03
-
-    @property
-    def small_quantity(self) -> DeadTimesModel | None:
-        """Dead times of the map; None for a kind that has none."""
-        return None
 
 
 class QuantitiesModel(MapModel):
@@ -132,16 +128,6 @@ class QuantitiesModel(MapModel):
     kind: Literal["quantities"]
     dead_times: DeadTimesModel | None = None
     sister: SisterModel | None = None
-
-    @property
-    def small_quantity(self) -> DeadTimesModel | None:
-        """Dead times of the map."""
-        return self.dead_times
-
-    @property
-    def has_dead_times(self) -> bool:
-        """True if a second file has dead times."""
-        return self.dead_times is not None
 
 
 class MapRow(NamedTuple):
@@ -164,7 +150,7 @@ def read_rows(model: MapModel, context: Context) -> list[MapRow]:
     rows = _map_rows(model, context, at) + _dead_time_rows(model, context, at)
     if not (model.absolute > 0.0 and model.relative >= 0.0):
         raise at.error("absolute must be greater than zero and relative zero or greater")
-    dead = model.small_quantity
+    dead: DeadTimesModel | None = getattr(model, "dead_times", None)
     if dead is not None and dead.tolerance is not None and not dead.tolerance > 0.0:
         raise (at / "dead_times" / "tolerance").error("the tolerance must be greater than zero")
     return rows
@@ -192,7 +178,7 @@ def _map_table(model: MapModel, context: Context, at: Place) -> Table:
 
 
 def _dead_time_rows(model: MapModel, context: Context, at: Place) -> list[MapRow]:
-    dead = model.small_quantity
+    dead: DeadTimesModel | None = getattr(model, "dead_times", None)
     if dead is None:
         return []
     table = context.columns(dead.file, at / "dead_times", _point_columns(dead), 1, dead.form)

@@ -91,21 +91,17 @@ def export(
         return
     for line in written:
         click.echo(line)
-    say(_next(form, injector, place))
+    say(f"{place}: {_next(form, injector)}")
 
 
-def _next(form: Form, injector: Injector, place: Path) -> str:
-    if form is Form.FMU:
-        return f"{place}: {injector.name} with its values as start values; inputs are in SI units{_unread(injector)}"
-    return f"{place}: the header says how to use the library; the examples in C, C++, Python and Julia do"
-
-
-def _unread(injector: Injector) -> str:
-    """Words on the courses that a simulation environment may have and this variant does not read."""
+def _next(form: Form, injector: Injector) -> str:
+    """How to go on, with the courses that a simulation environment may have and this variant does not read."""
     from commonrail.physics.variants import DRIVE, RAIL, reader_of, unread_inputs
 
-    words = {RAIL: "a rail pressure over time", DRIVE: "a measured current or voltage"}
-    unread = [
-        f"{what} with {reader_of(name)}" for name, what in words.items() if name in unread_inputs(injector.variant)
-    ]
-    return f"; read by other variants only: {', '.join(unread)}" if unread else ""
+    if form is Form.LIBRARY:
+        return "the header says how to use the library; the examples in C, C++, Python and Julia do"
+    courses = {RAIL: "a rail pressure over time", DRIVE: "a measured current or voltage"}
+    missing = unread_inputs(injector.variant)
+    unread = ", ".join(f"{what} with {reader_of(name)}" for name, what in courses.items() if name in missing)
+    others = f"; read by other variants only: {unread}" if unread else ""
+    return f"{injector.name} with its values as start values; inputs are in SI units{others}"

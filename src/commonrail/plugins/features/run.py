@@ -64,7 +64,12 @@ def find_features(
     trace = rate_trace(source, energisings)
     settings = FeatureSettings() if settings is None else instance(settings, FeatureSettings, "settings")
     if settings.zero_at_rest:
-        trace = _from_zero(trace)
+        if not len(trace.at_rest):
+            raise ConfigurationError(
+                "The rate has no sample before the first energising, so that its zero is unknown; give a longer trace "
+                "and its energisings, or omit zero_at_rest."
+            )
+        trace = trace.with_rate(trace.rate - float(np.mean(trace.at_rest)))
     levels = levels_of(trace, settings) if levels is None else instance(levels, Levels, "levels")
     total = trace.quantity(trace.bounds[0], trace.bounds[-1])
 
@@ -79,15 +84,6 @@ def find_features(
     return found(injections, FeatureStatus.OK if injections else FeatureStatus.NO_INJECTION)
 
 
-def _from_zero(trace: RateTrace) -> RateTrace:
-    if not len(trace.at_rest):
-        raise ConfigurationError(
-            "The rate has no sample before the first energising, so that its zero is unknown; give a longer trace and "
-            "its energisings, or omit zero_at_rest."
-        )
-    return trace.with_rate(trace.rate - float(np.mean(trace.at_rest)))
-
-
 def _injections(trace: RateTrace, levels: Levels, settings: FeatureSettings) -> list[Injection]:
     course = averaged(trace, levels.width)
     parts = parts_of(course, levels, settings.split)
@@ -95,7 +91,9 @@ def _injections(trace: RateTrace, levels: Levels, settings: FeatureSettings) -> 
         return []
     instants = [instants_of(trace, course, part, levels) for part in parts]
     windows = list(_windows(trace, instants, parts, float(settings.tail)))
-    numbers = [_energising_of(at.begin, trace.energisings, float(settings.least_delay)) for at in instants]
+    # number of the last energising that starts at least a delay before the opening
+    starts = [pulse.start + float(settings.least_delay) for pulse in trace.energisings]
+    numbers = [sum(start <= at.begin for start in starts) or None for at in instants]
     before = [Instant(), *(at.closing for at in instants[:-1])]
     found = []
     for i, (part, at, window, number) in enumerate(zip(parts, instants, windows, numbers, strict=True)):
@@ -120,12 +118,6 @@ def _windows(
             at.begin if part.fused_before and math.isnan(at.opening.time) else max(low, at.begin - tail),
             at.end if part.fused_after and math.isnan(at.closing.time) else min(high, at.end + tail),
         )
-
-
-def _energising_of(opening: float, energisings: Sequence[Energising], delay: float) -> int | None:
-    """Number of the last energising that starts at least a delay [s] before an opening."""
-    before = [i for i, pulse in enumerate(energisings, start=1) if pulse.start + delay <= opening]
-    return before[-1] if before else None
 
 
 def _injection(one: TracedInjection, number: int | None, *, again: bool) -> Injection:

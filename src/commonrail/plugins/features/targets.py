@@ -24,20 +24,13 @@ from commonrail.data.study_block import Context
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
 from commonrail.physics.meters import Meter
+from commonrail.plugins.features import targets_file
 from commonrail.plugins.features.rate_trace import RateTrace, rate_trace
 from commonrail.plugins.features.result import Features
 from commonrail.plugins.features.run import find_features
 from commonrail.plugins.features.settings import FeatureSettings, Levels
 from commonrail.plugins.features.table import find_feature
-from commonrail.plugins.features.targets_file import (
-    AFTER,
-    RETURNED,
-    FeaturesModel,
-    FeatureTarget,
-    read_curve_of,
-    read_targets,
-    settings_of,
-)
+from commonrail.plugins.features.targets_file import RETURNED, FeaturesModel, FeatureTarget
 
 NO_FEATURE = "NO_FEATURE"
 
@@ -123,10 +116,10 @@ class FeatureData(ToleratedData):
     @classmethod
     def read_all(cls, model: FeaturesModel, context: Context) -> tuple[Self, ...]:
         """Read features; see `DataSet.read_all`."""
-        curve = read_curve_of(model, context)
-        settings = settings_of(model, context.injector, curve.point, context.at)
+        curve = targets_file.read_curve_of(model, context)
+        settings = targets_file.settings_of(model, context.injector, curve.point, context.at)
         measured = find_features(curve, settings=settings) if model.file else None
-        targets = read_targets(model, context.injector, curve.point, measured, context.at)
+        targets = targets_file.read_targets(model, context.injector, curve.point, measured, context.at)
         levels = None if measured is None else measured.levels
         labels = model.weight, model.source, model.synthetic
         more = model.stroke_period, context.meter(model.meter)
@@ -146,7 +139,7 @@ class FeatureData(ToleratedData):
         """Features (candidates, targets) [SI] of simulated traces, as the meter shows them if there is one."""
         rates = self.curve.simulated(simulator, values)
         trace = rate_trace(self.curve)
-        found = np.array([self._values_of(self._found(trace, rate)) for rate in rates])
+        found = np.array([self._values_of(trace, rate) for rate in rates])
         if self.returned is not None:
             column = [target.feature for target in self.targets].index(RETURNED)
             found[:, column] = self.returned.simulated(simulator, values)[:, 0]
@@ -172,11 +165,10 @@ class FeatureData(ToleratedData):
             return None
         return find_features(trace.with_rate(rate), settings=self.settings, levels=self.levels)
 
-    def _values_of(self, found: Features | None) -> list[float]:
-        if found is None:
-            return [math.nan] * len(self.targets)
+    def _values_of(self, trace: RateTrace, rate: Floats) -> list[float]:
+        found = self._found(trace, rate)
         return [
-            math.nan if target.feature == RETURNED else found.value(target.feature, target.injection)
+            math.nan if found is None or target.feature == RETURNED else found.value(target.feature, target.injection)
             for target in self.targets
         ]
 
@@ -267,7 +259,7 @@ def _returned(data: FeatureData, targets: Sequence[FeatureTarget]) -> ReturnData
     if not targets:
         return None
     point = data.curve.point
-    end = max(pulse.start + pulse.duration for pulse in point.pulses) + AFTER
+    end = max(pulse.start + pulse.duration for pulse in point.pulses) + targets_file.AFTER
     longer = replace(point, horizon=max(end - point.start, point.duration))
     value, tolerance = np.array([targets[0].value]), targets[0].tolerance
     none = np.zeros(1, bool)

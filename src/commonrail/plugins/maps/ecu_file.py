@@ -18,17 +18,8 @@ from commonrail.base.input import read_plain
 from commonrail.base.units import fits
 from commonrail.plugins.maps.dcm import LARGEST, MOST_DECIMALS, MOST_MAPS, MOST_VALUES, read_dcm
 from commonrail.plugins.maps.table import Axis, MapTable, is_turned
+from commonrail.readers import quantity_matrix
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table, name_and_unit
-from commonrail.readers.quantity_matrix import (
-    KINDS,
-    ORDERS,
-    FoundMap,
-    GivenUnits,
-    Matrix,
-    kind_of,
-    map_of_matrix,
-    plain_unit,
-)
 
 
 class EcuMaps(NamedTuple):
@@ -190,7 +181,7 @@ class MapFile:
         """Refused: the file has no columns."""
         raise InputError(f'{self.path}: this file holds maps and no columns; read it with layout = "found".')
 
-    def quantity_map(self, given: GivenUnits) -> FoundMap:
+    def quantity_map(self, given: quantity_matrix.GivenUnits) -> quantity_matrix.FoundMap:
         """First duration map of the file, else its first quantity map.
 
         Units that the file does not have are those `given`. Raises `InputError` if it has none.
@@ -199,8 +190,8 @@ class MapFile:
         candidates: list[tuple[bool, int, list[str], list[str], MapTable]] = []
         for table in self._tables:
             units = [table.y.unit, table.x.unit, table.unit]
-            kinds = [kind_of(unit) for unit in units]
-            missing = [kind for kind in KINDS if kind not in kinds]
+            kinds = [quantity_matrix.kind_of(unit) for unit in units]
+            missing = [kind for kind in quantity_matrix.KINDS if kind not in kinds]
             if kinds.count("") == len(missing) and all(map(stated.get, missing)) and kinds[2] != "rail pressure":
                 kinds = [kind or (missing[0] if len(missing) == 1 else "") for kind in kinds]
                 candidates.append((kinds[2] == "quantity", len(candidates), kinds, units, table))
@@ -210,8 +201,10 @@ class MapFile:
                 "state those that are missing, a crank angle with its speed, as degCA@2000rpm."
             )
         _, _, kinds, units, table = min(candidates)
-        by_kind = dict(zip(kinds, map(plain_unit, units), strict=True))
-        matrix = Matrix(table.y.values, table.x.values, table.values, np.arange(1, table.values.size + 1))
-        in_file = {kind: stated[kind] or by_kind[kind] for kind in KINDS}
-        orders = [(kinds[0], kinds[1])] if all(kinds) else ORDERS
-        return map_of_matrix(self.path, matrix, in_file, orders, [f"map {table.label}"], self.comments)
+        by_kind = dict(zip(kinds, map(quantity_matrix.plain_unit, units), strict=True))
+        matrix = quantity_matrix.Matrix(
+            table.y.values, table.x.values, table.values, np.arange(1, table.values.size + 1)
+        )
+        in_file = {kind: stated[kind] or by_kind[kind] for kind in quantity_matrix.KINDS}
+        orders = [(kinds[0], kinds[1])] if all(kinds) else quantity_matrix.ORDERS
+        return quantity_matrix.map_of_matrix(self.path, matrix, in_file, orders, [f"map {table.label}"], self.comments)

@@ -16,22 +16,12 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.base.text import counted
 from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector
+from commonrail.plugins.maps import response
 from commonrail.plugins.maps.adjust import UNADJUSTED, Adjustment, Cost, Curves, adjust
 from commonrail.plugins.maps.axes import MapAxes
 from commonrail.plugins.maps.choices import Beyond, CellState, Several
 from commonrail.plugins.maps.inverse import Inverse, Rules, invert, sampled
-from commonrail.plugins.maps.response import (
-    LONGEST_AFTER,
-    Conditions,
-    Fall,
-    Line,
-    Response,
-    density_at,
-    falls_of,
-    knots_of,
-    require_some,
-    respond,
-)
+from commonrail.plugins.maps.response import Conditions
 from commonrail.plugins.maps.sweep import OPERATING, Base, Sweep, Variable, unit_of
 from commonrail.plugins.maps.sweep import sweep as swept
 
@@ -102,8 +92,8 @@ class InjectionMap(Shown):
     ballistic: Bools
     inverse: Inverse
     inverse_ballistic: Bools
-    falls: tuple[Fall, ...]
-    lines: tuple[Line, ...]
+    falls: tuple[response.Fall, ...]
+    lines: tuple[response.Line, ...]
     adjustment: Adjustment = UNADJUSTED
     costs: tuple[Cost, ...] = ()
     bands: MapBands | None = None
@@ -216,14 +206,14 @@ def injection_map(
     axes = usual_axes(injector) if axes is None else instance(axes, MapAxes, "axes")
     tell = progress or (lambda _: None)
 
-    def simulate(rows: IndexArray, times: Floats) -> Response:
-        return respond(injector, axes.rail_pressure[rows], times, conditions)
+    def simulate(rows: IndexArray, times: Floats) -> response.Response:
+        return response.respond(injector, axes.rail_pressure[rows], times, conditions)
 
-    knots = knots_of(axes.energising_time)
+    knots = response.knots_of(axes.energising_time)
     at = counted(len(axes.rail_pressure), "rail pressure")
     tell(f"simulating {counted(len(knots), 'energising time')} at {at} ...")
     lines = sampled(simulate, axes.rail_pressure, knots)
-    require_some(injector, lines, conditions)
+    response.require_some(injector, lines, conditions)
     forward = [line.at(axes.energising_time) for line in lines]
     volume = np.array([line.at(knots).volume for line in lines])
     curves = Curves(np.concatenate([[0.0], knots]), np.pad(volume, ((0, 0), (1, 0))))
@@ -237,13 +227,13 @@ def injection_map(
         axes=axes,
         conditions=conditions,
         rules=rules,
-        density=density_at(injector, conditions),
+        density=response.density_at(injector, conditions),
         curves=curves,
         volume=curves.volume[:, np.isin(curves.time, axes.energising_time)],
         ballistic=np.array([found.lift for found in forward]) < BALLISTIC * full,
         inverse=inverse,
         inverse_ballistic=np.nan_to_num(inverse.lift, nan=np.inf) < BALLISTIC * full,
-        falls=tuple(fall for line in lines for fall in falls_of(line)),
+        falls=tuple(fall for line in lines for fall in response.falls_of(line)),
         lines=tuple(lines),
         adjustment=adjustment,
         costs=costs,
@@ -417,7 +407,7 @@ def with_bands(
     pairs = _pairs(axes.rail_pressure, np.broadcast_to(axes.energising_time, forward.shape), forward)
     pairs += _pairs(axes.rail_pressure, found.inverse.energising_time, inverse)
     # a needle that closes late is no failure: simulations end with their injection anyway
-    points = [replace(conditions.point(rail, time), horizon=time + LONGEST_AFTER) for rail, time in pairs]
+    points = [replace(conditions.point(rail, time), horizon=time + response.LONGEST_AFTER) for rail, time in pairs]
     study = replace(study, time_step=conditions.time_step)
     predicted = predict(study, best, points, draws=draws, levels=LEVELS, threads=conditions.threads)
     (band,) = predicted.bands

@@ -21,14 +21,8 @@ from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, SimulationError, nearest
 from commonrail.base.text import field_unit
 from commonrail.base.units import to_text
-from commonrail.engine.operating_point import (
-    ENERGISING_TIMES,
-    LONGEST,
-    OTHER_PRESSURES,
-    RAIL_PRESSURES,
-    Energising,
-    OperatingPoint,
-)
+from commonrail.engine import operating_point
+from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, Status
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
@@ -67,10 +61,18 @@ class Base(NamedTuple):
         rows = self._rows(changed)
         rail, cylinder, back, first, start, second = rows.T
         end = first if alone else start + second
-        sound = _within(rail, RAIL_PRESSURES) & _within(first, ENERGISING_TIMES) & (end + AFTER <= LONGEST)
+        sound = (
+            _within(rail, operating_point.RAIL_PRESSURES)
+            & _within(first, operating_point.ENERGISING_TIMES)
+            & (end + AFTER <= operating_point.LONGEST)
+        )
         for pressure in (cylinder, back):
-            sound &= _within(pressure, OTHER_PRESSURES) & (pressure < rail)
-        last = first > 0.0 if alone else _within(second, ENERGISING_TIMES) & ((start >= first) | ~(first > 0.0))
+            sound &= _within(pressure, operating_point.OTHER_PRESSURES) & (pressure < rail)
+        last = (
+            first > 0.0
+            if alone
+            else _within(second, operating_point.ENERGISING_TIMES) & ((start >= first) | ~(first > 0.0))
+        )
         others = {
             int(i): self.point({name: float(values[i]) for name, values in changed.items()}, alone)
             for i in np.flatnonzero(~(sound & last))

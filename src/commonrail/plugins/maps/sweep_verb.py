@@ -11,23 +11,9 @@ import click
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.base.output import write_text
 from commonrail.base.units import parse
+from commonrail.cli import options
 from commonrail.cli.console import SIMULATING, print_result, print_table, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import (
-    CylinderPressure,
-    Json,
-    ReturnPressure,
-    Settings,
-    Threads,
-    check_distinct,
-    check_file,
-    check_report,
-    is_given,
-    read_axis,
-    refuse_return_pressure,
-    refuse_unused,
-    with_overrides,
-)
 from commonrail.plugins.maps.verb import read_conditions, read_quantities
 
 SECOND, SINGLE = "tiSecond", "tiEnergising"  # labels where none is given
@@ -73,11 +59,11 @@ def sweep(
             "time with --hold (a map for each quantity), else of its quantity.",
         ),
     ] = False,
-    cylinder_pressure: CylinderPressure = None,
-    return_pressure: ReturnPressure = None,
+    cylinder_pressure: options.CylinderPressure = None,
+    return_pressure: options.ReturnPressure = None,
     longest: Annotated[str, Option(help="Longest energising time of --hold.")] = "2ms",
     time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
-    set_: Settings = (),
+    set_: options.Settings = (),
     label: Annotated[
         str | None,
         Option(
@@ -90,8 +76,8 @@ def sweep(
         Option(metavar="FILE", help="File: .csv; of --hold and --change also those of commonrail map; repeatable."),
     ] = (),
     report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with the curves.")] = None,
-    threads: Threads = None,
-    json: Json = False,
+    threads: options.Threads = None,
+    json: options.Json = False,
 ) -> None:
     """Sweep variables, or the dwell of injections.
 
@@ -121,7 +107,7 @@ def sweep(
     from commonrail.plugins.maps.sweep import Base
     from commonrail.plugins.maps.sweep import sweep as run
 
-    refuse_unused(
+    options.refuse_unused(
         {
             "longest": (hold is not None, "--hold"),
             "label": (
@@ -133,15 +119,15 @@ def sweep(
     )
     _refuse_varied(vary)
     for path in out:
-        check_file(path, "--out")
+        options.check_file(path, "--out")
         if hold is not None or change:
             check_map_file(path)
         elif path.suffix.lower() != ".csv":
             raise InputError(
                 f"--out: {path}: a sweep is written as .csv, with --change also as a map; all numbers: --json."
             )
-    check_report(report)
-    check_distinct(*out, report)
+    options.check_report(report)
+    options.check_distinct(*out, report)
     named = read_model_name(model)
     base = Base(
         parse(rail_pressure, "Pa", "--rail-pressure"),
@@ -150,8 +136,8 @@ def sweep(
         parse(dwell, "s", "--dwell"),
         read_conditions((cylinder_pressure, return_pressure), time_step, threads, named.folder),
     )
-    injector = with_overrides(named.injector, set_)
-    refuse_return_pressure(injector)
+    injector = options.with_overrides(named.injector, set_)
+    options.refuse_return_pressure(injector)
     variables = [_variable(text) for text in vary]
     table.check_label(label or SECOND)
     if hold is None:
@@ -205,7 +191,7 @@ class _Outcome(NamedTuple):
 def _refuse_varied(vary: tuple[str, ...]) -> None:
     """Refuse an option that states what `--vary` varies."""
     for name in (text.partition("=")[0].strip() for text in vary):
-        if name in click.get_current_context().params and is_given(name):
+        if name in click.get_current_context().params and options.is_given(name):
             raise InputError(f"--{name.replace('_', '-')}: --vary {name} gives its values; omit one of the two.")
 
 
@@ -216,7 +202,7 @@ def _variable(text: str) -> Variable:
     if not (name and equals and values):
         raise InputError(f'--vary {text}: expected NAME=VALUES, such as "dwell=0:3000:100us".')
     full, unit = unit_of(name)
-    return Variable(full, unit, read_axis(values, unit, f"--vary {name}"))
+    return Variable(full, unit, options.read_axis(values, unit, f"--vary {name}"))
 
 
 def _alone(found: Sweep) -> Floats:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +42,7 @@ class MapUnits(NamedTuple):
 
 
 ECU_UNITS = MapUnits()
+READABLE = ("MPa", "mm3", "us")  # units of files that people read
 
 
 class Axis(NamedTuple):
@@ -93,8 +96,16 @@ class MapTable:
             )
 
 
-def check_units(units: MapUnits) -> MapUnits:
-    """Return the units, refused with an InputError if one is unknown or of another kind."""
+def units_for(path: Path, stated: Sequence[str | None], like: MapTable | None = None) -> MapUnits:
+    """Units of a file: those of a map `like` which it is written, else those `stated`, else what suits its format.
+
+    InputError if one is unknown or of another kind.
+    """
+    if like is not None:
+        return units_of(like)
+    usual = ECU_UNITS[:3] if path.suffix.lower() in (".dcm", ".cdfx") else READABLE
+    pressure, quantity, time = (one or default for one, default in zip(stated, usual, strict=True))
+    units = MapUnits(pressure, quantity, time)
     convert(0.0, "Pa", units.pressure)
     convert(0.0, "kg" if compatible(units.quantity, "kg") else "m3", units.quantity)
     convert(0.0, "s", units.time)

@@ -15,7 +15,8 @@ from commonrail.data.records import MICROSECOND, MPA
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.physics.meters import known_quantity
 from commonrail.plugins.next.run import Measurement, MeasurementPlan
-from commonrail.plugins.next.study import Criterion, place_of
+from commonrail.plugins.next.settings import Criterion
+from commonrail.plugins.next.study import place_of
 from commonrail.report.analysis import result_html
 from commonrail.report.fit.rules import Tile
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit

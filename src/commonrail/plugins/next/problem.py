@@ -17,7 +17,8 @@ from commonrail.data.simulator import Simulator
 from commonrail.plugins.certainty.estimate import Estimate, bounded
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.noise_fit import Block, FittedNoise, block_of
-from commonrail.plugins.next.study import Candidate, Criterion, Problem, place_of, planned
+from commonrail.plugins.next.settings import Criterion
+from commonrail.plugins.next.study import Candidate, Problem, place_of, planned
 
 KEPT = 0.999  # share of a discrepancy's variance that its loads hold
 FIRM = 1e-12  # added to variances of positions, of which a combination may not vary at all

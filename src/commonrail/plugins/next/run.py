@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import array, chosen, instance, number, settle, thread_count, whole
+from commonrail.base.arguments import instance, number, thread_count
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, nearest
@@ -24,11 +24,11 @@ from commonrail.plugins.certainty.noise_fit import FittedNoise
 from commonrail.plugins.certainty.run import certainty as certify
 from commonrail.plugins.certainty.uncertain import with_uncertain_free
 from commonrail.plugins.next.problem import Response, has_discrepancy, problem_of, responses_of
+from commonrail.plugins.next.settings import DesignSettings
 from commonrail.plugins.next.study import (
     KINDS,
     MOST_CANDIDATES,
     Candidate,
-    Criterion,
     Problem,
     fitted_kinds,
     grid,
@@ -138,53 +138,6 @@ TRUSTED = 5.0  # degrees of freedom from which a scale that was estimated is bel
 WORTH = 0.1  # fall of an error from which it is worth measuring: an error that 50 values estimate is uncertain by that
 DRAWS, DRAWS_EACH = 100, 5  # draws at which candidates are simulated, or more of many parameters
 MOST_TRIED = 16  # places at which a kind that is not planned is tried: the best of them is named, no plan is made
-
-
-@dataclass(frozen=True)
-class DesignSettings:
-    """Settings of a plan.
-
-    Attributes
-    ----------
-    points : int
-        Largest number of measurements.
-    criterion : Criterion
-    parameters : tuple of str
-        Parameters that criteria D and A are about; all if empty.
-    budget : float
-        Largest cost of the plan.
-    pressure_cost : float
-        Cost of every rail pressure that the plan uses.
-    apart : (float, float)
-        Rail pressure [Pa] and energising time [s]: a measurement is refused that is closer in both to another of its
-        kind, planned or made. Zeros allow repetitions.
-    seed : int
-        Of the draws.
-
-    Raises
-    ------
-    ConfigurationError
-        If a number is out of range.
-    """
-
-    points: int = 3
-    criterion: Criterion = Criterion.V
-    parameters: tuple[str, ...] = ()
-    budget: float = math.inf
-    pressure_cost: float = 0.0
-    apart: tuple[float, float] = (20e6, 30e-6)
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        whole(self.points, "points", 1)
-        whole(self.seed, "seed")
-        settle(self, criterion=chosen(self.criterion, Criterion, "criterion"))
-        apart = array(self.apart, "1", "apart of a plan", 1)
-        limits = array([self.budget, self.pressure_cost, *apart], "1", "budget and pressure_cost", 1, finite=False)
-        if len(apart) != 2 or not (limits >= 0.0).all():
-            raise ConfigurationError(
-                "The budget, the pressure_cost and both numbers of apart of a plan must be zero or greater."
-            )
 
 
 class Measurement(NamedTuple):
@@ -392,7 +345,7 @@ def _trusted(found: Estimate, data: Sequence[DataSet]) -> tuple[list[FittedNoise
 
 def _rules(wanted: Sequence[Candidate], data: Sequence[DataSet], settings: DesignSettings) -> Rules:
     places = np.array([place_of(one.point) for one in wanted])
-    least = np.array([*settings.apart, settings.apart[1]])
+    least = np.array([settings.apart_pressure, settings.apart_time, settings.apart_time])
     kinds = np.array([one.kind for one in wanted])
     blocked = too_close(places, places, least) & (kinds[:, None] == kinds)
     taken = np.zeros(len(wanted), bool)
@@ -401,7 +354,7 @@ def _rules(wanted: Sequence[Candidate], data: Sequence[DataSet], settings: Desig
         taken |= too_close(places, made, least).any(axis=1) & (kinds == one.kind)
     costs = np.where(taken, np.inf, np.array([one.cost for one in wanted]))
     _, levels = np.unique(places[:, 0], return_inverse=True)
-    budget = min(settings.budget, 1e300)  # less than what a taken place costs
+    budget = 1e300 if settings.budget is None else settings.budget  # less than what a taken place costs
     return Rules(costs, levels.reshape(-1), settings.pressure_cost, blocked, settings.points, budget)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace
-from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +17,7 @@ from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.quantities.returned import ReturnData
 from commonrail.engine.operating_point import Energising, OperatingPoint
+from commonrail.plugins.next.settings import Criterion
 
 KINDS = (QuantityData.kind, RateData.kind, ReturnData.kind)
 MOST_CANDIDATES = 2000
@@ -153,19 +153,6 @@ def _planned_rate(model: RateData, point: OperatingPoint) -> RateData:
 # A measurement adds rᵀr of its whitened derivatives r to the information H, and V = H⁻¹. With rows e of what is to be
 # predicted or estimated, C = e V eᵀ. Errors that measurements share are further columns of H, r and e, with unit prior
 # information: the sum then is that of generalised least squares with the whole covariance.
-
-
-class Criterion(StrEnum):
-    """Figure that a plan is to make small."""
-
-    D = "d"
-    """Volume of the region of the named parameters: ½ ln det C over their number."""
-
-    A = "a"
-    """Mean squared standard error of the named parameters: ½ ln of the mean of C's diagonal."""
-
-    V = "v"
-    """Mean variance of predictions: the same, the rows being those of the predictions."""
 
 
 class Problem(NamedTuple):

@@ -72,6 +72,8 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
     nodes, at = _nodes(injector)
     simulator = Simulator(injector, (), subject.time_step)
     data = [curve_numbers(d, simulator, nodes) for d in subject.data]
+    pressures = np.linspace(*limits["cylinder"], CYLINDERS)
+    densities = injector.fuel.density(pressures, np.array(nodes)[:, None])
     return {
         **bench_numbers(subject, sliders, first),
         "title": subject.title,
@@ -84,7 +86,7 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
             "at": at,
             "coefficients": [packed(fuel_coefficients(injector.fuel, t)) for t in nodes],
         },
-        "density": _densities(injector, limits["cylinder"], nodes),
+        "density": {"cylinders": pressures.tolist(), "rows": np.round(densities, 9).tolist()},
         "limits": limits,
         "narrowed": share,
         "data": data,
@@ -145,13 +147,6 @@ def _nodes(injector: Injector) -> tuple[list[float], int]:
     own = injector.values[FUEL_TEMPERATURE]
     below, above = int((own - low) / KELVIN), int((high - own) / KELVIN)
     return [own + KELVIN * i for i in range(-below, above + 1)], below
-
-
-def _densities(injector: Injector, ends: tuple[float, float], nodes: list[float]) -> dict[str, Any]:
-    """Density [kg/m³] over cylinder pressure, a row for each temperature."""
-    pressures = np.linspace(*ends, CYLINDERS)
-    rows = injector.fuel.density(pressures, np.array(nodes)[:, None])
-    return {"cylinders": pressures.tolist(), "rows": np.round(rows, 9).tolist()}
 
 
 def _slider(injector: Injector, s: Slider) -> dict[str, Any]:

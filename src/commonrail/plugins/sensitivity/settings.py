@@ -6,7 +6,7 @@ from enum import Enum
 
 from commonrail.base.arguments import TIME_STEPS, Limits, settle
 from commonrail.base.choices import Precision
-from commonrail.base.declare import Choice, Number, OptionalNumber, Whole, setting, settings
+from commonrail.base.declare import Choice, Number, OptionalNumber, setting, settings
 from commonrail.base.errors import ConfigurationError
 
 
@@ -33,7 +33,7 @@ class SensitivitySettings:
         default=Design.SOBOL,
         text="Design: sobol divides the variance among parameters, morris screens many of them.",
     )
-    samples: Whole = setting(
+    samples: int = setting(
         words="number of samples",
         default=0,
         limits=Limits(0, 2**20),
@@ -50,7 +50,7 @@ class SensitivitySettings:
         limits=Limits(0.0, 0.9),
         text="Share of failed simulations above which an output gets no indices.",
     )
-    seed: Whole = setting(words="seed", default=1, text="Seed of design and bootstrap.")
+    seed: int = setting(words="seed", default=1, text="Seed of design and bootstrap.")
     time_step: OptionalNumber = setting(
         words="time step",
         unit="s",
@@ -61,7 +61,7 @@ class SensitivitySettings:
     precision: Choice[Precision] = setting(
         words="precision", default=Precision.F64, text="Precision of the simulations."
     )
-    resamples: Whole = setting(
+    resamples: int = setting(
         words="number of resamples",
         default=1000,
         limits=Limits(100, 100_000),

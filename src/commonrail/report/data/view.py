@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from commonrail.base import registry
 from commonrail.base.chart import Figure
 from commonrail.base.errors import InputError
-from commonrail.base.table import Table
+from commonrail.base.table import Part, Table, marked
 from commonrail.base.text import number
 from commonrail.data.records import JUDGED, Plotted, Record, Texts
 
@@ -90,3 +90,26 @@ def view_of(kind: str) -> View:
     if (part := registry.find("views", kind)) is None:
         raise InputError(f'There is no view of the data "{kind}"; install or update the package that has it.')
     return part.part(View, "a View")  # type: ignore[type-abstract]
+
+
+# Columns of tables with models side by side.
+
+
+def column(head: str, cell: Callable[[Any], str]) -> Part:
+    """One column."""
+    return Part((head,), lambda row: (cell(row),))
+
+
+def by_label(texts: Mapping[str, str], cell: Callable[[Any, str], str]) -> Part:
+    """A column for each label, headed by its text."""
+    return Part([*texts.values()], lambda row: [cell(row, label) for label in texts])
+
+
+def errors_by_label(
+    labels: Sequence[str],
+    error: Callable[[Any, str], float | None],
+    text: Callable[[float | None], str],
+    steps: Sequence[float] = (),
+) -> Part:
+    """A column of errors for each label, the least of a row marked; see `marked`."""
+    return Part(labels, lambda row: marked([error(row, label) for label in labels], text, steps))
