@@ -12,6 +12,7 @@ from typing import Any
 from nicegui import ui
 
 from commonrail.base.errors import CommonrailError, InputError
+from commonrail.base.units import parse, to_text
 from commonrail.plugins.app import charts
 from commonrail.plugins.app.elements import (
     chart,
@@ -108,7 +109,7 @@ class Home:
         """Place to drop files, the files, and the pressures of the bench."""
         heading("Bring data")
         soft("Injection curves and quantity maps as the bench wrote them: CSV, Excel, MDF, TDMS, MAT, DCM …")
-        upload("Drop data files here, or press +", self.take)
+        upload("Drop data files here, or press +", self._take)
         self.files()
         with ui.card().classes("box"):
             heading("The bench", 3)
@@ -117,7 +118,7 @@ class Home:
                     ("cylinder-pressure", "Back pressure behind the nozzle", "0.5 MPa, where no file tells it"),
                     ("return-pressure", "Pressure at the end of the return line", "0.1 MPa, where no file tells it"),
                 ):
-                    field(words, self.project.state["bench"].get(key), partial(self.bench, key), hint)
+                    field(words, self.project.state["bench"].get(key), partial(self._bench, key), hint)
         ui.button("Next: the injector", on_click=lambda: self.tabs.set_value("Injector")).props("no-caps")
 
     @ui.refreshable_method
@@ -126,13 +127,11 @@ class Home:
         for name, entry in self.project.state["files"].items():
             self.file(name, entry)
 
-    async def take(self, name: str, chunks: Any) -> None:
-        """Take a dropped file."""
+    async def _take(self, name: str, chunks: Any) -> None:
         await self.project.take_data(name, chunks)
         self.files.refresh()
 
-    def bench(self, key: str, value: str) -> None:
-        """State a pressure of the bench."""
+    def _bench(self, key: str, value: str) -> None:
         self.project.state["bench"][key] = value
         self.project.save()
 
@@ -157,7 +156,7 @@ class Home:
                 ui.label(name).classes("sub")
                 ui.label(taken.partition(":")[0] if not entry.get("reason") else "not understood").classes("soft")
                 ui.space()
-                remove = ui.button(icon="delete", on_click=partial(self.remove, name))
+                remove = ui.button(icon="delete", on_click=partial(self._remove, name))
                 remove.props(f'flat dense round aria-label="Remove {name}"')
             if entry.get("reason"):
                 trouble(entry["reason"])
@@ -176,8 +175,7 @@ class Home:
                     if kind in ("both", "map" if is_map else "curve"):
                         field(words, entry.get(key), partial(state, key), facts.get(words.lower()) or hint)
 
-    def remove(self, name: str) -> None:
-        """Remove a file."""
+    def _remove(self, name: str) -> None:
         self.project.remove(name)
         self.files.refresh()
 
@@ -192,13 +190,13 @@ class Home:
         base = self.project.state["injector"]
         with ui.element("div").classes("fields"):
             options = self.project.types | ({base: base} if base and base not in self.project.types else {})
-            select("Type", options, base or None, self.choose, search=True)
+            select("Type", options, base or None, self._choose, search=True)
             field("Part number", "", self.find, "0 445 110 191")
             ui.button("Pictures of all types", icon="photo_library", on_click=self.gallery).props("outline no-caps")
             upload("Or drop an injector file", self.take_injector, many=False, kinds=".toml")
         if not base:
             return
-        answer = await self.ask(do="section", injector=str(self.project.folder / "injector.toml"))
+        answer = await self._ask(do="section", injector=str(self.project.folder / "injector.toml"))
         with ui.element("div").classes("two"):
             with ui.card().classes("box picture"):
                 ui.label(answer["title"]).classes("sub")
@@ -212,14 +210,14 @@ class Home:
                             self.dimension(row)
         with ui.row().classes("line"):
             words = "Prepare the study again" if self.project.study else "Prepare the study"
-            ui.button(words, icon="playlist_add_check", on_click=self.prepare).props("no-caps")
+            ui.button(words, icon="playlist_add_check", on_click=self._prepare).props("no-caps")
             if self.project.study:
                 ui.button("Next: calibrate", on_click=lambda: self.tabs.set_value("Calibrate")).props("no-caps")
         if self.project.study and self.project.state.get("open"):
             soft("No file tells these; state them:")
             with ui.element("div").classes("fields"):
                 for key in self.project.state["open"]:
-                    field(key.replace("_", " "), "", partial(self.answer, key), "with its unit, as 0.1 MPa")
+                    field(key.replace("_", " "), "", partial(self._answer, key), "with its unit, as 0.1 MPa")
         elif self.project.study:
             await self.before()
 
@@ -236,8 +234,7 @@ class Home:
             box.props(f'aria-label="{row["meaning"]}"').tooltip(f"{row['name']}: {row['source']}")
             select("Mark", MARKS, row["mark"], lambda mark: save(box.value, mark))
 
-    async def choose(self, base: str) -> None:
-        """Begin with a type of the catalogue."""
+    async def _choose(self, base: str) -> None:
         if base and base != self.project.state["injector"]:
             self.project.edit_injector(lambda document: None, base)
             await self.turn("Injector")
@@ -248,7 +245,7 @@ class Home:
         if not parts:
             raise InputError(f"The catalogue has no type for {number}; choose one by its name.")
         say(parts[0]["reason"])
-        await self.choose(parts[0]["injector"])
+        await self._choose(parts[0]["injector"])
 
     async def gallery(self, event: Any) -> None:
         """Show all types of the catalogue with curves and figures."""
@@ -262,29 +259,27 @@ class Home:
         """Take an injector file instead of a type."""
         written = await self.project.add_file(name, chunks, "out")
         place = self.project.folder / "out" / written
-        await self.ask(do="section", injector=str(place))  # refuses what is not an injector
+        await self._ask(do="section", injector=str(place))  # refuses what is not an injector
         shutil.copyfile(place, self.project.folder / "injector.toml")
         self.project.state["injector"] = written
         self.project.edit_injector(lambda document: None)
         await self.turn("Injector")
 
-    async def prepare(self, event: Any) -> None:
-        """Write the study."""
+    async def _prepare(self, event: Any) -> None:
         before = self.project.study
         await waiting(event.sender, self.project.new_study, "Screening the parameters …")
         if self.project.study != before:
             self.values, self.shifts = {}, {}
             await self.turn("Injector")
 
-    async def answer(self, key: str, value: str) -> None:
-        """State a value that no file tells."""
+    async def _answer(self, key: str, value: str) -> None:
         self.project.state_open(key, value)
         await self.turn("Injector")
 
     async def before(self) -> None:
         """Measured beside simulated values before any fit, with sliders of delay and time zeros."""
         heading("Before any fit")
-        answer = await self.ask_study()
+        answer = await self._ask_study()
         soft("Set the delay of the meter and the time zeros so that the curves begin together.")
         for meter, delay in answer["meters"].items():
             key = f"meter.{meter}.delay"
@@ -298,13 +293,11 @@ class Home:
                         save = partial(self.set_zero, data["name"])
                         self.slider("Time zero, from the study's", 0.0, self.shifts, data["name"], save)
 
-    async def ask(self, **request: Any) -> dict[str, Any]:
-        """Answer of the process that simulates."""
+    async def _ask(self, **request: Any) -> dict[str, Any]:
         return await self.project.preview.ask(self.project.folder, **request)
 
-    async def ask_study(self) -> dict[str, Any]:
-        """Data of the latest study by the values of the sliders."""
-        return await self.ask(do="study", path=str(self.project.study), values=self.values, shifts=self.shifts)
+    async def _ask_study(self) -> dict[str, Any]:
+        return await self._ask(do="study", path=str(self.project.study), values=self.values, shifts=self.shifts)
 
     def slider(self, words: str, value: float, tried: dict[str, float], key: str, save: Callable[[float], Any]) -> None:
         """Slider that simulates while it is moved and writes the study when it is released."""
@@ -323,7 +316,7 @@ class Home:
     async def move(self) -> None:
         """Simulate again and move the charts."""
         if self.project.study and self.charts:
-            redraw(self.charts, (await self.ask_study())["data"])
+            redraw(self.charts, (await self._ask_study())["data"])
 
     def set_delay(self, meter: str, value: float) -> None:
         """Write the delay of a meter into the study, its bounds about it."""
@@ -339,7 +332,6 @@ class Home:
 
     async def set_zero(self, name: str, value: float) -> None:
         """Shift the time zero of a curve in the study."""
-        from commonrail.base.units import parse
 
         def change(document: Any) -> None:
             block = next(b for b in document["data"] if b["name"] == name or name.startswith(f"{b['name']}, "))
@@ -373,17 +365,17 @@ class Home:
         if not self.project.study:
             soft("First bring data, choose an injector and prepare the study.")
             return
-        answer = await self.ask(do="parameters", path=str(self.project.study))
+        answer = await self._ask(do="parameters", path=str(self.project.study))
         with ui.row().classes("line"):
             document = self.project.read_study()
             size = document.get("optimiser", {}).get("members")
             effort = next((name for name, table in EFFORTS.items() if table["members"] == size), None)
-            turn = ui.toggle({k: k for k in EFFORTS}, value=effort, on_change=lambda e: self.set_effort(e.value))
+            turn = ui.toggle({k: k for k in EFFORTS}, value=effort, on_change=lambda e: self._set_effort(e.value))
             turn.props('no-caps aria-label="Effort of the search"')
-            self.start = ui.button("Start", icon="play_arrow", on_click=self.begin).props("no-caps")
-            self.halt = ui.button("Stop", icon="stop", on_click=self.end).props("no-caps outline")
-            self.resume = ui.button("Continue", icon="replay", on_click=self.go_on).props("no-caps outline")
-            undo = ui.button("Undo", icon="undo", on_click=self.undo).props("no-caps outline")
+            self.start = ui.button("Start", icon="play_arrow", on_click=self._begin).props("no-caps")
+            self.halt = ui.button("Stop", icon="stop", on_click=self._end).props("no-caps outline")
+            self.resume = ui.button("Continue", icon="replay", on_click=self._go_on).props("no-caps outline")
+            undo = ui.button("Undo", icon="undo", on_click=self._undo).props("no-caps outline")
             undo.tooltip("Take back the latest change of the study")
         self.status = ui.label("").classes("sub").props('role="status" aria-live="polite"')
         self.note = ui.label("").classes("soft")
@@ -392,7 +384,7 @@ class Home:
         with ui.expansion(title, value=not self.project.runs).classes("box").props("dense"):
             counts = {n: f"the best {n}" for n in (2, 4, 6, 8) if n < len(document["parameter"])}
             if counts:
-                select("Free only", counts, None, self.keep).classes("few")
+                select("Free only", counts, None, self._keep).classes("few")
             for row in answer["rows"]:
                 self.parameter(row, document)
             for name, table in self.project.state["unticked"].items():
@@ -401,7 +393,7 @@ class Home:
                     ui.label(answer["meaning"].get(name, "")).classes("soft")
             free = {row["name"] for row in answer["rows"]} | set(self.project.state["unticked"])
             others = {n: f"{n}: {answer['meaning'][n]}" for n in answer["usual"] if n not in free}
-            select("Free another parameter", others, None, partial(self.free, answer["usual"]), search=True)
+            select("Free another parameter", others, None, partial(self._free, answer["usual"]), search=True)
         await self.look()
 
     def parameter(self, row: dict[str, Any], document: Any) -> None:
@@ -417,14 +409,13 @@ class Home:
             bar = ui.range(min=0, max=STEP, value={"min": at[0], "max": at[1]}).props(
                 f'dense aria-label="Bounds of {name}"'
             )
-            low = field("lower", table.get("lower", ""), lambda v: self.set_key(name, "lower", v))
-            high = field("upper", table.get("upper", ""), lambda v: self.set_key(name, "upper", v))
+            low = field("lower", table.get("lower", ""), lambda v: self._set_key(name, "lower", v))
+            high = field("upper", table.get("upper", ""), lambda v: self._set_key(name, "upper", v))
 
-            async def dragged() -> None:
+            def dragged() -> None:
                 ends = [row["least"] + width * bar.value[k] / STEP for k in ("min", "max")]
-                texts = (await self.ask(do="text", values=ends, unit=row["unit"]))["texts"]
-                low.value, high.value = texts
-                self.set_key(name, "lower", texts[0], upper=texts[1])
+                low.value, high.value = (to_text(end, row["unit"], 4) for end in ends)
+                self._set_key(name, "lower", low.value, upper=high.value)
 
             bar.on("change", dragged, args=[])
             if not name.startswith("meter."):
@@ -432,8 +423,7 @@ class Home:
                 text = f"{prior['value']} ± {prior['sigma']}" if "value" in prior else ""
                 field("prior", text, partial(self.set_prior, name), "4 mm ± 0.1 mm")
 
-    def set_key(self, name: str, key: str, value: str, **more: str) -> None:
-        """Write a bound of a parameter."""
+    def _set_key(self, name: str, key: str, value: str, **more: str) -> None:
         self.project.edit_study(lambda document: _table(document, name).update({key: value, **more}))
 
     def set_prior(self, name: str, text: str) -> None:
@@ -453,8 +443,7 @@ class Home:
 
         self.project.edit_study(change)
 
-    async def free(self, usual: dict[str, list[str]], name: str) -> None:
-        """Free a parameter within its usual range."""
+    async def _free(self, usual: dict[str, list[str]], name: str) -> None:
         await self.tick(name, dict(zip(("lower", "upper"), usual[name], strict=True)), True)
 
     async def tick(self, name: str, table: dict[str, Any], on: bool) -> None:
@@ -472,37 +461,31 @@ class Home:
         self.project.save()
         await self.turn("Calibrate")
 
-    async def keep(self, count: int) -> None:
-        """Hold all parameters but those that the data see best."""
+    async def _keep(self, count: int) -> None:
         tables = [_plain(table) for table in self.project.read_study()["parameter"][count:]]
         self.project.edit_study(lambda document: document["parameter"].__delitem__(slice(count, None)))
         self.project.state["unticked"].update({table["name"]: table for table in tables})
         await self.turn("Calibrate")
 
-    def set_effort(self, effort: str) -> None:
-        """Write how large the search is."""
+    def _set_effort(self, effort: str) -> None:
         table = {"method": "staged least squares", **EFFORTS[effort]}
         self.project.edit_study(lambda document: document.__setitem__("optimiser", table))
 
-    async def undo(self) -> None:
-        """Take back the latest change of the study."""
+    async def _undo(self) -> None:
         if self.project.undo():
             await self.turn("Calibrate")
         else:
             say("There is nothing to take back.")
 
-    async def begin(self) -> None:
-        """Start a calibration."""
+    async def _begin(self) -> None:
         self.shown = self.project.start_fit()
 
-    def end(self) -> None:
-        """Stop the calibration."""
+    def _end(self) -> None:
         if self.live.get("process"):
             self.project.stop(self.live["process"])
             say("The search stops; the best values so far are written.")
 
-    def go_on(self) -> None:
-        """Continue the latest run."""
+    def _go_on(self) -> None:
         if self.project.runs:
             self.project.start_fit(self.project.runs[0])
 
@@ -512,7 +495,7 @@ class Home:
             return
         latest, drawn = self.project.latest(), self.live.get("drawn")
         self.note.text = self.project.said(latest)
-        runs = (await self.ask(do="runs", place=str(self.project.folder / "runs")))["runs"]
+        runs = (await self._ask(do="runs", place=str(self.project.folder / "runs")))["runs"]
         run = next((run for run in runs if run["name"] == latest), {"state": ""})
         if not run["state"]:
             self.status.text = f"{latest}: starting …" if latest else "No calibration yet."
@@ -522,7 +505,7 @@ class Home:
             self.status.text = " · ".join(filter(None, (latest, run["state"], steps, best)))
             done = (run["generation"], run["refinements"], run["state"], latest)
             if self.live.get("done") != done:
-                more = await self.ask(do="run", place=str(self.project.folder / "runs" / latest))
+                more = await self._ask(do="run", place=str(self.project.folder / "runs" / latest))
                 self.live = {"done": done, "process": more["process"], "drawn": self.draw(more, drawn)}
         self.live["state"] = run["state"]
         self.start.set_enabled(run["state"] != "running")
@@ -561,7 +544,7 @@ class Home:
             self.shown = names[0]
         run = self.shown
         with ui.row().classes("line"):
-            select("Run", names, run, self.show)
+            select("Run", names, run, self._show)
             ui.link("Open the report", f"/file/runs/{run}/report.html", new_tab=True)
         frame(f"runs/{run}/report.html", f"Report of {run}")
         with ui.element("div").classes("two"):
@@ -584,8 +567,7 @@ class Home:
                 soft("The new data are judged by the bands of this run first; then all data are fitted together.")
                 upload("Drop new data here", lambda n, c: self.update(run, n, c), many=False)
 
-    async def show(self, run: str) -> None:
-        """Show another run."""
+    async def _show(self, run: str) -> None:
         self.shown = run
         await self.turn("Result")
 

@@ -173,12 +173,6 @@ class Worker:
         texts = {n: [to_text(x, q.unit, 4) for x in q.usual] for n, q in known.items() if q.usual}
         return {"rows": rows, "usual": texts, "meaning": {n: q.meaning for n, q in known.items()}}
 
-    def text(self, values: list[float], unit: str) -> dict[str, Any]:
-        """Values [SI] as texts with units."""
-        from commonrail.base.units import to_text
-
-        return {"texts": [to_text(value, unit, 4) for value in values]}
-
     def section(self, injector: str) -> dict[str, Any]:
         """Section of an injector, and its dimensions with marks."""
         from commonrail.base.units import to_text

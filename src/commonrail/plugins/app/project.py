@@ -113,10 +113,13 @@ class Project:
         return name
 
     async def take_data(self, name: str, chunks: AsyncIterator[bytes]) -> str:
-        """Write a data file and inspect it."""
+        """Write a data file and inspect it; one that is not understood is not used until it is."""
         name = await self.add_file(name, chunks)
-        self.state["files"][name] = {"role": "fit"}
+        self.state["files"][name] = entry = {"role": "fit"}
         await self.inspect(name)
+        if entry["reason"]:
+            entry["role"] = "unused"
+            self.save()
         return name
 
     async def inspect(self, name: str) -> None:
@@ -126,6 +129,7 @@ class Project:
         try:
             record = await self.run("inspect", f"files/{name}", *self._form(entry), "--json", logged=False)
             entry["facts"] = {k: v for k, v in record.items() if k not in ("kind", "file")}
+            entry["reason"] = entry["facts"].pop("reason", "")
         except InputError as error:
             entry["reason"] = str(error)
         self.save()

@@ -13,7 +13,7 @@ from nicegui import ui
 
 from commonrail.base.errors import CommonrailError, InputError
 from commonrail.base.output import write_text
-from commonrail.plugins.app.elements import field, header, say, upload, waiting
+from commonrail.plugins.app.elements import field, header, say, select, soft, upload, waiting
 from commonrail.plugins.app.project import Project
 
 # Columns of a test plan as it is written: key, heading of the page, heading of the file.
@@ -65,15 +65,14 @@ def read_rows(text: str) -> list[dict[str, str]]:
     return [{key: row[at] if at < len(row) else "" for key, at in places.items()} for row in cells]
 
 
-def write_rows(rows: list[dict[str, str]], with_bench: bool = True) -> str:
-    """Test plan as CSV; rows without a rail pressure are left out."""
-    columns = [column for column in COLUMNS if with_bench or column[0] != "bench"]
-    out = io.StringIO()
+def write_rows(rows: list[dict[str, str]], notes: list[str]) -> str:
+    """Test plan as CSV under its notes; rows without a rail pressure are left out."""
+    out = io.StringIO("".join(f"{note}\n" for note in notes))
+    out.seek(0, io.SEEK_END)
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([name for _, _, name in columns])
-    for row in rows:
-        if row.get("rail_pressure"):
-            writer.writerow([row.get(key, "").replace(",", ".") for key, _, _ in columns])
+    writer.writerow([name for _, _, name in COLUMNS])
+    cells = [[row.get(key, "").replace(",", ".") for key, _, _ in COLUMNS] for row in rows if row.get("rail_pressure")]
+    writer.writerows(cells)
     return out.getvalue()
 
 
@@ -85,9 +84,8 @@ class Workshop:
         words = (Path(__file__).parent / "german.toml").read_text("utf-8")
         self.words: dict[str, str] = tomllib.loads(words) if language == "de" else {}
         self.part, self.noise = str(project.state.get("part", "")), "workshop"
-        place = project.folder / "tests.csv"
-        rows = read_rows(place.read_text("utf-8")) if place.is_file() else []
-        self.rows = rows or [{**_EMPTY, "test": t, "rail_pressure": p, "energising_time": e} for t, p, e in _START]
+        self.rows = [{**_EMPTY, "test": t, "rail_pressure": p, "energising_time": e} for t, p, e in _START]
+        self.notes: list[str] = []
         self.record: dict[str, Any] = {}
 
     def say(self, text: str) -> str:
@@ -105,26 +103,19 @@ class Workshop:
                 with ui.element("div").classes("fields"):
                     field(self.say("Part number or type"), self.part, self.set_part, "0 445 110 191")
                     noises = {key: self.say(key) for key in ("workshop", "bench", "maker")}
-                    ui.select(noises, label=self.say("Accuracy of the bench"), value=self.noise).props(
-                        "dense outlined"
-                    ).bind_value(self, "noise")
+                    choice = select(self.say("Accuracy of the bench"), noises, self.noise, lambda noise: None)
+                    choice.bind_value(self, "noise")
                     upload(self.say("Drop a test plan"), self.take, many=False, kinds=".csv,.txt,.tsv")
                 self.tests()
+                if (place := self.project.folder / "tests.csv").is_file():
+                    self.paste(place.read_text("utf-8"))
                 with ui.row().classes("line no-print"):
                     ui.button(self.say("Judge"), icon="gavel", on_click=self.judge).props("no-caps")
-                    ui.button(self.say("Print"), icon="print").props("no-caps outline").on(
-                        "click", js_handler="() => window.print()"
-                    )
-                with (
-                    ui.expansion(self.say("Paste rows of a sheet, with their heading"))
-                    .props("dense")
-                    .classes("no-print")
-                ):
-                    box = (
-                        ui.textarea()
-                        .props(f'outlined aria-label="{self.say("Paste rows of a sheet, with their heading")}"')
-                        .classes("wide")
-                    )
+                    turn = ui.button(self.say("Print"), icon="print").props("no-caps outline")
+                    turn.on("click", js_handler="() => window.print()")
+                words = self.say("Paste rows of a sheet, with their heading")
+                with ui.expansion(words).props("dense").classes("no-print"):
+                    box = ui.textarea().props(f'outlined aria-label="{words}"').classes("wide")
                     ui.button(self.say("Take"), on_click=lambda: self.paste(box.value)).props("no-caps outline")
 
     def set_part(self, part: str) -> None:
@@ -144,6 +135,7 @@ class Workshop:
         """Take rows of a sheet."""
         try:
             self.rows = [_EMPTY | row for row in read_rows(text)]
+            self.notes = [line for line in text.splitlines() if line.startswith("#")]
         except InputError as error:
             say(str(error), bad=True)
             return
@@ -186,7 +178,7 @@ class Workshop:
             say(self.say("Enter a part and at least one measured quantity."), bad=True)
             return
         try:
-            write_text(self.project.folder / "tests.csv", write_rows(self.rows))
+            write_text(self.project.folder / "tests.csv", write_rows(self.rows, self.notes))
         except CommonrailError as error:
             say(str(error), bad=True)
             return
@@ -204,10 +196,12 @@ class Workshop:
         words, look = kinds.get(self.record["verdict"], ("Not told", "open"))
         ui.label(self.say(words)).classes(f"verdict {look}").props('role="status"')
         ui.label(f"{self.part}: {self.record['injector']['title']}").classes("sub")
+        soft(self.record["synthetic"])
         with ui.element("div").classes("scroll"), ui.element("table").classes("results"):
             with ui.element("tr"):
                 for text in ("test", "rail, MPa", "energising, µs", "band, mm³", "measured, mm³", ""):
-                    with ui.element("th").props('scope="col"'):
+                    minor = "minor" if text in ("rail, MPa", "energising, µs") else ""
+                    with ui.element("th").props('scope="col"').classes(minor):
                         ui.label(self.say(text) if text else "")
             for row in self.record["plan"]["data"]["rows"]:
                 self.row(row)
@@ -228,8 +222,8 @@ class Workshop:
             f"{bench['value'] * 1e9:.2f}" if bench else "–",
         )
         with ui.element("tr"):
-            for text in texts:
-                with ui.element("td"):
+            for place, text in enumerate(texts):
+                with ui.element("td").classes("minor" if place in (1, 2) else ""):
                     ui.label(self.number(text))
             with ui.element("td"):
                 if bench.get("distance") is not None:
