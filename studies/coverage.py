@@ -6,7 +6,7 @@
 A bench is the fast engine's own simulation of a hidden truth, with noise of a fixed seed, fitted as `commonrail
 certainty` does. Coverage is the percentage of 95 % intervals that hold the truth; width is the half-width over 1.96
 standard deviations of the estimates over all benches (1 is honest and efficient). "Wrong" is the percentage of the
-parameters called pinned whose truth lies farther away than the verdict says, "alarms" that of the benches whose
+parameters called determined whose truth lies farther away than the verdict says, "alarms" that of the benches whose
 residuals are found to be no noise.
 """
 
@@ -123,7 +123,7 @@ class Promise(NamedTuple):
         Coverage of each parameter.
     width : (float, float) or None
     wrong : float or None
-        Largest share of parameters wrongly called pinned.
+        Largest share of parameters wrongly called determined.
     alarms : (float, float) or None
         Share of benches whose residuals are found to be no noise.
     """
@@ -257,7 +257,7 @@ class Benches:
 
 class Row(NamedTuple):
     """Figures of a bed: coverage of each parameter and of all, widths, half-widths in percent of the value, share of
-    intervals printed, pinned parameters, wrong ones among them, alarms, simulations and processor time of a fit."""
+    intervals printed, determined parameters, wrong ones among them, alarms, simulations and processor time of a fit."""
 
     benches: int
     each: Floats
@@ -286,7 +286,7 @@ def row(bed: Bed, many: int) -> Row:
         inside.append((low <= bench.truth) & (bench.truth <= high))
         half.append(0.5 * (high - low) / bench.truth)
         printed.append(np.full(len(low), one.estimate.settled and not one.draws.refusal))
-        pinned.append([j.verdict is ParameterVerdict.PINNED for j in one.verdicts])
+        pinned.append([j.verdict is ParameterVerdict.DETERMINED for j in one.verdicts])
         right.append(np.abs(point - bench.truth) <= [j.half for j in one.verdicts])
         alarms.append(any(test.found for test in one.tests))
     held, shown, called = np.array(inside), np.array(printed), np.array(pinned)
@@ -324,7 +324,7 @@ def misses(found: Row, promise: Promise) -> list[str]:
             ("coverage", found.every, promise.every),
             ("coverage of a parameter", found.each, promise.each),
             ("width", found.widths, promise.width),
-            ("wrongly pinned", found.wrong, None if promise.wrong is None else (0.0, promise.wrong)),
+            ("wrongly determined", found.wrong, None if promise.wrong is None else (0.0, promise.wrong)),
             ("alarms", found.alarms, promise.alarms),
         )
         if limits is not None and outside(values, limits)
@@ -332,7 +332,7 @@ def misses(found: Row, promise: Promise) -> list[str]:
 
 
 HEAD = """\
-| bed | benches | coverage of each, % | all, % | width | half-width, % | printed, % | pinned, % | wrong, % | \
+| bed | benches | coverage of each, % | all, % | width | half-width, % | printed, % | determined, % | wrong, % | \
 alarms, % | simulations, s a fit |
 |---|---|---|---|---|---|---|---|---|---|---|"""
 

@@ -7,7 +7,7 @@ A bench is a simulation of a hidden truth at a finer step than the fit's, with n
 is fitted as `calibrate` does at its end: from one start near the truth. Coverage is the percentage
 of the 95 % intervals that hold the truth, withdrawn verdicts or not; infinite intervals are refused ones and do not
 count. Its error is that of the benches, whose parameters err together. Width is the mean half width over 1.96 standard
-deviations of the estimates. "Wrong" is the percentage of the parameters called pinned whose truth lies farther away
+deviations of the estimates. "Wrong" is the percentage of the parameters called determined whose truth lies farther away
 than the verdict says.
 """
 
@@ -177,7 +177,7 @@ def measured(bed: str, noise: str, many: int, limit: float = np.inf) -> Found:
             continue
         withdrawn += bool(one.withdrawn)
         simulations += one.estimate.simulated
-        pinned = np.array([v.verdict is ParameterVerdict.PINNED for v in one.verdicts])
+        pinned = np.array([v.verdict is ParameterVerdict.DETERMINED for v in one.verdicts])
         half = np.array([v.half for v in one.verdicts])
         rows.append((one.estimate.point[: one.d], one.low, one.high, pinned, half))
     point, low, high, pinned, half = (np.array(column) for column in zip(*rows, strict=True))
@@ -215,8 +215,8 @@ def _percent(flags: Floats) -> float:
 
 
 HEAD = """\
-| bed | noise | benches | coverage of each, % | all, % | width | pinned, % | wrong, % | withdrawn, % | refused, % | \
-failed | simulations, s a fit |
+| bed | noise | benches | coverage of each, % | all, % | width | determined, % | wrong, % | withdrawn, % | \
+refused, % | failed | simulations, s a fit |
 |---|---|---|---|---|---|---|---|---|---|---|---|"""
 
 

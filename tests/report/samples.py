@@ -18,7 +18,7 @@ TABLE_1 = {  # theoretical and optimal stiffness [N/m], Table 1 of the paper
     "k6": (1.86e8, 3.72e8),
     "k7": (5.82e7, 6.44e7),
 }
-VERDICTS = ("pinned", "only in combination", "not seen by these data")
+VERDICTS = ("determined", "only in combination", "insensitive")
 SYNTHETIC = "Curves of a virtual test bench, not measurements."
 
 MAP = {  # rail pressure [MPa] → quantity [mm³] at each energising time [us]

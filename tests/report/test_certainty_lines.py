@@ -21,7 +21,7 @@ def certain(**more: Any) -> CertaintyRecord:
         "value": 1.5e-6,
         "standard_error": 4e-7,
     }
-    one = {"name": "k7", "sentence": "pinned", "value": 1.0, "lower": 0.5, "upper": 1.5, "cure": ""}
+    one = {"name": "k7", "sentence": "determined", "value": 1.0, "lower": 0.5, "upper": 1.5, "cure": ""}
     certainty = {
         "level": 0.95,
         "starts": 1,

@@ -111,13 +111,13 @@ def test_an_interval_is_given_within_the_bounds(lower: float | None, upper: floa
 
 
 def test_the_terminal_has_value_error_and_bounds_of_each_parameter() -> None:
-    record = rate_record()["parameters"][1] | {"verdict": "pinned", "at_bound": False}
+    record = rate_record()["parameters"][1] | {"verdict": "determined", "at_bound": False}
     del record["standard_error"]
     table = parameter_table([record | {"standard_error": 2.48e6}, record | {"at_bound": True}])
     first, second = ([cell.plain for cell in row] for row in table.rows)
-    assert first[:5] == [record["name"], "82.6 N/µm", "± 2.48 N/µm", "pinned", "80.8 N/µm"]
+    assert first[:5] == [record["name"], "82.6 N/µm", "± 2.48 N/µm", "determined", "80.8 N/µm"]
     assert first[5:] == ["+2.2", "8.08 to 162 N/µm", "no"]
-    assert second[2:] == ["–", "pinned", "80.8 N/µm", "+2.2", "8.08 to 162 N/µm", "yes"]
+    assert second[2:] == ["–", "determined", "80.8 N/µm", "+2.2", "8.08 to 162 N/µm", "yes"]
 
 
 def test_a_prior_is_shown_with_its_pull() -> None:

@@ -23,7 +23,7 @@ def tiles(record: dict[str, Any]) -> list[Tile]:
 def sound() -> dict[str, Any]:
     """Converged fit of measured data, every parameter pinned, with data that were held back."""
     record = map_record() | {"convergence": {"converged": True, "sentence": "converged: all agree"}}
-    record["parameters"] = [p | {"verdict": "pinned", "at_bound": False} for p in record["parameters"]]
+    record["parameters"] = [p | {"verdict": "determined", "at_bound": False} for p in record["parameters"]]
     for data in record["data"]:
         data["figures"]["best"]["rms_large_percent"] = 2.0
     return record
@@ -156,7 +156,7 @@ def test_steps_go_from_bounds_over_the_search_to_the_map(at_bound: bool) -> None
     """Whatever the subjects: a map of values that a bound holds is made twice."""
     record = sound() | {"convergence": {"converged": False, "sentence": "not converged: x"}}
     record["parameters"][0] |= {"at_bound": at_bound}
-    record["parameters"][1] |= {"verdict": "withdrawn"}
+    record["parameters"][1] |= {"verdict": "not confirmed"}
     record["certainty"] = {"starts": 8, "level": 0.95, "gain": 30.0, "parameters": [], "settled": False}
     words = ("calibrate", "resume", "next", "map")
     commands = [step.command for step in verdict(record, "r").steps if step.command]
@@ -269,7 +269,7 @@ def test_data_that_were_not_held_back_leave_the_unseen_error_open() -> None:
         ({"converged": True, "spread": 0.1}, "the population has contracted and gains no more"),
         ({"converged": False, "spread": 3.0}, "the population is still spread"),
         ({"converged": False, "spread": 0.1}, "the best still falls"),
-        ({"converged": False, "starts": 8, "agreeing": 2}, "2 of 8 ends agree"),
+        ({"converged": False, "starts": 8, "agreeing": 2}, "2 of 8 starts converged to the same optimum"),
         (
             {"converged": False, "sentence": "not converged: it ended with one point; more would"},
             "it ended with one point",

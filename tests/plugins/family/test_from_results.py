@@ -72,7 +72,7 @@ def fleet_folder(path: Path, *preloads: float) -> Path:
     """Folder of a fleet whose valve preloads [N] were fitted with errors of 1 N; the last injector failed."""
     path.mkdir()
     head = ["injector", "status", f"{PRELOAD} [N]", f"{PRELOAD} standard error [N]", f"{PRELOAD} verdict"]
-    rows = [[f"SN{i}", "finished", repr(x), "1.0", "pinned"] for i, x in enumerate(preloads)]
+    rows = [[f"SN{i}", "finished", repr(x), "1.0", "determined"] for i, x in enumerate(preloads)]
     rows.append(["SN", "failed", "", "", ""])
     with summed(path):
         write_csv(path / "results.csv", ["SYNTHETIC: made up"], head, rows)

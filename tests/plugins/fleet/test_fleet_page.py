@@ -29,7 +29,7 @@ def parameter(name: str, at_bound: int) -> dict[str, Any]:
         "best": spread(50.0, 60.0, 80.0, 100.0, 120.0),
         "position": spread(0.0, 0.25, 0.5, 0.75, 1.0),
         "at_bound": at_bound,
-        "verdicts": {"pinned": 2, "not seen by these data": 1},
+        "verdicts": {"determined": 2, "insensitive": 1},
     }
 
 

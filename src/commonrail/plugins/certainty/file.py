@@ -43,7 +43,7 @@ class Certainty(Shown):
         Of the draws.
     tests : list of LackOfFit
     withdrawn : str
-        Reason why no parameter is called pinned, empty if there is none.
+        Reason why no parameter is called determined, empty if there is none.
     verdicts : list of Assessment
     combinations : mapping of str to (float, float, float)
         Value and ends of the interval [SI] of each stated combination.

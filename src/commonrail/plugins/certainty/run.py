@@ -61,7 +61,7 @@ def certainty(
     level : float
         Share of intervals that are to hold the truth.
     limit : float
-        Half width over value, up to which a parameter is called pinned.
+        Half width over value, up to which a parameter is called determined.
     keep : bool, optional
         The given values stay the calibrated ones, and the intervals hold them too. None: where a test speaks against
         the likelihood, which then is no measure of what fits best.

@@ -12,7 +12,7 @@ from commonrail.cli.console import Bar, print_json, print_lines, print_table, sh
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads, check_folder
 
-STARTS, LIMIT = 8, 10.0  # of the search; half width [%] up to which a parameter is pinned
+STARTS, LIMIT = 8, 10.0  # of the search; half width [%] up to which a parameter is determined
 
 
 @verb
@@ -24,7 +24,7 @@ def certainty(
         tuple[str, ...], Option(metavar="SUM", help='Interval of a sum of parameters, e.g. "a + 2*b".')
     ] = (),
     limit: Annotated[
-        float, Option(min=0.1, max=99.0, help="Half width of an interval up to which a parameter is pinned [%].")
+        float, Option(min=0.1, max=99.0, help="Half width of an interval up to which a parameter is determined [%].")
     ] = LIMIT,
     threads: Threads = None,
     json: Json = False,

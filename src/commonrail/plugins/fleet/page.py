@@ -172,7 +172,7 @@ def _verdict_table(record: Record) -> Table:
         *((v, lambda p, v=v: str(p["verdicts"].get(v, 0))) for v, _ in total.most_common()),
     ]
     note = (
-        "Number of injectors. What is not pinned must not be read as a measurement of the part. Intervals: "
+        "Number of injectors. What is not determined must not be read as a measurement of the part. Intervals: "
         f"{record['estimator']}."
     )
     return tabulated("What the data pin down", record["parameters"], columns, note)

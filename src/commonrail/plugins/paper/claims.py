@@ -196,8 +196,8 @@ def _groups() -> tuple[_Group, ...]:
 
 def _stiffness(f: Figures, group: _Group) -> Claim:
     # whether the data say anything of these stiffnesses by themselves in most of the seeds
-    pinned = all(f.verdicts(i).get("pinned", 0) > 0.5 * len(f.seeds) for i in group.places)
-    comment = "" if pinned else " The curve at 160 MPa does not determine them by themselves."
+    determined = all(f.verdicts(i).get("determined", 0) > 0.5 * len(f.seeds) for i in group.places)
+    comment = "" if determined else " The curve at 160 MPa does not determine them by themselves."
     changes = ", ".join(f"k{i + 1} {_change(spread(f.change[:, i]).median)}" for i in group.places)
     return judged(
         group.name,

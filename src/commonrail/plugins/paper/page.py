@@ -301,10 +301,10 @@ def meaning(record: Record) -> list[str]:
         )
     covered, intervals = _totals(record, "covered", "intervals")
     verdicts = [k["verdicts"] for k in record["table1"]]
-    pinned, judged = sum(v.get("pinned", 0) for v in verdicts), sum(sum(v.values()) for v in verdicts)
+    determined, judged = sum(v.get("determined", 0) for v in verdicts), sum(sum(v.values()) for v in verdicts)
     found.append(
-        f"Single stiffnesses are another matter, since one curve determines mostly combinations of them: {pinned} of "
-        f"{judged} are pinned, and {covered} of {intervals} intervals hold the bench's true value."
+        f"Single stiffnesses are another matter, since one curve determines mostly combinations of them: "
+        f"{determined} of {judged} are determined, and {covered} of {intervals} intervals hold the bench's true value."
     )
     return [*found, *_behind_k7(record)]
 

@@ -60,8 +60,8 @@ def _parameters(certainty: CertaintyRecord, known: dict[str, ParameterRecord]) -
     ]
     note = (
         f"An interval holds the true value in {level} % of the benches that have the noise below and no law that the "
-        "model lacks; it is of draws within bounds and constraints. A parameter is pinned if half its interval is at "
-        "most 10 % of its value."
+        "model lacks; it is of draws within bounds and constraints. A parameter is determined if half its "
+        "interval is at most 10 % of its value."
     )
     return tabulated("Most likely values and intervals", certainty.parameters, columns, note, 2)
 
@@ -100,7 +100,7 @@ def certainty_lines(certainty: CertaintyRecord | None) -> list[str]:
     if certainty.draws_refused:
         lines.append(f"The intervals are those of the curvature too, because {certainty.draws_refused}.")
     if certainty.withdrawn:
-        lines.append(f"No parameter is called pinned, because {certainty.withdrawn}.")
+        lines.append(f"No parameter is confirmed, because {certainty.withdrawn}.")
     if certainty.discrepancy:  # an error of the model that no parameter mends
         share = significant(100.0 * certainty.discrepancy, 1)
         words = "in a way that no free parameter mends; intervals and bands hold it"

@@ -37,7 +37,7 @@ _ENDINGS = {
     False: "the search ran to its end and has not converged",
 }
 NAMED = 6  # data sets that a sentence names
-PINNED = ParameterVerdict.PINNED.value
+DETERMINED = ParameterVerdict.DETERMINED.value
 
 
 def headline(record: CalibrationRecord) -> list[str]:
@@ -68,7 +68,7 @@ def search_words(search: SearchVerdict) -> str:
             return "the population has contracted and gains no more"
         return "the population is still spread" if search.spread > ALIKE else "the best still falls"
     if search.agreeing is not None:
-        return f"{search.agreeing} of {search.starts} ends agree"
+        return f"{search.agreeing} of {search.starts} starts converged to the same optimum"
     words = search.sentence.removeprefix("not converged: ").partition(";")[0]
     return "a single search, which no other has confirmed" if ONE_POINT.startswith(words) else words
 
@@ -287,9 +287,9 @@ def tiles(record: CalibrationRecord) -> list[Tile]:
             answers.append(Tile("quantity", *merit))
     parameters = record.parameters
     if any(p.verdict for p in parameters):
-        pinned = sum(p.verdict == PINNED for p in parameters)
-        level = GOOD if pinned == len(parameters) and not any(p.at_bound for p in parameters) else CARE
-        answers.append(Tile("parameters", f"{pinned} of {len(parameters)}", "pinned by the data", level))
+        determined = sum(p.verdict == DETERMINED for p in parameters)
+        level = GOOD if determined == len(parameters) and not any(p.at_bound for p in parameters) else CARE
+        answers.append(Tile("parameters", f"{determined} of {len(parameters)}", "determined by the data", level))
     return [*answers, *_search_tile(record)]
 
 
@@ -437,7 +437,7 @@ def _parameters(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
             text = f"Widen the bounds of {_some(movable)} if the parts allow it."
             step = Step(text, advice.calibrate(widen=True), WIDEN)
         yield Point(Kind.BOUND, f"At a bound: {_some(bounded)}.", step)
-    loose = [p.name for p in parameters if p.verdict not in ("", PINNED)]
+    loose = [p.name for p in parameters if p.verdict not in ("", DETERMINED)]
     if loose:
         reason = f"The data do not pin down {len(loose)} of {len(parameters)} parameters: {_some(loose)}."
         yield Point(Kind.NOTE, reason, _plan(record, advice))
