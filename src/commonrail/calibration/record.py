@@ -132,7 +132,7 @@ class ParameterRecord(NamedTuple):
     effect: float | None = None
     pinned: float | None = None
     standard_error: float | None = None
-    verdict: str = ""
+    verdict: str | None = None
 
 
 class CertainParameter(NamedTuple):

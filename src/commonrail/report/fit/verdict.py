@@ -437,9 +437,9 @@ def _parameters(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
             text = f"Widen the bounds of {_some(movable)} if the parts allow it."
             step = Step(text, advice.calibrate(widen=True), WIDEN)
         yield Point(Kind.BOUND, f"At a bound: {_some(bounded)}.", step)
-    loose = [p.name for p in parameters if p.verdict not in ("", DETERMINED)]
+    loose = [p.name for p in parameters if p.verdict and p.verdict != DETERMINED]
     if loose:
-        reason = f"The data do not pin down {len(loose)} of {len(parameters)} parameters: {_some(loose)}."
+        reason = f"The data do not determine {len(loose)} of {len(parameters)} parameters: {_some(loose)}."
         yield Point(Kind.NOTE, reason, _plan(record, advice))
 
 
