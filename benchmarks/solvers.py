@@ -16,8 +16,7 @@ from scipy.sparse import diags
 
 from commonrail.base.arrays import Floats
 from commonrail.engine.operating_point import OperatingPoint, Trace, courses
-from commonrail.engine.reference import Model, Resolution, solution
-from commonrail.engine.reference_runge_kutta import Instants
+from commonrail.engine.reference import Instants, Model, Resolution, solution
 from commonrail.engine.solution import Solution
 from commonrail.physics.injector import Injector
 

@@ -100,7 +100,7 @@ class Benches:
         self.time, self.injected = true.time, true.injected / true.reference_density
         self.bounds = np.arange(0.0, bed.point.horizon + 0.5 * bed.interval, bed.interval)
         quantities = bed.injector.quantities
-        self.space = cr.Space(
+        self.space = cr.fit.Space(
             [
                 cr.Parameter(
                     name,
@@ -125,9 +125,11 @@ class Benches:
         rate = self.rate(noise.delay * rng.standard_normal())
         rate = rate + noise.errors(rng, rate, bed.interval, SIGMA)
         stated = Noise(uncertain={"delay": noise.delay} if noise.delay else {})
-        data = cr.RateData("curve", cr.Role.FIT, bed.point, self.bounds, rate, 1.0, "", "virtual").changed(noise=stated)
+        data = cr.RateData("curve", cr.data.Role.FIT, bed.point, self.bounds, rate, 1.0, "", "virtual").changed(
+            noise=stated
+        )
         start = {name: value * (1.0 + NEAR * rng.uniform(-1.0, 1.0)) for name, value in bed.middle.items()}
-        return cr.Study("bench", bed.injector, (data,), self.space, cr.Method(), 1, bed.step), start
+        return cr.Study("bench", bed.injector, (data,), self.space, cr.fit.Method(), 1, bed.step), start
 
 
 @dataclass(frozen=True)
@@ -169,8 +171,8 @@ def measured(bed: str, noise: str, many: int, limit: float = np.inf) -> Found:
             break
         study, start = benches.study(NOISES[noise], seed)
         try:
-            one = cr.certify(study, start, threads=1)
-        except cr.SimulationError:
+            one = cr.certainty(study, start, threads=1)
+        except cr.errors.SimulationError:
             failed += 1
             continue
         withdrawn += bool(one.withdrawn)

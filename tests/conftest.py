@@ -40,7 +40,7 @@ DOUBLE = (
 )
 OTHERS = (
     "engine/test_precision.py::test_mass_is_kept",
-    "engine/test_reference_runge_kutta.py",
+    "engine/test_reference_march.py",
     "plugins/stepper/test_stepper.py::test_stepping_gives",
     "plugins/paper/test_virtual_bench.py",
     "runs/test_same_bits.py",

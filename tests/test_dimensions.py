@@ -29,7 +29,7 @@ from commonrail.physics.components import (
     solenoid,
     valve,
 )
-from commonrail.physics.fuel_kernel import fuel_coefficients
+from commonrail.physics.fuel_polynomials import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE
 from commonrail.physics.model import Inputs, Setting, Waves
 from commonrail.physics.variants import EXTENDING, Variant, connections_of, wiring

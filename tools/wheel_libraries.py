@@ -21,10 +21,10 @@ from typing import NamedTuple
 from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws, Precision
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.input import digest
-from commonrail.compiler.cache import files_stamp, sources_stamp
+from commonrail.compiler.cache import digests, sources_of, stamp_of
 from commonrail.compiler.target import LEVEL_3, LEVEL_4, Processor, package_version
 from commonrail.engine.job import VECTORS
-from commonrail.engine.machine_code import COMPILERS, FOLDER, STAMP, file_of, object_of, symbol_of
+from commonrail.engine.machine_code import COMPILERS, FOLDER, SOURCES, STAMP, file_of, object_of, symbol_of
 from commonrail.engine.threads import usable_threads
 from commonrail.physics.variants import Variant
 from commonrail.plugins.export.object_files import compiler_for, link_shared, target_named
@@ -84,8 +84,8 @@ def write_libraries(
             # replaced whole: a process may be running the one before
             os.replace(shutil.copy(library, folder / f".{library.name}"), made[-1])
     stamp = {
-        "sources": sources_stamp(),
-        "files": files_stamp(),
+        "sources": stamp_of(SOURCES),
+        "files": digests(sources_of(SOURCES)),
         "libraries": {path.name: digest(path) for path in made},
         **{package: package_version(package) for package in COMPILERS},
     }

@@ -1,16 +1,15 @@
 """commonrail: simulate and calibrate common-rail electro-injectors.
 
-The public names stand in ``__init__.pyi`` and are loaded when they are first used: importing the package compiles and
-reads nothing.
+The public names stand in ``__init__.pyi``, those of a namespace in the stub of its module, and are loaded when they are
+first used: importing the package compiles and reads nothing else.
 """
 
 import sys
-from importlib import import_module
 from typing import Any
 
-import lazy_loader
+from commonrail.base.public import attach
 
-_load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_load, __dir__, __all__ = attach(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
@@ -19,17 +18,9 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("commonrail")
-    if name not in __all__ and not name.startswith("_"):
-        from commonrail.base.errors import nearest
-
-        raise AttributeError(f"commonrail has no {name}{nearest(name, __all__)}; dir(commonrail) lists what it has.")
     value = _load(name)
-    _prepare_notebooks()
-    return value
-
-
-def _prepare_notebooks() -> None:
-    """Give results of the physics their tables and figures, and say in a notebook when a kernel is compiled."""
-    import_module("commonrail.base.display").lend()
     if "ipykernel" in sys.modules:
-        import_module("commonrail.base.display").watch()
+        from commonrail.base.display import watch
+
+        watch()
+    return value

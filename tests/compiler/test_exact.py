@@ -14,7 +14,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.base.choices import Precision
-from commonrail.compiler import lower, target
+from commonrail.compiler import child, target
 from commonrail.compiler.target import describe
 from commonrail.engine import lanes, machine_code
 from commonrail.engine.job import VECTORS
@@ -31,7 +31,7 @@ def test_no_leave_to_fuse_or_reorder_is_in_an_exact_text() -> None:
     flags = re.compile(r" (?:nsz|arcp|contract|reassoc|fast|nnan|ninf|afn) ")
     vector = VECTORS[Precision.F64]
     for exact in (False, True):
-        (text,) = lower.texts(machine_code.source_of(Variant("rigid"), vector, exact)).values()
+        (text,) = child.texts(machine_code.source_of(Variant("rigid"), vector, exact)).values()
         assert (len(flags.findall(text)) > 1000) is not exact
         assert bool(flags.search(text)) is not exact
 
@@ -40,7 +40,7 @@ def test_a_machine_of_another_kind_is_told_so(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(platform, "machine", lambda: "x86_64")
     assert target.exact_processor().exact
     monkeypatch.setattr(platform, "machine", lambda: "arm64")
-    with pytest.raises(cr.ConfigurationError, match="this machine is of kind arm64; omit same_bits"):
+    with pytest.raises(cr.errors.ConfigurationError, match="this machine is of kind arm64; omit same_bits"):
         target.exact_processor()
 
 
@@ -63,7 +63,7 @@ def test_a_study_ends_with_that_sentence_and_status_2(monkeypatch: pytest.Monkey
 @pytest.mark.parametrize("engine", ["cuda", "reference"])
 def test_other_engines_do_not_promise_bits(monkeypatch: pytest.MonkeyPatch, engine: str, rigid: cr.Injector) -> None:
     monkeypatch.setattr("commonrail.engine.cuda.missing", lambda: None)
-    with pytest.raises(cr.ConfigurationError, match=f'for the engine "lanes" alone, not for "{engine}"'):
+    with pytest.raises(cr.errors.ConfigurationError, match=f'for the engine "lanes" alone, not for "{engine}"'):
         cr.simulate(rigid, POINT, engine, same_bits=True)
 
 

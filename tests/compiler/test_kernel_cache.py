@@ -93,21 +93,6 @@ def test_a_kernel_of_another_processor_or_kind_is_not_taken(answer: Callable[[],
     assert answer()[1] == 1
 
 
-WITH_WORDS = """
-def law(x):
-    \"\"\"Words.\"\"\"
-    return 2.0 * x  # more words
-"""
-
-
-def test_comments_and_docstrings_are_no_part_of_a_stamp(tmp_path: Path) -> None:
-    path, stamps = tmp_path / "law.py", []
-    for text in (WITH_WORDS, WITH_WORDS.replace("ords", "ay"), WITH_WORDS.replace("2.0", "2.1")):
-        path.write_text(text, encoding="utf-8")
-        stamps.append(kernel_cache._meaning((path,)))
-    assert stamps[0] == stamps[1] != stamps[2]
-
-
 def test_no_flipped_bit_and_no_lost_end_is_read(tmp_path: Path) -> None:
     path = tmp_path / "a.kernel"
     kernel_cache.write(path, bytes(range(64)))

@@ -7,6 +7,7 @@ import re
 import click
 
 import commonrail as cr
+from commonrail.base.public import places
 from commonrail.cli.grammar import cli
 from tools.reference_pages import GENERATED, SYMBOLS
 
@@ -24,7 +25,7 @@ def test_every_verb_and_option_is_on_the_page_of_commands() -> None:
 
 
 def test_every_parameter_has_a_row_with_its_unit_and_meaning() -> None:
-    for path, quantity in cr.parameter_quantities().items():
+    for path, quantity in cr.models.parameter_quantities().items():
         component, _, key = path.partition(".")
         section = PAGES["parameters"].partition(f"\n## {component}\n")[2].partition("\n## ")[0]
         (row,) = re.findall(rf"^\| `{key}` \|.*$", section, re.M)
@@ -33,12 +34,17 @@ def test_every_parameter_has_a_row_with_its_unit_and_meaning() -> None:
 
 
 def test_symbols_are_those_of_parameters() -> None:
-    assert set(SYMBOLS) - set(cr.parameter_quantities()) == set()
+    assert set(SYMBOLS) - set(cr.models.parameter_quantities()) == set()
 
 
-def test_every_public_name_is_on_the_page_of_python() -> None:
-    names = set(re.findall(r"heading: (\w+)", PAGES["python"]))
-    assert names == set(cr.__all__) - {"__version__"}
+def test_every_public_name_is_on_the_page_of_its_namespace() -> None:
+    listed = {
+        name: f"commonrail.{page[7:]}".rstrip(".")
+        for page, text in PAGES.items()
+        if page.startswith("python")
+        for name in re.findall(r"heading: (\w+)", text)
+    }
+    assert listed == places()
 
 
 def test_keys_of_a_study_are_on_the_page_of_files_with_units_and_choices() -> None:

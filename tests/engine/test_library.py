@@ -157,10 +157,10 @@ def test_every_wiring_has_the_bits_of_the_compiler(
 
 def test_sources_that_were_changed_are_compiled(use: pytest.MonkeyPatch, rigid: cr.Injector) -> None:
     assert machine_code.find(symbol_of(rigid.wired(), Precision.F64)) is not None
-    use.setattr(machine_code, "files_stamp", lambda: "another")
+    use.setattr(machine_code, "digests", lambda files: {})
     forget()
     assert machine_code.find(symbol_of(rigid.wired(), Precision.F64)) is not None  # a comment was changed
-    use.setattr(machine_code, "sources_stamp", lambda: "another")
+    use.setattr(machine_code, "stamp_of", lambda module: "another")
     forget()
     assert machine_code.find(symbol_of(rigid.wired(), Precision.F64)) is None
     assert machine_code.objection() == "the sources were changed since they were built"

@@ -8,7 +8,8 @@ import pytest
 from commonrail.base.errors import ConfigurationError
 from commonrail.engine import plan
 from commonrail.engine import plan as population
-from commonrail.engine.job import CHECK_AFTER, Courses
+from commonrail.engine.courses import CHECK_AFTER
+from commonrail.engine.job import Courses
 from commonrail.engine.lanes import tabled
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.physics.injector import Injector, parameter_paths

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from commonrail.base.arguments import Quantity
 from commonrail.base.choices import Body
 from commonrail.base.errors import ConfigurationError
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
@@ -28,6 +30,38 @@ def openings(solution: Solution) -> int:
     """Number of times that the needle rises through 5 um; a closing needle rebounds by less."""
     lift = solution.channels["needle_lift"]
     return int(np.count_nonzero((lift[:-1] <= 5e-6) & (lift[1:] > 5e-6)))
+
+
+def test_the_fields_of_an_operating_point_may_be_given_in_its_place(regulated: Injector) -> None:
+    whole = OperatingPoint("160 MPa", "300 us", "6 MPa", "0.4 MPa", horizon="1 ms")
+    apart = simulate(
+        regulated,
+        rail_pressure="160 MPa",
+        energising_time="300 us",
+        cylinder_pressure="6 MPa",
+        return_pressure="0.4 MPa",
+        horizon="1 ms",
+    )
+    assert apart.point == whole
+    np.testing.assert_array_equal(apart.injected, simulate(regulated, whole).injected)
+    twice: list[tuple[Quantity, Quantity]] = [(0.0, "250 us"), ("900 us", "300 us")]
+    assert simulate(regulated, rail_pressure=120e6, energisings=twice).point == OperatingPoint(120e6, twice)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {"rail_pressure": 160e6},
+        {"energising_time": 700e-6},
+        {"rail_pressure": 160e6, "energising_time": 700e-6, "energisings": [(0.0, 700e-6)]},
+        {"point": POINT, "rail_pressure": 160e6},
+        {"point": POINT, "horizon": 1e-3},
+    ],
+)
+def test_a_point_is_given_once_and_whole(regulated: Injector, given: dict[str, Any]) -> None:
+    with pytest.raises(ConfigurationError):
+        simulate(regulated, **given)
 
 
 def test_two_energisings_make_two_injections(regulated: Injector) -> None:

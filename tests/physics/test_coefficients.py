@@ -9,7 +9,8 @@ import pytest
 
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.physics import fuel_kernel
-from commonrail.physics.fuel_kernel import FuelCoefficients, _errors, _Values, coefficient_rows, fuel_coefficients
+from commonrail.physics.fuel_kernel import FuelCoefficients
+from commonrail.physics.fuel_polynomials import _errors, _Values, coefficient_rows, fuel_coefficients
 from commonrail.readers.fuel import load_fuel
 
 CASES = [(n, t) for n in ("iso4113", "n-dodecane") for t in (293.15, 313.15, 353.15, 393.15)]

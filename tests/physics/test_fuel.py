@@ -10,6 +10,7 @@ from scipy.integrate import quad
 
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.physics import fuel_kernel
+from commonrail.physics.fuel_polynomials import fuel_coefficients
 from commonrail.readers.fuel import fuel_catalogue, load_fuel
 
 NAMES = fuel_catalogue()
@@ -187,7 +188,7 @@ def test_adiabatic_compression_follows_the_isentropic_modulus() -> None:
     compression, _ = quad(lambda p: 1.0 / float(plain.isentropic_bulk_modulus(p, temperature)), low, 160e6)
     expected = float(fuel.density(low, temperature)) * np.exp(compression)
     assert fuel.density(160e6, temperature) == pytest.approx(expected, rel=1e-7)  # of the quadrature
-    f = fuel_kernel.fuel_coefficients(fuel, temperature)
+    f = fuel_coefficients(fuel, temperature)
     stiffness = fuel_kernel.stiffness(f, expected)
     modulus = float(plain.isentropic_bulk_modulus(160e6, temperature))
     assert stiffness * expected == pytest.approx(modulus, rel=2e-3)  # of the polynomials

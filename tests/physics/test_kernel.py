@@ -10,7 +10,8 @@ import pytest
 
 from commonrail.compiler.laws import declare_laws
 from commonrail.physics import fuel_kernel
-from commonrail.physics.fuel_kernel import FuelCoefficients, fuel_coefficients
+from commonrail.physics.fuel_kernel import FuelCoefficients
+from commonrail.physics.fuel_polynomials import fuel_coefficients
 from commonrail.readers.fuel import load_fuel
 
 FUELS = [

@@ -10,7 +10,7 @@ from scipy.integrate import quad
 
 from commonrail.physics.connections import guide_leak, widening_leak
 from commonrail.physics.flow import Guide, gap_conductance, guide_of, leakage_slope, widened
-from commonrail.physics.fuel_kernel import fuel_coefficients
+from commonrail.physics.fuel_polynomials import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE
 from commonrail.readers.injector import load_injector
 

@@ -13,7 +13,8 @@ from commonrail.physics.components import plunger_needle, valve
 from commonrail.physics.components.plunger_needle import Motion
 from commonrail.physics.connections import land_gap_cda2, plain_gap_cda2, seat_pressure, volumes_of
 from commonrail.physics.flow import contents
-from commonrail.physics.fuel_kernel import density, fuel_coefficients, kinematic_viscosity
+from commonrail.physics.fuel_kernel import density, kinematic_viscosity
+from commonrail.physics.fuel_polynomials import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.model import Coefficients, Setting
 from commonrail.physics.variants import Variant, connections_of

@@ -8,7 +8,7 @@ import pytest
 
 from commonrail.physics.components import control_chamber, needle_seat
 from commonrail.physics.flow import contents, filled
-from commonrail.physics.fuel_kernel import fuel_coefficients
+from commonrail.physics.fuel_polynomials import fuel_coefficients
 from commonrail.readers.fuel import load_fuel
 
 FUEL = fuel_coefficients(load_fuel("iso4113"), 353.15)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.base.display import lend
 from commonrail.plugins.maps.response import Conditions
 from commonrail.plugins.maps.sweep import Base, Sweep, Variable
 from commonrail.report.notebook import MOST_ROWS, Picture, plot_of
@@ -32,7 +31,6 @@ def made_sweep() -> Sweep:
 
 
 def test_a_line_says_what_it_is_and_stays_short() -> None:
-    lend()
     study = cr.load_study(TEMPLATE)
     for result, words in (
         (solution(), "mm³ injected"),
@@ -71,12 +69,11 @@ def test_frames_have_a_row_for_each_place_and_units_behind_the_names() -> None:
 
 def test_arrays_have_named_axes_and_units() -> None:
     pytest.importorskip("xarray", reason="xarray comes with the extra notebook")
-    lend()
     found = made_sweep().to_xarray()
     assert found.injected_volume.dims == ("dwell", "rail_pressure")
     assert found.injected_volume.sel(dwell=500.0, rail_pressure=160.0).item() == pytest.approx(2.0)
     assert found.rail_pressure.attrs["units"] == "MPa"
-    course = solution().to_xarray()  # type: ignore[attr-defined]
+    course = solution().to_xarray()
     assert course.needle_lift.attrs["units"] == "um"
     assert course.needle_lift.values == pytest.approx([200.0] * 4)
     assert course.rate.values[:3] == pytest.approx([0.0, 10.0, 20.0])  # mm³/ms at 800 kg/m³
@@ -85,7 +82,7 @@ def test_arrays_have_named_axes_and_units() -> None:
 
 def test_without_the_library_there_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(cr.ConfigurationError, match=r"needs pandas, .* pip install 'commonrail\[notebook\]'"):
+    with pytest.raises(cr.errors.ConfigurationError, match=r"needs pandas, .* pip install 'commonrail\[notebook\]'"):
         made_sweep().to_pandas()
 
 
@@ -105,13 +102,13 @@ def test_a_simulation_is_drawn_with_its_delays_beside_a_section_of_the_injector(
     bars = [len(one.figures[0].panels[0].bars) for one in (plot_of(trapezium()), picture)]
     assert bars[0] < bars[1]
     assert '<svg class="section"' in picture.save(tmp_path / "one.html").read_text(encoding="utf-8")
-    with pytest.raises(cr.ConfigurationError, match="has no point"):
+    with pytest.raises(cr.errors.ConfigurationError, match="has no point"):
         made_sweep().plot(cr.OperatingPoint(1e8, 700e-6))
 
 
 def test_what_has_no_figure_or_values_says_so() -> None:
     study = cr.load_study(TEMPLATE)
-    with pytest.raises(cr.ConfigurationError, match="nothing to draw"):
+    with pytest.raises(cr.errors.ConfigurationError, match="nothing to draw"):
         study.plot()
     assert list(study.to_pandas()["parameter"]) == list(study.space.names)
 

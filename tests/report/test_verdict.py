@@ -6,8 +6,18 @@ from typing import Any
 
 import pytest
 
-from commonrail.report.fit.verdict import search_words, tiles, verdict
-from tests.report.samples import map_record, rate_record
+from commonrail.calibration.record import SearchVerdict, read_as
+from commonrail.report.fit import verdict as judged
+from commonrail.report.fit.rules import Tile
+from tests.report.samples import fit_of, map_record, rate_record
+
+
+def verdict(record: dict[str, Any], run: str) -> judged.ReportVerdict:
+    return judged.verdict(fit_of(record), run)
+
+
+def tiles(record: dict[str, Any]) -> list[Tile]:
+    return judged.tiles(fit_of(record))
 
 
 def sound() -> dict[str, Any]:
@@ -189,9 +199,8 @@ def test_a_trivial_model_that_is_as_good_is_told() -> None:
 
 def test_a_trivial_model_that_predicts_held_out_rows_better_is_told() -> None:
     record = sound()
-    left_out = [
-        {"name": "map", "by": by, "baselines": [{"beaten": False}]} for by in ("rail_pressure", "energising_time")
-    ]
+    one = {"name": "map", "searches": 3, "values": 9, "figures": {}, "baselines": [{"text": "x", "beaten": False}]}
+    left_out = [one | {"by": by} for by in ("rail_pressure", "energising_time")]
     found = verdict(record | {"refits": {"left_out": left_out}}, "runs/a")
     assert found.level == "good"
     assert found.notes == ["On held out rows of map a trivial model is as good or better."]
@@ -268,7 +277,7 @@ def test_data_that_were_not_held_back_leave_the_unseen_error_open() -> None:
     ],
 )
 def test_the_state_of_a_search_is_told_in_words_of_an_engineer(found: dict[str, Any], words: str) -> None:
-    assert search_words(found) == words
+    assert judged.search_words(read_as(SearchVerdict, {"sentence": ""} | found)) == words
 
 
 def test_many_curves_have_the_range_of_their_errors() -> None:

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from commonrail.base.choices import Precision
-from commonrail.compiler import lower
+from commonrail.compiler import child, lower
 from commonrail.compiler.target import System, exact_processor, own_processor
 from commonrail.engine import machine_code
 from commonrail.engine.job import VECTORS
@@ -20,7 +20,7 @@ from commonrail.physics.variants import Variant
 def assembly(precision: Precision, same_bits: bool = False) -> str:
     """Return the text of the regulated variant's kernel."""
     processor = exact_processor() if same_bits else own_processor()
-    texts = lower.texts(machine_code.source_of(Variant(), VECTORS[precision], same_bits))
+    texts = child.texts(machine_code.source_of(Variant(), VECTORS[precision], same_bits))
     machine, code = lower.optimised(texts, {"lanes": "lanes"}, System.of(processor))
     return str(machine.emit_assembly(code))
 

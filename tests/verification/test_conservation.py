@@ -9,7 +9,7 @@ import pytest
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.engine.simulate import simulate
 from commonrail.physics import fuel_kernel as fuel
-from commonrail.physics.fuel_kernel import fuel_coefficients
+from commonrail.physics.fuel_polynomials import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.readers.fuel import load_fuel
 from tests.tracing import traced

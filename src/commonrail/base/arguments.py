@@ -35,15 +35,15 @@ _Choice = TypeVar("_Choice", bound=Enum)
 _CURES = {
     "Study": "read it with commonrail.load_study({})",
     "Injector": "read it with commonrail.load_injector({})",
-    "Truth": "read it with commonrail.load_truth({})",
+    "Truth": "read it with commonrail.lab.load_truth({})",
     "Fuel": "read it with commonrail.load_fuel({})",
     "OperatingPoint": 'write commonrail.OperatingPoint("160 MPa", "700 us")',
-    "Parameter": "commonrail.parameters_within(injector, [{}]) makes them",
+    "Parameter": "commonrail.design.parameters_within(injector, [{}]) makes them",
     "Trace": "write commonrail.Trace(times, values) with times [s] and SI values",
     "DataSet": "write commonrail.RateData(…), QuantityData(…), ReturnData(…) or FeatureData(…)",
     "Calibration": "take what commonrail.calibrate returns",
     "Solution": "take what commonrail.simulate returns",
-    "Bench": "write commonrail.Bench(truth, injector, time_step)",
+    "Bench": "write commonrail.lab.Bench(truth, injector, time_step)",
     "Variant": "write commonrail.Variant(body, boundary, drive)",
 }
 _EXAMPLES = {

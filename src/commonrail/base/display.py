@@ -70,17 +70,6 @@ def _compiling() -> Iterator[None]:
 
 NOTEBOOK = "commonrail.report.notebook"  # named, not imported: a result below knows no drawing
 
-# Results of packages whose every source line is part of the stamp of compiled kernels: they are given methods and
-# presenter when they are loaded, instead of deriving from `Shown`.
-_ADDED = {
-    "commonrail.engine.solution": {
-        "Solution": "commonrail.report.notebook:SOLUTION",
-        "Batch": "commonrail.report.notebook:BATCH",
-    },
-    "commonrail.physics.injector": {"Injector": "commonrail.report.notebook:INJECTOR"},
-}
-_METHODS = ("__repr__", "_repr_html_", "plot", "to_pandas", "to_xarray")
-
 
 class Shown:
     """Result that can be shown, drawn, and handed on as a table or as named arrays.
@@ -126,15 +115,3 @@ class Shown:
 
 def _notebook() -> Any:
     return import_module(NOTEBOOK)
-
-
-def lend() -> None:
-    """Give the methods of `Shown` to the results of physics and engine that are loaded."""
-    for home, presenters in _ADDED.items():
-        module = sys.modules.get(home)
-        for name, presenter in presenters.items():
-            own: Any = getattr(module, name, None)
-            if own is not None and not hasattr(own, "_repr_html_"):
-                own.presenter = presenter
-                for method in _METHODS:
-                    setattr(own, method, vars(Shown)[method])

@@ -90,6 +90,8 @@ def _read(kind: Any, value: Any) -> Any:
     origin, inner = get_origin(kind), get_args(kind)
     if origin in (typing.Union, types.UnionType):
         return None if value is None else _read(next(one for one in inner if one is not types.NoneType), value)
+    if kind is Any:
+        return value
     if kind is float:
         return math.nan if value is None else float(value)
     if origin is tuple and inner[-1] is Ellipsis:

@@ -99,7 +99,7 @@ def identify(calibration: Calibration, threads: int | None = None, *, starts: in
     """Effect, standard error and verdict of each free parameter on the fitted data, and bands of all data.
 
     Effects are those of `identify_at`; standard errors, verdicts and bands those of the parts in the group "after_fit":
-    as shipped `certify` and `assessed_bands`. Their bits depend on the processor, with `same_bits` too.
+    as shipped `certainty` and `assessed_bands`. Their bits depend on the processor, with `same_bits` too.
     `KeyboardInterrupt` if a stop was asked for.
     """
     study = instance(calibration, Calibration, "calibration").study

@@ -8,7 +8,6 @@ from typing import Any
 
 from commonrail.base.text import number
 from commonrail.calibration.objective import Loss
-from commonrail.calibration.optimisers.base import AGREEING
 from commonrail.calibration.optimisers.registry import registered
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.plausibility import Finding
@@ -23,11 +22,6 @@ from commonrail.physics.meters import known_quantity
 
 CERTAINTY = "certainty"  # likelihood, intervals, tests and verdicts; `certainty` writes them again
 CLOCK = "clock"  # holds what depends on the clock; all else is the same whenever and however often a study is run
-
-
-def confirms(certainty: Mapping[str, Any]) -> bool:
-    """Return whether a look at the certainty has searched as a fit must: it has settled, and enough starts agree."""
-    return bool(certainty.get("settled")) and certainty.get("agreeing", 0) >= AGREEING
 
 
 def fit_record(kind: str, study: Searched, fit: SearchResult) -> dict[str, Any]:

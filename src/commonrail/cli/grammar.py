@@ -20,18 +20,10 @@ from commonrail.base.arguments import LARGEST_WHOLE
 from commonrail.base.declare import declared_fields
 from commonrail.base.errors import PluginError, nearest
 from commonrail.base.hooks import check_unheld_stop, requested_stops
-from commonrail.base.registry import entries, find
+from commonrail.base.registry import entries, find, words_on_shipped
 from commonrail.base.units import parse
 from commonrail.cli.console import say
 from commonrail.cli.guard import check_paths, guarded
-
-HEADINGS = {
-    "Fit a model to data": ("new", "inspect", "calibrate", "resume", "runs", "update", "certainty", "next", "report"),
-    "Use a model": ("simulate", "map", "sweep", "features", "predict", "observe", "page", "export"),
-    "Many parts": ("fleet", "type", "adapt", "tolerance"),
-    "A part on the bench": ("plan", "diagnose", "trim", "judge"),
-    "Judge and look up": ("compare", "sensitivity", "catalogue", "cite", "fuel", "doctor", "lab"),
-}
 
 
 class Option:
@@ -220,10 +212,11 @@ class Verbs(click.Group):
         return resolved
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the verbs under the headings of `HEADINGS`, the others, such as those of installed packages, last."""
+        """Write the verbs under headings, those without one, such as those of installed packages, last."""
+        headings = words_on_shipped("HEADINGS")
         names = self.list_commands(ctx)
-        placed = {name for own in HEADINGS.values() for name in own}
-        for heading, own in (*HEADINGS.items(), ("Other", [name for name in names if name not in placed])):
+        placed = {name for own in headings.values() for name in own}
+        for heading, own in (*headings.items(), ("Other", [name for name in names if name not in placed])):
             commands = [(name, self.get_command(ctx, name)) for name in own if name in names]
             width = formatter.width - 6 - max((len(name) for name in names), default=0)
             rows = [(name, command.get_short_help_str(width)) for name, command in commands if command is not None]

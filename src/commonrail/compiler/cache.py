@@ -1,7 +1,8 @@
 """Cache of compiled kernels on disk: files of this user alone, each with a digest that is compared before it is loaded.
 
-A kernel is kept under a stamp of what all physics sources mean: editing a law recompiles whatever may call it, and
-editing a comment or a docstring does not. A kernel is machine code, so nobody else may be able to write here.
+A kernel is kept under a stamp of what the sources mean that it is compiled from: editing a law recompiles whatever may
+call it, and editing a comment, an error or another module does not. A kernel is machine code, so nobody else may be
+able to write here.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import contextlib
 import functools
 import hashlib
 import importlib.util
+import json
 import os
 import platform
 import sqlite3
@@ -31,7 +33,8 @@ _HEADER = b"commonrail kernel 2\n"
 _DIGEST = hashlib.sha256().digest_size  # [bytes]
 # A link is not followed and a pipe not waited for; flags that a system lacks are 0.
 _GUARDED = sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
-_COMPILED = ("compiler", "physics", "engine")  # packages whose sources decide over machine code
+_PACKAGE = __name__.partition(".")[0]
+_LANES = f"{_PACKAGE}.engine.block"  # makes the kernels that most simulations call
 
 
 def read(path: Path) -> tuple[bytes | None, str]:
@@ -81,7 +84,7 @@ def kept_or_made(name: str, make: Callable[[], bytes]) -> bytes:
     Parameters
     ----------
     name : str
-        Of the file. The folder stands for the physics: whatever else decides over the payload belongs into the name.
+        Of the file. The folder stands for the versions of the compiler: what else decides belongs into the name.
     make : function
         Makes the payload.
     """
@@ -123,13 +126,13 @@ def turn(path: Path) -> Iterator[None]:
 def cache_folder() -> Path | None:
     """Folder of compiled kernels, or None where no place is safe and writable (then every process compiles).
 
-    It is named by all that decides over machine code beside the processor: physics, Python, Numba and llvmlite.
+    It is named by what decides over the lanes' machine code beside the processor: laws, Python, Numba and llvmlite.
     """
     stamps = private_folder(_STAMPS)
     if stamps is None:
         return None
     versions = " ".join((package_version("numba"), package_version("llvmlite"), platform.python_version()))
-    stamp = hashlib.sha256(f"{versions} {sources_stamp()}".encode()).hexdigest()
+    stamp = hashlib.sha256(f"{versions} {stamp_of(_LANES)}".encode()).hexdigest()
     folder = stamps.parent / f"kernels-{stamp[:20]}"
     return folder if _is_usable(folder) else None
 
@@ -214,26 +217,80 @@ def _objection(found: os.stat_result, is_kind: Callable[[int], bool], kind: str)
     return ""
 
 
-@functools.cache
-def sources_stamp() -> str:
-    """Digest of what the sources mean that kernels are compiled from."""
-    return _meaning(_sources())
-
-
-@functools.cache
-def files_stamp() -> str:
-    """Digest of these sources as they stand, comments and all."""
-    return _digest(path.read_bytes() for path in _sources())
+# The sources that decide over a kernel: the module that makes it, and all that this and the compiler import, but for
+# `base`, which has neither laws nor numbers. What else is in the package may change without a kernel's notice.
 
 
 @functools.cache
 def stamp_of(module: str) -> str:
-    """Digest of what the sources mean that decide over a kernel which a module makes."""
-    package, _, rest = module.partition(".")
-    if package == __name__.partition(".")[0] and rest.partition(".")[0] in _COMPILED:
-        return sources_stamp()
-    found = importlib.util.find_spec(module)
-    return _digest([sources_stamp().encode(), _meaning((Path(found.origin),)).encode()])  # type: ignore[union-attr, arg-type]
+    """Digest of what the sources mean that decide over a kernel which a module makes.
+
+    To parse them takes longer than a start may: it is kept with the digests of their files.
+    """
+    key = repr((platform.python_version(), __file__, module))
+    stamps = private_folder(_STAMPS)
+    path = stamps / hashlib.sha256(key.encode()).hexdigest() if stamps else None
+    content, _ = read(path) if path else (None, "")
+    if content is not None:
+        stamp, files = json.loads(content)
+        if files == digests(files):
+            return str(stamp)
+    trees = _syntax_trees(module)
+    stamp = hashlib.sha256(repr({name: _meaning(trees[name]) for name in sorted(trees)}).encode()).hexdigest()
+    if path:
+        with contextlib.suppress(OSError):
+            write(path, json.dumps((stamp, digests(trees))).encode())
+    return stamp
+
+
+def digests(modules: Iterable[str]) -> dict[str, str]:
+    """Digests of the files of modules by name, comments and all; "" for one without a file."""
+    files = {name: _file_of(name) for name in modules}
+    return {name: hashlib.sha256(file.read_bytes()).hexdigest() if file else "" for name, file in files.items()}
+
+
+def sources_of(module: str) -> list[str]:
+    """Modules that decide over a kernel which a module makes."""
+    return sorted(_syntax_trees(module))
+
+
+def _syntax_trees(module: str) -> dict[str, ast.Module]:
+    """Syntax trees of a module, of the compiler, and of all that they import, by name."""
+    tops = {module.partition(".")[0], _PACKAGE}
+    trees: dict[str, ast.Module] = {}
+    names = [module, f"{_PACKAGE}.compiler.lower"]
+    while names:
+        name = names.pop()
+        if name in trees or name.partition(".")[0] not in tops or f"{name}.".startswith(f"{_PACKAGE}.base."):
+            continue
+        if file := _file_of(name):
+            trees[name] = ast.parse(file.read_bytes())
+            names += _imports(trees[name], name if file.name == "__init__.py" else name.rpartition(".")[0])
+    return trees
+
+
+def _imports(tree: ast.Module, package: str) -> Iterator[str]:
+    """Names that may be modules and that a module of a package imports, wherever in its text."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            start = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
+            yield from (start, *(f"{start}.{alias.name}" for alias in node.names))
+
+
+def _file_of(module: str) -> Path | None:
+    """Source file of a module, or None if there is none; nothing of the module is loaded."""
+    top, *parts = module.split(".")
+    spec = importlib.util.find_spec(top)
+    if spec is None:
+        return None
+    for place in spec.submodule_search_locations or ():
+        path = Path(place, *parts)
+        for file in (path / "__init__.py", path.with_suffix(".py")):
+            if file.is_file():
+                return file
+    return Path(spec.origin) if spec.origin and not parts else None
 
 
 class Source(NamedTuple):
@@ -264,37 +321,11 @@ class Source(NamedTuple):
         return hashlib.sha256(key.encode()).hexdigest()[:24]
 
 
-def _sources() -> tuple[Path, ...]:
-    root = Path(__file__).parents[1]
-    return tuple(path for package in _COMPILED for path in sorted((root / package).rglob("*.py")))
-
-
-def _digest(parts: Iterable[bytes]) -> str:
-    digest = hashlib.sha256()
-    for part in parts:
-        digest.update(hashlib.sha256(part).digest())
-    return digest.hexdigest()
-
-
-def _meaning(paths: tuple[Path, ...]) -> str:
-    """Digest of sources without comments and docstrings; to parse them takes longer than a start may, so it is kept."""
-    contents = [path.read_bytes() for path in paths]
-    stamps = private_folder(_STAMPS)
-    kept = stamps / _digest([platform.python_version().encode(), *contents]) if stamps else None
-    found, _ = read(kept) if kept else (None, "")
-    if found is not None:
-        return found.decode()
-    made = _digest(_without_words(content).encode() for content in contents)
-    if kept:
-        with contextlib.suppress(OSError):
-            write(kept, made.encode())
-    return made
-
-
-def _without_words(source: bytes) -> str:
-    """Text of a syntax tree without docstrings; comments are in none."""
-    tree = ast.parse(source)
+def _meaning(tree: ast.Module) -> str:
+    """Text of a syntax tree without docstrings and errors, which no kernel has; comments are in none."""
     for node in ast.walk(tree):
         if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and ast.get_docstring(node, clean=False):
             node.body = node.body[1:]
+        elif isinstance(node, ast.Raise):
+            node.exc = node.cause = None
     return ast.dump(tree)

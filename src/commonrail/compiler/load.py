@@ -28,7 +28,8 @@ def object_of(source: Source, names: Mapping[str, str], processor: Processor) ->
     made = []
 
     def make() -> bytes:
-        from commonrail.compiler.lower import emit, texts  # slow to import, and seldom needed
+        from commonrail.compiler.child import texts  # slow to import, and seldom needed
+        from commonrail.compiler.lower import emit
 
         made.append(True)
         return emit(texts(source), names, system)

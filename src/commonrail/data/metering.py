@@ -7,10 +7,9 @@ from typing import Any
 
 from commonrail.base.errors import ConfigurationError
 from commonrail.data.base import DataSet
-from commonrail.physics.injector import Injector, Source
+from commonrail.physics.injector import Injector
 from commonrail.physics.meters import QUANTITIES, Meter, is_of_meter, parts_of
-
-_UNSTATED = Source("E", "no source stated")
+from commonrail.readers.toml import UNSTATED
 
 
 def meters_of(data: Iterable[DataSet]) -> tuple[Meter, ...]:
@@ -87,7 +86,7 @@ def _record(meter: Meter) -> Mapping[str, Any]:
                 "value": value,
                 "unit": QUANTITIES[key].unit,
                 "meaning": QUANTITIES[key].meaning,
-                **meter.sources.get(key, _UNSTATED)._asdict(),
+                **meter.sources.get(key, UNSTATED)._asdict(),
             }
             for key, value in meter.values.items()
         ],

@@ -12,6 +12,7 @@ from functools import cache, partial
 from typing import Any, NamedTuple, TypeAlias
 
 from commonrail.base.choices import Precision
+from commonrail.compiler.table import WHOLE, floats
 from commonrail.engine.end_of_run import StopRule, check, next_horizon, report_ended, set_horizons
 from commonrail.engine.job import FIGURE, FUEL, GIVEN, NEVER, VECTORS, Outcome, make_rows, shape_of
 from commonrail.engine.recorder import Sample, at, crossing, keep_if_asked, record_crossing, set_densities, take_sample
@@ -362,3 +363,33 @@ def entries(precision: str, width: str, *words: str) -> dict[str, tuple[Callable
         return 0
 
     return {"lanes": (laws.of_table(blocks, tuple(GIVEN), vector.real), laws.TABLE)}
+
+
+# memory, ring, first, theta, settings, inputs, out: of `loop.Loop.march`, then figures of no use
+MARCH = (floats(1), WHOLE, WHOLE, floats(2), floats(1), floats(2), floats(2))
+
+
+def march_entries(*words: str) -> dict[str, Any]:
+    """The loop over steps of one lane, of the `Variant` of the `words`; for `cache.Source`."""
+    from commonrail.compiler.laws import TABLE, exchange_rounding, of_table
+
+    variant = Variant(*words)
+    rows = make_rows(variant, 1)
+    begin, advance = make_begin(variant, rows), make_advance(variant, rows)
+    arrive, leave = make_wave_transport(rows, copy_number)
+    size, order = rows.end, (0, 0)  # point and candidate of the one lane
+
+    def march(memory, ring, first, theta, settings, inputs, out):  # type: ignore[no-untyped-def]
+        mode = exchange_rounding(FLUSH_TINY, KEEP_ALL)
+        held, dt = Memory(memory[:size], memory[size:], ring, None), settings[3]
+        if inputs.shape[0] == 0:
+            begin(held, theta, order, Setting(settings[0], settings[1], settings[2], dt), out)
+        for i in range(inputs.shape[0]):
+            u = inputs[i]
+            arrive(held, first + i, True)
+            advance(held.work, float(first + i + 1), Inputs(u[0], u[1], u[2], u[3], u[4], u[5]), dt)
+            leave(held, first + i)
+        exchange_rounding(mode, KEEP_NONE)
+        return 0
+
+    return {"march": (of_table(march, MARCH), TABLE)}

@@ -12,15 +12,13 @@ import numpy as np
 from commonrail.base.arrays import Floats
 from commonrail.compiler.cache import Source
 from commonrail.compiler.load import Kernel
-from commonrail.compiler.table import WHOLE, floats
-from commonrail.engine.block import Memory, copy_number, make_advance, make_begin, make_wave_transport
-from commonrail.engine.job import FUEL, MAXIMUM_STEPS, make_rows
+from commonrail.engine.block import MARCH
+from commonrail.engine.courses import MAXIMUM_STEPS
+from commonrail.engine.job import FUEL, make_rows
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.plan import Prepared, make_job, prepare
 from commonrail.engine.status import check_inputs
 from commonrail.physics.injector import Injector
-from commonrail.physics.law import FLUSH_TINY, KEEP_ALL, KEEP_NONE
-from commonrail.physics.model import Inputs, Setting
 from commonrail.physics.variants import DRIVE, Variant, kernel_name, unread_inputs, wiring
 
 
@@ -86,45 +84,15 @@ class Loop(NamedTuple):
         return int(self.rows.end) + max(3 * ring, self.parameters)
 
 
-# memory, ring, first, theta, settings, inputs, out: of `Loop.march`, then figures of no use
-_MARCH = (floats(1), WHOLE, WHOLE, floats(2), floats(1), floats(2), floats(2))
-
-
 @functools.cache
 def make_loop(variant: Variant) -> Loop:
     """`Loop` of a variant, compiled (or loaded from the cache) at its first call."""
     wired, rows = wiring(variant), make_rows(variant, 1)
-    source = Source(f"{__name__}:entries", variant.words, "f64", kernel_name(variant))
-    march = Kernel(source, "march", _MARCH)
+    source = Source("commonrail.engine.block:march_entries", variant.words, "f64", kernel_name(variant))
+    march = Kernel(source, "march", MARCH)
     return Loop(
         lambda *arguments: march(*arguments, np.empty((1, 12))),
         rows,
         wired.state.paths,
         len(wired.parameters.paths) + len(FUEL.paths),
     )
-
-
-def entries(*words: str) -> dict[str, Any]:
-    """The loop over steps of one lane, of the `Variant` of the `words`; for `cache.Source`."""
-    from commonrail.compiler.laws import TABLE, exchange_rounding, of_table
-
-    variant = Variant(*words)
-    rows = make_rows(variant, 1)
-    begin, advance = make_begin(variant, rows), make_advance(variant, rows)
-    arrive, leave = make_wave_transport(rows, copy_number)
-    size, order = rows.end, (0, 0)  # point and candidate of the one lane
-
-    def march(memory, ring, first, theta, settings, inputs, out):  # type: ignore[no-untyped-def]
-        mode = exchange_rounding(FLUSH_TINY, KEEP_ALL)
-        held, dt = Memory(memory[:size], memory[size:], ring, None), settings[3]
-        if inputs.shape[0] == 0:
-            begin(held, theta, order, Setting(settings[0], settings[1], settings[2], dt), out)
-        for i in range(inputs.shape[0]):
-            u = inputs[i]
-            arrive(held, first + i, True)
-            advance(held.work, float(first + i + 1), Inputs(u[0], u[1], u[2], u[3], u[4], u[5]), dt)
-            leave(held, first + i)
-        exchange_rounding(mode, KEEP_NONE)
-        return 0
-
-    return {"march": (of_table(march, _MARCH), TABLE)}

@@ -7,12 +7,13 @@ import functools
 import json
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from commonrail.base.choices import Precision
 from commonrail.base.input import digest
-from commonrail.compiler.cache import Source, files_stamp, sources_stamp
+from commonrail.compiler.cache import Source, digests, stamp_of
 from commonrail.compiler.load import Call, callable_at, load
 from commonrail.compiler.load import object_of as compiled_object
 from commonrail.compiler.target import (
@@ -37,6 +38,7 @@ from commonrail.physics.variants import Variant, kernel_name
 
 FOLDER = Path(__file__).resolve().parents[1] / "kernels"
 STAMP = "stamp.json"
+SOURCES = "commonrail.engine.block"  # makes the loops
 COMPILERS = ("numba", "llvmlite")
 INSTALL = "pip install 'commonrail[jit]'"  # installs them in the versions of the libraries
 
@@ -83,7 +85,7 @@ def objection() -> str:
     stamp = made_by()
     if stamp is None:
         return "none came with this package"
-    if stamp.get("files") != files_stamp() and stamp.get("sources") != sources_stamp():
+    if not _is_of_these_sources(stamp):
         return "the sources were changed since they were built"
     for package in COMPILERS:  # the installed ones are named in results, and may round differently
         own = package_version(package)
@@ -96,6 +98,14 @@ def objection() -> str:
     except OSError as error:
         return f"they cannot be loaded: {error}"
     return "" if level else "none is for this processor"
+
+
+def _is_of_these_sources(stamp: Mapping[str, Any]) -> bool:
+    """Return whether libraries were made from the sources that are here; only if a file differs, all are parsed."""
+    files = stamp.get("files")
+    if isinstance(files, dict) and files and files == digests(files):
+        return True
+    return bool(stamp.get("sources") == stamp_of(SOURCES))
 
 
 @functools.cache
@@ -159,9 +169,7 @@ def source_of(variant: Variant, vector: Vector, exact: bool) -> Source:
     """Source of a loop."""
     precision = vector.precision.value
     kind = "exact" if exact else precision
-    return Source(
-        "commonrail.engine.block:entries", (precision, str(vector.lanes), *variant.words), kind, kernel_name(variant)
-    )
+    return Source(f"{SOURCES}:entries", (precision, str(vector.lanes), *variant.words), kind, kernel_name(variant))
 
 
 def object_of(variant: Variant, vector: Vector, processor: Processor) -> tuple[bytes, bool]:

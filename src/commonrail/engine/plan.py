@@ -13,13 +13,13 @@ from commonrail.base.arguments import array, sequence
 from commonrail.base.arrays import Bools, Floats, IndexArray, Ints
 from commonrail.base.choices import Actuation, Precision
 from commonrail.base.errors import ConfigurationError
-from commonrail.engine.job import MAXIMUM_STEPS as MAXIMUM_STEPS
-from commonrail.engine.job import VECTORS, Courses, Job, Outcome, courses_of
+from commonrail.engine.courses import courses_of
+from commonrail.engine.job import VECTORS, Courses, Job, Outcome
 from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.status import OK, STILL_INJECTING, Status, check_point, note_limits, note_narrow_pipe
 from commonrail.engine.time_step import Medium, medium_of, too_long
 from commonrail.physics.fuel import Fuel
-from commonrail.physics.fuel_kernel import coefficient_rows, fuel_coefficients
+from commonrail.physics.fuel_polynomials import coefficient_rows, fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths, parameter_quantities
 from commonrail.physics.law import Domain
 from commonrail.physics.model import Setting

@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import fields
-from typing import NamedTuple, ParamSpec
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,7 @@ from commonrail.base.units import to_text
 from commonrail.engine import lanes, plan
 from commonrail.engine.job import VECTORS, Outcome
 from commonrail.engine.lanes import Misfit
-from commonrail.engine.operating_point import OperatingPoint
+from commonrail.engine.operating_point import Course, OperatingPoint, Trace
 from commonrail.engine.plan import Prepared, admissible, candidate_matrix, read_candidates, statuses_of
 from commonrail.engine.solution import Batch, Solution, read_channels, relative_balance
 from commonrail.engine.status import Status, check_inputs, which_failed
@@ -31,25 +31,8 @@ from commonrail.physics.variants import Variant
 
 ROUNDING = 1e-6  # relative difference from a whole number of steps that counts as rounding
 
-_Given = ParamSpec("_Given")
-
-
 # Simulations, by their parameters in memory: 20 MB, and on a GPU, which needs many to be busy, 160 MB.
 AT_A_TIME = {Engine.LANES: 16_384, Engine.CUDA: 131_072}
-
-
-def _within_numbers(run: Callable[_Given, Solution]) -> Callable[_Given, Solution]:
-    """Turn the arithmetic error of parameters that are far from any injector's into a sentence."""
-
-    @functools.wraps(run)
-    def refusing(*args: _Given.args, **kwargs: _Given.kwargs) -> Solution:
-        try:
-            return run(*args, **kwargs)
-        except ArithmeticError as error:
-            injector = args[0] if args else kwargs["injector"]
-            raise SimulationError(_beyond_numbers(instance(injector, Injector, "injector"), error)) from error
-
-    return refusing
 
 
 def _beyond_numbers(injector: Injector, error: ArithmeticError) -> str:
@@ -63,23 +46,31 @@ def _beyond_numbers(injector: Injector, error: ArithmeticError) -> str:
     )
 
 
-@_within_numbers
 def simulate(
     injector: Injector,
-    point: OperatingPoint,
+    point: OperatingPoint | None = None,
     engine: Engine | str = Engine.LANES,
     time_step: Quantity = DEFAULT_STEP,
     sample_interval: Quantity | None = None,
     precision: Precision | str = Precision.F64,
     *,
+    rail_pressure: Course | str | None = None,
+    energising_time: Quantity | None = None,
+    energisings: Sequence[tuple[Quantity, Quantity]] | None = None,
+    cylinder_pressure: Course | str | None = None,
+    return_pressure: Course | str | None = None,
+    drive: Trace | None = None,
+    horizon: Quantity | None = None,
     same_bits: bool = False,
 ) -> Solution:
-    """Simulate one injection.
+    """Simulate one injection, or several that follow one another.
 
     Parameters
     ----------
     injector : Injector
-    point : OperatingPoint
+    point : OperatingPoint, optional
+        Or its fields by keyword: `rail_pressure` with `energising_time` or `energisings`, and where they differ from
+        the defaults `cylinder_pressure`, `return_pressure`, `drive` and `horizon`.
     engine : Engine or str
         "lanes" (fast, fixed step), "cuda" (the same on an NVIDIA GPU; to compare, one injection is no work for it) or
         "reference" (slow, error-controlled).
@@ -90,6 +81,14 @@ def simulate(
         steps.
     precision : Precision or str
         "f64" or "f32", of the fast engines; the reference is f64 alone.
+    rail_pressure, cylinder_pressure, return_pressure : float, str or Trace, optional
+        [Pa], or text such as ``"160 MPa"``.
+    energising_time : float or str, optional
+        Duration of one energising from t = 0 [s], or text such as ``"700 us"``.
+    energisings : sequence of (start, duration), optional
+        Several energisings, [s] or texts.
+    drive, horizon
+        As in `OperatingPoint`.
     same_bits : bool
         As in `simulate_batch`.
 
@@ -100,9 +99,26 @@ def simulate(
         not to be had here. A simulation that fails returns a `Solution` whose status says so.
     SimulationError
         If parameters far from any injector's lead to a division by zero or a number beyond all bounds.
+
+    Examples
+    --------
+    >>> import commonrail as cr
+    >>> solution = cr.simulate(cr.load_injector("cri2-16"), rail_pressure="160 MPa", energising_time="700 us")
+    >>> solution.injected_volume > 50e-9
+    True
     """
     instance(injector, Injector, "injector")
-    check_inputs(injector, instance(point, OperatingPoint, "point"))
+    fields_of_point = {
+        "rail_pressure": rail_pressure,
+        "energising_time": energising_time,
+        "energisings": energisings,
+        "cylinder_pressure": cylinder_pressure,
+        "return_pressure": return_pressure,
+        "drive": drive,
+        "horizon": horizon,
+    }
+    point = _read_point(point, {name: value for name, value in fields_of_point.items() if value is not None})
+    check_inputs(injector, point)
     time_step = check_step(time_step)
     engine = _engine(engine)
     if sample_interval is not None:
@@ -114,18 +130,53 @@ def simulate(
             )
     real = chosen(precision, Precision, "precision")
     alike = _alike(same_bits, engine)
-    if engine is Engine.REFERENCE:
-        if real is not Precision.F64:
-            raise ConfigurationError(f"The reference computes in f64 alone, not in {real.value}; use the lanes for it.")
-        from commonrail.engine.reference import simulate_reference
+    try:
+        if engine is Engine.REFERENCE:
+            if real is not Precision.F64:
+                raise ConfigurationError(
+                    f"The reference computes in f64 alone, not in {real.value}; use the lanes for it."
+                )
+            from commonrail.engine.reference import simulate_reference
 
-        return simulate_reference(injector, point, sample_interval or 3e-6)
-    stride = 1 if sample_interval is None else _stride(sample_interval, time_step)
-    prepared = plan.prepare(injector, [point], time_step)
-    variant, c = injector.wired(), plan.coefficients_at(injector, point, time_step)
-    how = _How(prepared, variant, None, False, real, engine, traced=True, same_bits=alike)
-    theta = prepared.row[None]
-    outcome, trace = _run(theta, how, prepared.densities)
+            return simulate_reference(injector, point, sample_interval or 3e-6)
+        stride = 1 if sample_interval is None else _stride(sample_interval, time_step)
+        return _simulate_course(injector, plan.prepare(injector, [point], time_step), stride, engine, real, alike)
+    except ArithmeticError as error:  # of parameters that are far from any injector's
+        raise SimulationError(_beyond_numbers(injector, error)) from error
+
+
+def _read_point(point: OperatingPoint | None, given: dict[str, Any]) -> OperatingPoint:
+    """Operating point of `simulate`, which is given whole or by its fields."""
+    if point is not None:
+        instance(point, OperatingPoint, "point")
+        if given:
+            raise ConfigurationError(f"Give either an operating point or {' and '.join(given)}, not both.")
+        return point
+    energised = [given.pop(name) for name in ("energising_time", "energisings") if name in given]
+    if "rail_pressure" not in given or len(energised) != 1:
+        raise ConfigurationError(
+            'Give an operating point, or a rail_pressure, such as "160 MPa", and either an energising_time, such as '
+            '"700 us", or energisings, a list of pairs of start and duration.'
+        )
+    return OperatingPoint(energisings=energised[0], **given)
+
+
+def _simulate_course(
+    injector: Injector, prepared: Prepared, stride: int, engine: Engine, precision: Precision, same_bits: bool
+) -> Solution:
+    """Simulate one injection by a fast engine, with a sample every `stride` steps."""
+    point, time_step, variant = prepared.points[0], prepared.dt, injector.wired()
+    c, theta = plan.coefficients_at(injector, point, time_step), prepared.row[None]
+    outcome, trace = _run(
+        theta,
+        prepared,
+        variant,
+        prepared.densities,
+        engine=engine,
+        precision=precision,
+        traced=True,
+        same_bits=same_bits,
+    )
     states = dict(zip(lanes.trace_paths(injector.variant), trace[0, :, :, 0].T, strict=True))
     time: Floats = np.asarray(point.start + time_step * stride * np.arange(-(-trace.shape[1] // stride)), float)
     injected = np.ascontiguousarray(states["nozzle.injected"][::stride])
@@ -228,18 +279,22 @@ def simulate_batch(
     for given, kind, what in ((misfit, Misfit, "misfit"), (prepared, Prepared, "prepared")):
         if given is not None:
             instance(given, kind, what)
-    how = _How(
-        prepared or plan.prepare(injector, points, time_step),
-        injector.wired(names),
-        misfit,
-        flag(stop_when_closed, "stop_when_closed") and misfit is None,
-        chosen(precision, Precision, "precision"),
-        _batch_engine(engine),
+    prepared = prepared or plan.prepare(injector, points, time_step)
+    run = functools.partial(
+        _run,
+        prepared=prepared,
+        variant=injector.wired(names),
+        misfit=misfit,
+        stop_when_closed=flag(stop_when_closed, "stop_when_closed") and misfit is None,
+        precision=chosen(precision, Precision, "precision"),
+        engine=(engine := _batch_engine(engine)),
         threads=threads or usable_threads(),
-        same_bits=_alike(same_bits, chosen(engine, Engine, "engine")),
+        same_bits=_alike(same_bits, engine),
     )
-    many = max(AT_A_TIME[how.engine] // len(points), 1)
-    parts = [_simulate(names, candidates[first : first + many], how) for first in range(0, len(candidates), many)]
+    many = max(AT_A_TIME[engine] // len(points), 1)
+    parts = [
+        _simulate(names, candidates[first : first + many], prepared, run) for first in range(0, len(candidates), many)
+    ]
     return parts[0] if len(parts) == 1 else _joined(parts)
 
 
@@ -270,34 +325,40 @@ def _alike(same_bits: bool, engine: Engine) -> bool:
     return same_bits
 
 
-class _How(NamedTuple):
-    prepared: Prepared
-    variant: Variant
-    misfit: Misfit | None
-    stop_when_closed: bool
-    precision: Precision
-    engine: Engine
-    traced: bool = False
-    threads: int = 1
-    same_bits: bool = False
-
-
-def _run(theta: Floats, how: _How, densities: Floats) -> tuple[Outcome, Floats]:
-    misfit = how.misfit and how.misfit.own_where_open(densities)
-    if how.engine is Engine.CUDA:
+def _run(
+    theta: Floats,
+    prepared: Prepared,
+    variant: Variant,
+    densities: Floats,
+    *,
+    engine: Engine = Engine.LANES,
+    precision: Precision = Precision.F64,
+    misfit: Misfit | None = None,
+    stop_when_closed: bool = False,
+    traced: bool = False,
+    injected_only: bool = False,
+    threads: int = 1,
+    same_bits: bool = False,
+) -> tuple[Outcome, Floats]:
+    """Run candidates by a fast engine; arguments as of `plan.make_job` and `lanes.run`."""
+    misfit = misfit and misfit.own_where_open(densities)
+    if engine is Engine.CUDA:
         from commonrail.engine import cuda
 
-        job = plan.make_job(how.prepared, theta, how.stop_when_closed, 1)
-        return cuda.run(job, how.variant, misfit, how.precision, how.traced)
+        return cuda.run(plan.make_job(prepared, theta, stop_when_closed, 1), variant, misfit, precision, traced)
     apart = misfit is not None and bool(misfit.bound_count.any())
-    job = plan.make_job(how.prepared, theta, how.stop_when_closed, VECTORS[how.precision].lanes, apart=apart)
-    with naming(f"{how.variant.label}, {how.precision.value}"):
-        return lanes.run(job, how.variant, misfit, how.precision, how.traced, how.threads, same_bits=how.same_bits)
+    job = plan.make_job(prepared, theta, stop_when_closed, VECTORS[precision].lanes, apart=apart)
+    with naming(f"{variant.label}, {precision.value}"):
+        return lanes.run(
+            job, variant, misfit, precision, traced, threads, injected_only=injected_only, same_bits=same_bits
+        )
 
 
-def _simulate(names: Sequence[str], candidates: Floats, how: _How) -> Batch:
+def _simulate(
+    names: Sequence[str], candidates: Floats, prepared: Prepared, run: Callable[..., tuple[Outcome, Floats]]
+) -> Batch:
     """A part of a population that is small enough to have all its parameters in memory."""
-    prepared, injector, points = how.prepared, how.prepared.injector, how.prepared.points
+    injector, points = prepared.injector, prepared.points
     inside = admissible(names, candidates, injector.fuel, injector.variant.actuation)
     if not inside.all():
         own = np.array([injector.values[name] for name in names])
@@ -305,7 +366,7 @@ def _simulate(names: Sequence[str], candidates: Floats, how: _How) -> Batch:
     theta = candidate_matrix(injector, names, candidates, prepared.row)
     varies = FUEL_TEMPERATURE in names
     densities = plan.reference_densities(injector, points, names, candidates) if varies else prepared.densities
-    outcome, _ = _run(theta, how, densities)
+    outcome, _ = run(theta, densities=densities)
     status = statuses_of(names, theta, prepared, outcome)
     status[~inside] = Status.OUTSIDE_DOMAIN
 
@@ -359,10 +420,16 @@ def sampled_rates(
     """
     prepared = prepared or plan.prepare(injector, [point], time_step)
     theta = candidate_matrix(injector, names, values, prepared.row)
-    job = plan.make_job(prepared, theta, False)
-    variant, many = injector.wired(names), threads or usable_threads()
-    with naming(f"{variant.label}, {Precision.F64.value}"):
-        outcome, trace = lanes.run(job, variant, traced=True, threads=many, injected_only=True, same_bits=same_bits)
+    outcome, trace = _run(
+        theta,
+        prepared,
+        injector.wired(names),
+        prepared.densities,
+        traced=True,
+        injected_only=True,
+        threads=threads or usable_threads(),
+        same_bits=same_bits,
+    )
     injected = np.moveaxis(trace[:, :, 0, :], 1, 2).reshape(-1, trace.shape[1])[: len(theta)]
     time = point.start + time_step * np.arange(trace.shape[1])
     whole = np.array_equal(bounds, time)

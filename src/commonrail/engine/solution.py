@@ -6,7 +6,7 @@ import functools
 import inspect
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from commonrail.base.arguments import instance
 from commonrail.base.arrays import Bools, Floats, Ints
 from commonrail.base.choices import Actuation, Boundary
+from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError
 from commonrail.engine.operating_point import OperatingPoint, Trace, values_at
 from commonrail.engine.plan import reference_densities
@@ -138,8 +139,8 @@ def _of_arrays(law: Callable[..., Any]) -> Callable[..., Any]:
     return FunctionType(law.__code__, {**names, **called, "max": np.maximum, "min": np.minimum}, None, law.__defaults__)
 
 
-@dataclass(frozen=True)
-class Solution:
+@dataclass(frozen=True, repr=False)
+class Solution(Shown):
     """Course of one injection; SI units unless the name says otherwise.
 
     Attributes
@@ -177,6 +178,8 @@ class Solution:
         The one that was simulated.
     """
 
+    presenter = "commonrail.report.notebook:SOLUTION"
+
     time: Floats
     mass_rate: Floats
     injected: Floats
@@ -190,8 +193,8 @@ class Solution:
     status: Status
     engine: str
     balance: float
-    find_longest_step: Callable[[], float] | None = field(default=None, repr=False)
-    point: OperatingPoint | None = field(default=None, repr=False)
+    find_longest_step: Callable[[], float] | None = None
+    point: OperatingPoint | None = None
 
     @functools.cached_property
     def longest_step(self) -> float:
@@ -239,8 +242,8 @@ class Solution:
         return self.returned_mass / self.reference_density
 
 
-@dataclass(frozen=True)
-class Batch:
+@dataclass(frozen=True, repr=False)
+class Batch(Shown):
     """Figures of many candidates at many operating points; arrays are (candidates, points).
 
     Attributes
@@ -255,6 +258,8 @@ class Batch:
     absolute_error, squared_error : (candidates, points)
         Weighted sums over the samples of a rate measurement, [m³/s] and [(m³/s)²]; zero without one.
     """
+
+    presenter = "commonrail.report.notebook:BATCH"
 
     injected_mass: Floats
     returned_mass: Floats

@@ -1,6 +1,6 @@
 """A fuel as the host sees it: density, moduli, viscosity, wave speed over pressure, temperature.
 
-Kernels do not call this: `commonrail.physics.fuel_kernel` fits polynomials to a `Fuel` at one temperature.
+Kernels do not call this: `commonrail.physics.fuel_polynomials` fits polynomials to a `Fuel` at one temperature.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 from commonrail.base.arguments import Quantity, instance, mapping, not_whole, number, plain_text, settle
 from commonrail.base.choices import Actuation, Laws
+from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.law import Domain, Q, describe, field_paths
@@ -48,8 +49,8 @@ def parameter_paths(actuation: Actuation = Actuation.SERVO) -> tuple[str, ...]:
     return tuple(field_paths(model_of(actuation).Parameters))
 
 
-@dataclass(frozen=True)
-class Injector:
+@dataclass(frozen=True, repr=False)
+class Injector(Shown):
     """An injector.
 
     Attributes
@@ -72,6 +73,8 @@ class Injector:
         If a parameter is unknown, missing or outside its domain, or an argument is of another kind. Values may be
         given as texts with their units, ``"75 N"``.
     """
+
+    presenter = "commonrail.report.notebook:INJECTOR"
 
     name: str
     title: str
@@ -188,7 +191,8 @@ def _named(values: object) -> Mapping[str, Any]:
 def _read(name: str, path: str, value: object, known: Mapping[str, Q]) -> float:
     if path not in known:
         raise ConfigurationError(
-            f"{name}: there is no parameter {path}{nearest(path, known)}; commonrail.parameter_quantities() lists them."
+            f"{name}: there is no parameter {path}{nearest(path, known)}; "
+            "commonrail.models.parameter_quantities() lists them."
         )
     quantity = known[path]
     found = value if isinstance(value, float) else number(value, quantity.unit, f"{name}, {path}")

@@ -15,6 +15,7 @@ from commonrail.base.chart import Chart
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import counted, fixed, quantity, significant
+from commonrail.calibration.record import CalibrationRecord, read_as
 from commonrail.calibration.result import result_record
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.study import Study
@@ -87,20 +88,17 @@ def _calibration_lines(c: Calibration) -> list[str]:
 
 
 def _calibration_tables(c: Calibration) -> list[Table]:
-    record = result_record(c, {})
-    return [parameter_table(record["parameters"]), *tables_of(record["data"], record["labels"])]
+    record = read_as(CalibrationRecord, result_record(c, {}))
+    return [parameter_table(record.parameters), *tables_of(record.data, record.labels)]
 
 
 def _calibration_figures(c: Calibration) -> Iterator[Chart]:
-    record = result_record(c, {})
-    traces = {
-        curve.data: {"time_s": 0.5 * (curve.bounds[1:] + curve.bounds[:-1]), **curve.rates}
-        for curve in rate_curves(c.study.data, c.scores)
-    }
-    yield from error_maps(record)
-    yield from figures_of(record, traces)
-    if len(record["generations"]) > 1:
-        yield convergence_figure(record["generations"])
+    record = read_as(CalibrationRecord, result_record(c, {}))
+    traces = {curve.data: curve.trace for curve in rate_curves(c.study.data, c.scores)}
+    yield from error_maps(record.data)
+    yield from figures_of(record.data, record.labels, traces)
+    if len(record.generations) > 1:
+        yield convergence_figure(record.generations)
 
 
 _CHANNELS = {"lift": "m", "pressure": "Pa", "current": "A", "force": "N", "coefficient": "1"}

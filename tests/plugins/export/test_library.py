@@ -226,7 +226,7 @@ def test_the_longest_step_is_that_of_the_lanes(native: Native, injector):
     solution = simulate(injector, OperatingPoint(160e6, 0.0, horizon=10e-6))
     run = Run(native, BOUNDARY)
     longest = native.longest_step(native.vector(), ctypes.byref(run.boundary))
-    # modulus and sound speed of the hot loop's polynomials: within 0.2 % and 0.6 % of the laws (physics/fuel_kernel.py)
+    # modulus and sound speed of polynomials: within 0.2 % and 0.6 % of the laws (physics/fuel_polynomials.py)
     assert longest == pytest.approx(solution.longest_step, rel=5e-3)
 
 

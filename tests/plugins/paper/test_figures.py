@@ -10,7 +10,7 @@ import pytest
 from commonrail.base.choices import Body
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.study import Method, Study
-from commonrail.plugins.certainty.run import certify
+from commonrail.plugins.certainty.run import certainty as certify
 from commonrail.plugins.paper import study as paper
 from commonrail.plugins.paper.figures import Figures, box
 from commonrail.plugins.paper.file import reproduction_record

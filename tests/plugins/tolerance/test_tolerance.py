@@ -20,9 +20,9 @@ from commonrail.plugins.tolerance.study import (
     Dimension,
     Limit,
     Normal,
+    SeriesTrim,
     TolerancePoint,
     Tolerances,
-    Trim,
     Uniform,
 )
 from commonrail.plugins.tolerance.trim import _with_time, trimmed
@@ -36,7 +36,7 @@ PART = TolerancePoint("part", OperatingPoint("160 MPa", "450 us"))
 def study(pwm: Injector) -> Tolerances:
     """Two dimensions at two points."""
     dimensions = (Dimension(HOLE, Normal(130e-6, 0.7e-6)), Dimension(GAP, Uniform(258e-6, 262e-6)))
-    return Tolerances("made up", pwm, dimensions, (FULL, PART), trim=Trim(("full", "part"), 100), parts=1000)
+    return Tolerances("made up", pwm, dimensions, (FULL, PART), trim=SeriesTrim(("full", "part"), 100), parts=1000)
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +101,7 @@ def test_the_trim_narrows_the_spread_at_its_test_points(found: ToleranceResult) 
 
 
 def test_scatter_of_the_measurement_stays_in_the_trimmed_parts(study: Tolerances) -> None:
-    loud = replace(study, trim=Trim(("full",), 1000, scatter=1e-9))
+    loud = replace(study, trim=SeriesTrim(("full",), 1000, scatter=1e-9))
     simulated = Simulated(loud)
     parts, nominal = simulated.parts(Draws(loud).take(1000)), simulated.parts(None).quantities[0]
     after = trimmed(simulated, parts, nominal, [(None, None)] * 2, 0.95, lambda *_: None).points[0].after
@@ -151,7 +151,7 @@ def test_crossed_limits_are_refused(study: Tolerances) -> None:
 def test_a_point_at_which_nothing_is_injected_cannot_trim(study: Tolerances) -> None:
     closed = TolerancePoint("closed", OperatingPoint("160 MPa", "60 us"))
     with pytest.raises(SimulationError, match="closed: the nominal quantity does not rise"):
-        tolerance(replace(study, points=(closed,), trim=Trim(("closed",), 100)))
+        tolerance(replace(study, points=(closed,), trim=SeriesTrim(("closed",), 100)))
 
 
 def test_a_count_has_no_tolerance() -> None:

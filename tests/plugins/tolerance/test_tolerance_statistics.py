@@ -20,10 +20,10 @@ from commonrail.plugins.tolerance.study import (
     Distribution,
     Limit,
     Normal,
+    SeriesTrim,
     TolerancePoint,
     Tolerances,
     Triangular,
-    Trim,
     Uniform,
 )
 from commonrail.readers.injector import load_injector
@@ -204,9 +204,12 @@ def test_limits_are_quantities_or_deviations() -> None:
         ({"dimensions": (DIMENSIONS[0], DIMENSIONS[0])}, "more than once"),
         ({"points": (POINT, POINT)}, "need names of their own"),
         ({"parts": 10}, "number of parts must lie between 1000"),
-        ({"trim": Trim(("q",))}, "The trim names no operating point q"),
+        ({"trim": SeriesTrim(("q",))}, "The trim names no operating point q"),
         (
-            {"points": (POINT, TolerancePoint("q", OperatingPoint("80 MPa", "680 us"))), "trim": Trim(("p", "q"))},
+            {
+                "points": (POINT, TolerancePoint("q", OperatingPoint("80 MPa", "680 us"))),
+                "trim": SeriesTrim(("p", "q")),
+            },
             "must differ by 10 % or more in energising time",
         ),
     ],

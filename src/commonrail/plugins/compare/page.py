@@ -86,7 +86,7 @@ def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
         first=figures[0] if figures else None,
         figures=figures[1:],
         differences=difference_table(record),
-        synthetic=synthetic_notes(record),
+        synthetic=synthetic_notes(record["synthetic"], record["data"]),
         commands=comparison_commands(record, folder),
         facts=_facts(record),
     )
@@ -103,7 +103,7 @@ def comparison_tiles(record: Record) -> list[Tile]:
 
 def comparison_figures(record: Record, traces: Traces) -> list[Figure]:
     """Figures of the data of a comparison: one colour, marker and dash for each model."""
-    plotted = Plotted(shown_of(record), traces)
+    plotted = Plotted(shown_of(record["labels"], compared=True), traces)
     return [f for view, data in by_kind(record["data"]) for d in data for f in view.compared_figures(d, plotted)]
 
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 from commonrail.base.child import python
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import note
-from commonrail.compiler import cache, lower
+from commonrail.compiler import cache, child, lower
 from commonrail.compiler.cache import Source
 from commonrail.compiler.target import Processor, System
 from commonrail.physics.variants import Variant, kernel_name
@@ -114,7 +114,7 @@ def emit_block(variant: Variant, target: Target, vectors: str, prefix: str = "cr
 
 def _portable(source: Source) -> dict[str, str]:
     """Texts of a source; one that only one machine could run is refused (ConfigurationError names what was found)."""
-    texts = lower.texts(source)
+    texts = child.texts(source)
     found = sorted({match.group() for text in texts.values() for match in _FOREIGN.finditer(text)})
     if found:
         raise ConfigurationError(

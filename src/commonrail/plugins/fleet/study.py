@@ -140,7 +140,7 @@ class Layout(NamedTuple):
     @property
     def with_dead_times(self) -> list[str]:
         """Names of the data sets that have dead times."""
-        return [d.name for d in self.data if d.has_dead_times]
+        return [d.name for d in self.data if getattr(d, "dead_times", None)]
 
     @property
     def sources(self) -> list[str]:

@@ -113,6 +113,7 @@ class FmuStudy:
     files: Mapping[Path, str] = field(default_factory=dict)  # SHA-256 of each file that it was read from, its own first
     text: str = setting(words="text of the study", default="", text="The study file as given.")
     note: str = setting(words="note of the study", default="", text="Free text for the report.")
+    as_read: FmuStudy | None = None
 
     def __post_init__(self) -> None:
         settle(self, files=self.files)
@@ -403,7 +404,7 @@ def load_fmu_study(path: str | Path) -> FmuStudy:
     """
     with noting_files() as files:
         study = _study(file_path(path, "path of a study"))
-    return replace(study, files=files)
+    return replace(study, files=files, as_read=study)
 
 
 def _study(file: Path) -> FmuStudy:

@@ -13,6 +13,7 @@ from commonrail.base.errors import InputError, nearest
 from commonrail.base.text import percent, quantity, quantity_range, significant
 from commonrail.physics import fuel_kernel
 from commonrail.physics.fuel import Fuel, coefficient, log_compression, scaled_temperature
+from commonrail.physics.fuel_polynomials import fuel_coefficients
 from commonrail.plugins.fuel.file import document
 from commonrail.plugins.fuel.run import FittedFuel, FittedLaw, heat_capacity_law, modulus_law, rounded_up, viscosity_law
 from commonrail.readers.fuel import parse_fuel
@@ -161,7 +162,7 @@ def _laws(fuel: Fuel, p: Floats, temperature: Floats) -> dict[str, Floats]:
 def _simulated(fuel: Fuel, p: Floats, temperature: Floats) -> dict[str, Floats]:
     """Properties by the polynomials of the hot loop (temperatures, pressures), those with `LIMITS`."""
     found = np.empty((len(LIMITS), len(temperature), len(p)))
-    for i, f in enumerate(fuel_kernel.fuel_coefficients(fuel, level) for level in temperature.tolist()):
+    for i, f in enumerate(fuel_coefficients(fuel, level) for level in temperature.tolist()):
         for j, at in enumerate(p.tolist()):
             rho = fuel_kernel.density(f, at)
             found[:, i, j] = rho, fuel_kernel.sound_speed(f, rho), fuel_kernel.kinematic_viscosity(f, at)

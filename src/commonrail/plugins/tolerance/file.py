@@ -32,10 +32,10 @@ from commonrail.plugins.tolerance.study import (
     Limit,
     Normal,
     Sampling,
+    SeriesTrim,
     TolerancePoint,
     Tolerances,
     Triangular,
-    Trim,
     Uniform,
 )
 from commonrail.plugins.tolerance.trim import Trimmed
@@ -319,7 +319,7 @@ def load_tolerances(path: str | Path) -> Tolerances:
             tuple(dimensions),
             tuple(points),
             tuple(Correlation(c.between[0], c.between[1], c.value) for c in model.correlation),
-            None if model.trim is None else Trim(**(dict(model.trim) | {"points": tuple(model.trim.points)})),
+            None if model.trim is None else SeriesTrim(**(dict(model.trim) | {"points": tuple(model.trim.points)})),
             parts=model.parts,
             seed=model.seed,
             sampling=model.sampling,

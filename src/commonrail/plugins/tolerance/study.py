@@ -265,7 +265,7 @@ def _test_points(value: object, words: str) -> tuple[str, ...]:
 
 
 @settings(kw_only=False)
-class Trim:
+class SeriesTrim:
     """Correction of each part's energising time from quantities that are measured on it.
 
     With one point at which parts are measured the correction is the same at all points; with two, linear in the
@@ -317,7 +317,7 @@ class Tolerances:
         words="points", text="At least one, each name once."
     )
     correlations: Setting[tuple[Correlation, ...], Sequence[Correlation]] = setting(words="correlations", default=())
-    trim: Trim | None = None
+    trim: SeriesTrim | None = None
     _: KW_ONLY
     parts: int = setting(words="number of parts", default=100_000, limits=Limits(1000, MOST_FIGURES))
     seed: int = setting(words="seed", default=1)

@@ -1,33 +1,42 @@
-"""The reference's equations by the classical Runge–Kutta method of order 4 at small steps, in one compiled loop.
+"""Loops of the reference engine that are compiled: the right-hand side, and the explicit march.
 
-Several times faster than LSODA and free of Python, so that many truths can be simulated side by side. Steps end at
-every sample, edge of the schedule and knot of a trace; the PWM switches inside a step, where its current meets the
-limit. Between them steps are of one length unless the SAC, the stiffest of the volumes, settles sooner. A state that
-runs away is seen, not raised.
+The march is the classical Runge–Kutta method of order 4 at small steps, several times faster than LSODA and free of
+Python, so that many truths can be simulated side by side. Steps end at every sample, edge of the schedule and knot of
+a trace; the PWM switches inside a step, where its current meets the limit. Between them steps are of one length unless
+the SAC, the stiffest of the volumes, settles sooner. A state that runs away is seen, not raised.
 """
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Drive
-from commonrail.compiler.cache import Source
-from commonrail.compiler.load import Kernel
 from commonrail.compiler.table import REAL, floats, wholes
-from commonrail.engine.operating_point import OperatingPoint, courses, knots, segments, value_at
 from commonrail.physics.components.drive import turned
 from commonrail.physics.connections import CLEAR_LIFT, REOPENED
 from commonrail.physics.equations import AT, make_air_gap, make_rates, make_sac_rate, past_limit
 from commonrail.physics.law import physics
-from commonrail.physics.model import Coefficients
 from commonrail.physics.state_vector import core_of, make_frame
-from commonrail.physics.variants import Variant, kernel_name, wiring
+from commonrail.physics.variants import Variant, wiring
+
+RATES = (floats(1), floats(1), floats(1), wholes(1), floats(2), floats(1))  # y, outside, constants, cells, friction, dy
+
+
+def rates_entries(*words: str) -> dict[str, Any]:
+    """The right-hand side of the `Variant` of the `words`; for `cache.Source`."""
+    from commonrail.compiler.laws import TABLE, of_table
+
+    rates = physics(make_rates(Variant(*words)))
+
+    def slopes(y, outside, constants, cells, friction, dy):  # type: ignore[no-untyped-def]
+        rates(y, outside, constants, cells, friction, dy)
+        return 0
+
+    return {"rates": (of_table(slopes, RATES), TABLE)}
+
 
 # Runge's stages: where in the step each is taken (there is no fifth), and what its slope contributes
 AHEAD = (0.0, 0.5, 0.5, 1.0, 0.0)
@@ -36,7 +45,6 @@ MET = 1e-9  # the current meets its limit, relative to the band
 SETTLED = 1.0  # share of the SAC's settling time that a step may take; Runge-Kutta's limit of stability is 2.8
 SHORTEST = 0.02  # of the step: shorter it does not get for that
 TRIES = 40  # to meet it; three suffice
-SAME = 1e-13  # stops nearer than this are one [s]
 
 
 class Fixed(NamedTuple):
@@ -47,33 +55,7 @@ class Fixed(NamedTuple):
     friction: Floats  # (9, 2) array: [N], [N s/m]
 
 
-class Problem(NamedTuple):
-    """One injector at one point."""
-
-    variant: Variant
-    point: OperatingPoint
-    coefficients: Coefficients
-    fixed: Fixed
-    start: Floats  # state at rest
-
-
-class Instants(NamedTuple):
-    """Opening, last and first closing of the needle [s], as `Solution` defines them."""
-
-    opening: float = math.nan
-    closing: float = math.nan
-    first_closing: float = math.nan
-
-
-class Marched(NamedTuple):
-    """States at the times, instants of the needle, and whether all stayed finite."""
-
-    states: Floats
-    instants: Instants
-    finished: bool
-
-
-class _Plan(NamedTuple):
+class Plan(NamedTuple):
     """Stops (n,) [s]; courses at them (n, 4); schedule between them (n − 1, 2); the row each fills, or −1 (n,)."""
 
     stops: Floats
@@ -82,43 +64,8 @@ class _Plan(NamedTuple):
     rows: Ints
 
 
-def march(problem: Problem, time: Floats, step: float) -> Marched:
-    """Solve from the first to the last time.
-
-    `time` (n,): increasing [s]; `step`: longest step [s]; shorter where a pipe's wave would pass a cell or the SAC
-    would settle sooner.
-    """
-    plan = _plan(problem, time)
-    states = np.full((len(time), len(problem.start)), np.nan)
-    recorded = np.append(np.full(3, np.nan), (0.0, 0.0))
-    loop = compiled_march(problem.variant)
-    memory = np.zeros(len(AT)), np.empty((4, len(problem.start)))
-    finished = loop(plan, problem.fixed, min(step, passage(problem)), problem.start, states, recorded, memory)
-    return Marched(states, Instants(*recorded[:3].tolist()), bool(finished))
-
-
-def passage(problem: Problem) -> float:
-    """Time in which a wave passes a cell [s]: twelve per cent less than Runge–Kutta's limit for staggered volumes."""
-    c, (feed, line) = problem.coefficients, problem.fixed.cells
-    return float(min(c.feed_pipe.travel_time / feed, 0.5 * c.return_line.round_trip / line if line else math.inf))
-
-
-def _plan(problem: Problem, time: Floats) -> _Plan:
-    point, first, last = problem.point, float(time[0]), float(time[-1])
-    stretches = segments(point, problem.coefficients.drive.peak_duration, first, last)
-    edges = np.array([s.start for s in stretches])
-    wanted = np.sort(np.concatenate((time, edges, knots(point))))
-    wanted = wanted[(wanted >= first) & (wanted <= last)]
-    stops = wanted[np.append(True, np.diff(wanted) > SAME)]
-    rows = np.full(len(stops), -1)
-    rows[np.minimum(np.searchsorted(stops, time - SAME), len(stops) - 1)] = np.arange(len(time))
-    held = np.searchsorted(edges, 0.5 * (stops[1:] + stops[:-1]), side="right") - 1
-    schedule = np.array([(s.on, s.peak) for s in stretches])[held]
-    return _Plan(stops, np.array([[value_at(c, t) for c in courses(point)] for t in stops]), schedule, rows)
-
-
-_MARCH = (
-    _Plan(floats(1), floats(2), floats(2), wholes(1)),
+MARCH = (
+    Plan(floats(1), floats(2), floats(2), wholes(1)),
     Fixed(floats(1), wholes(1), floats(2)),
     REAL,
     floats(1),
@@ -128,18 +75,11 @@ _MARCH = (
 )
 
 
-@functools.cache
-def compiled_march(variant: Variant) -> Callable[..., int]:
-    """The loop of a variant, compiled: function (plan, fixed, step, start, states, recorded, memory)."""
-    source = Source(f"{__name__}:entries", variant.words, "f64", kernel_name(variant))
-    return Kernel(source, "march", _MARCH, _make_march(variant))
-
-
-def entries(*words: str) -> dict[str, Any]:
-    """The loop of the `Variant` of the `words`; for `cache.Source`."""
+def march_entries(*words: str) -> dict[str, Any]:
+    """The march of the `Variant` of the `words`; for `cache.Source`."""
     from commonrail.compiler.laws import TABLE, of_table
 
-    return {"march": (of_table(physics(_make_march(Variant(*words))), _MARCH), TABLE)}
+    return {"march": (of_table(physics(make_march(Variant(*words))), MARCH), TABLE)}
 
 
 @physics
@@ -188,7 +128,7 @@ def stride(left: float, step: float) -> float:
     return left / max(math.ceil(left / step - 1e-6), 1)
 
 
-def _make_march(variant: Variant) -> Callable[..., int]:
+def make_march(variant: Variant) -> Callable[..., int]:
     """Function (plan, fixed, step, start, states, recorded, memory) that is 1 if all stayed finite, else 0.
 
     `memory`: arrays (fields of `equations.Outside`,) and (4, entries of the state) to work in.

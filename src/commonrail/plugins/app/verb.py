@@ -1,0 +1,49 @@
+"""commonrail app: the steps from data files to an ECU map in the browser."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Annotated
+
+from commonrail.base.errors import ConfigurationError
+from commonrail.cli.console import print_json, say
+from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.options import Json
+
+
+@verb
+def app(
+    folder: Annotated[Path, Argument(metavar="[DIR]", help="Folder of the project, new or of an earlier app.")] = Path(
+        "injector-project"
+    ),
+    *,
+    port: Annotated[int, Option(help="Port of this machine. [default: any free port]", min=0, max=65535)] = 0,
+    no_open: Annotated[bool, Option("--no-open", help="Do not open a browser; the address is printed.")] = False,
+    json: Json = False,
+) -> None:
+    """Calibrate and judge injectors in the browser.
+
+    Serves pages to this machine alone, without a network: data files, injector, calibration, report and downloads, and
+    a page for workshops. Everything is kept in DIR as the command line would leave it; a calibration continues when
+    the browser or the server ends, and is shown again by the next start. Ctrl-C ends the server.
+
+    \b
+    Examples:
+      commonrail app
+      commonrail app my-injector --port 8000 --no-open
+    """
+    if importlib.util.find_spec("nicegui") is None:
+        raise ConfigurationError("The app needs NiceGUI, which is not installed: pip install 'commonrail[app]'.")
+    from commonrail.plugins.app.server import listen, serve
+
+    listener = listen(port)
+    number = listener.getsockname()[1]
+
+    def announce(address: str) -> None:
+        if json:
+            print_json({"kind": "app", "address": address, "folder": str(folder)})
+        else:
+            say(f"{address}\nOpen this address in a browser of this machine. Ctrl-C ends the server.")
+
+    serve(folder, listener, number, announce, opens=not no_open)
