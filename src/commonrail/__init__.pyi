@@ -23,6 +23,7 @@ from commonrail.physics.fuel import Fuel as Fuel
 from commonrail.physics.injector import Injector as Injector
 from commonrail.physics.meters import Meter as Meter
 from commonrail.physics.variants import Variant as Variant
+from commonrail.plugins.app.run import app as app
 from commonrail.plugins.certainty.run import certainty as certainty
 from commonrail.plugins.compare.run import compare as compare
 from commonrail.plugins.export.run import export as export

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 from typing import Annotated
 
-from commonrail.base.errors import ConfigurationError
 from commonrail.cli.console import print_json, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json
@@ -33,12 +31,7 @@ def app(
       commonrail app
       commonrail app my-injector --port 8000 --no-open
     """
-    if importlib.util.find_spec("nicegui") is None:
-        raise ConfigurationError("The app needs NiceGUI, which is not installed: pip install 'commonrail[app]'.")
-    from commonrail.plugins.app.server import listen, serve
-
-    listener = listen(port)
-    number = listener.getsockname()[1]
+    from commonrail.plugins.app.run import app as serve
 
     def announce(address: str) -> None:
         if json:
@@ -46,4 +39,4 @@ def app(
         else:
             say(f"{address}\nOpen this address in a browser of this machine. Ctrl-C ends the server.")
 
-    serve(folder, listener, number, announce, opens=not no_open)
+    serve(folder, port=port, opens=not no_open, announce=announce)
