@@ -12,7 +12,6 @@ from scipy.interpolate import RegularGridInterpolator
 
 import commonrail as cr
 from commonrail.base.arrays import Floats
-from commonrail.plugins.maps import run
 from commonrail.plugins.maps.adjust import monotone, smooth
 from commonrail.plugins.maps.ecu_file import read_ecu_maps
 from commonrail.plugins.maps.file import write_map_file
@@ -44,7 +43,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Made:
 
     def build(law: Callable[[Floats, Floats], Floats], **options: Any) -> InjectionMap:
         respond = lambda injector, rail, time, conditions: Response(law(rail, time), np.ones(len(time)))  # noqa: E731
-        monkeypatch.setattr(run.response, "respond", respond)
+        monkeypatch.setattr("commonrail.plugins.maps.response.respond", respond)
         axes: Any = {"pressures": PRESSURES, "times": TIMES, "quantities": QUANTITIES}
         return cr.maps.quantity_map(cr.load_injector("virtual-lino-2016"), **axes | options)
 

@@ -214,7 +214,9 @@ def model_of(injector: Injector, temperatures: Sequence[float] = ()) -> Model:
     ConfigurationError if the physics cannot be compiled, or the fuel has no polynomials over its range of temperature.
     """
     wired = injector.wired()
-    name, size = _identifier(injector.name), sizes(wired)
+    size, name = sizes(wired), re.sub(r"\W+", "_", injector.name, flags=re.ASCII).strip("_").lower()
+    if not name or name[0].isdigit():
+        name = f"injector_{name}".rstrip("_")
     tables, defines = _tables(injector, temperatures), _defines(injector)
     kernel = kernel_source(linked_text(wired, name))
     digest = hashlib.sha256((tables + defines + kernel).encode()).hexdigest()
@@ -266,11 +268,6 @@ def named(text: str, name: str) -> str:
     """A source with the model's name in place of ``cr``: two models can be linked into one program."""
     text = text.replace('"cr_commonrail.h"', f'"{name}.h"')
     return re.sub(r"\bCR_", f"{name.upper()}_", re.sub(r"\bcr_", f"{name}_", text))
-
-
-def _identifier(name: str) -> str:
-    found = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_").lower()
-    return found if found and not found[0].isdigit() else f"injector_{found}".rstrip("_")
 
 
 # Rows of the working memory that the C sources read: instants and flag of the needle, delays of the waves.

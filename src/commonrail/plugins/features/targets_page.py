@@ -44,9 +44,7 @@ class FeatureView(View):
         """Errors of the features in tolerances."""
         return [_figure(data, plotted.models)]
 
-    def compared_figures(self, data: Record, plotted: Plotted) -> list[Figure]:
-        """Errors of the features in tolerances."""
-        return [_figure(data, plotted.models)]
+    compared_figures = figures
 
 
 def _name(row: Record) -> str:

@@ -138,7 +138,7 @@ def _with_meters(
 ) -> Iterator[tuple[str, tuple[Found, Floats]]]:
     """Searches that see the simulation through the bench's own low-passes, and through a delay that is fitted too."""
     flexible, _ = _models(bench)
-    free = flexible._replace(space=paper.space_with_delay(bench.injector))
+    free = flexible._replace(space=cr.fit.Space([*flexible.space.parameters, paper.DELAY], [paper.ORDER]))
     known = bench.truth.rate_meter.as_meter(paper.METER)
     for label, model, meter in (("known", flexible, known), ("delay", free, cr.Meter(paper.METER))):
         seen = [d.changed(meter=meter) for d in data]

@@ -99,11 +99,6 @@ def space(injector: cr.Injector) -> cr.fit.Space:
     return cr.fit.Space(parameters, [ORDER])
 
 
-def space_with_delay(injector: cr.Injector) -> cr.fit.Space:
-    """`space` and the delay of the meter."""
-    return cr.fit.Space([*space(injector).parameters, DELAY], [ORDER])
-
-
 def rigid_space(injector: cr.Injector) -> cr.fit.Space:
     """The search space of the rigid body's stop and control volume, around those of an injector."""
     own = {name: injector.values[name] for name in RIGID_NAMES}
