@@ -27,7 +27,7 @@ _EDGES = "An edge is where the rate passes 10 % of the experiment's greatest."
 
 
 def table1(record: Record) -> Table:
-    """Table 1: theoretical, the paper's optimal and ours [N/um], and what the data pin down."""
+    """Table 1: theoretical, the paper's optimal and ours [N/um], and what the data determine."""
     columns: list[Column] = [
         ("", "symbol"),
         ("theoretical", lambda k: significant(k["theoretical"], 4, PER_MICRON)),

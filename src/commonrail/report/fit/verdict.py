@@ -451,7 +451,7 @@ def _is_at_end(parameter: ParameterRecord) -> bool:
 
 def _plan(record: CalibrationRecord, advice: Advice) -> Step:
     """Measurements to plan; of data at one operating point `next` needs the range of the bench."""
-    text = "Plan the measurements that would pin them down"
+    text = "Plan the measurements that would determine them"
     points = [p for d in of_role(record.data, "fit") for p in view_of(d["kind"]).operating_points(d)]
     if len({(p.get("rail_pressure"), p.get("energising_time")) for p in points}) == 1:
         return Step(
