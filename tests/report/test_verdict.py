@@ -133,7 +133,7 @@ def test_parameters_at_a_bound_and_those_not_pinned_are_named() -> None:
     found = verdict(record, "runs/a")
     assert found.level == "care"
     assert "At a bound: plunger_needle.k1." in found.reasons
-    assert "The data do not pin down 1 of 3 parameters: plunger_needle.k2." in found.notes
+    assert "The data do not determine 1 of 3 parameters: plunger_needle.k2." in found.notes
     again = "commonrail calibrate runs/a/study.toml --widen runs/a"
     assert found.steps[0].command == again  # the bounds before what rests on them
     assert found.steps[0].text.startswith("Widen the bounds of plunger_needle.k1 ")

@@ -103,7 +103,7 @@ def test_the_tables(record: dict[str, Any]) -> None:
         *("50.0", "2"),
     ]
     assert tables["Error of each data set over the fleet"][0][3:] == ["3", "100", *"–––––"]
-    assert tables["What the data pin down"] == [
+    assert tables["What the data determine"] == [
         ["valve.spring_preload", "2", "1"],
         ["plunger_needle.spring_preload", "2", "1"],
     ]
