@@ -14,6 +14,7 @@ from commonrail.base.units import to_text
 from commonrail.physics.fuel import Fuel, Law
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source
 from commonrail.physics.law import Q
+from commonrail.physics.variants import INSTALLED_LAWS
 from commonrail.readers.fuel import load_fuel, shipped_fuels
 from commonrail.readers.toml import UNSTATED, inline_table, key_text, table_lines, value_text
 
@@ -101,8 +102,7 @@ def _identity(injector: Injector) -> dict[str, str]:
     }
     if variant.actuation is not Actuation.SERVO:
         identity["actuation"] = variant.actuation.value
-    if variant.nozzle_law:
-        identity["nozzle_law"] = variant.nozzle_law
+    identity |= {key: name for key in INSTALLED_LAWS if (name := getattr(variant, key))}
     return identity | ({"synthetic": injector.synthetic} if injector.synthetic else {})
 
 
