@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from commonrail.physics import model
 from commonrail.physics.components import plunger_needle, valve
 from commonrail.physics.components.plunger_needle import Motion
-from commonrail.physics.connections import land_gap_cda2, plain_gap_cda2, seat_pressure, volumes_of
+from commonrail.physics.connections import a_hole, land_gap_cda2, plain_gap_cda2, seat_pressure, volumes_of
 from commonrail.physics.flow import contents
 from commonrail.physics.fuel_kernel import density, kinematic_viscosity
 from commonrail.physics.fuel_polynomials import fuel_coefficients
@@ -75,12 +75,12 @@ def test_a_rising_needle_moves_fuel_from_volume_to_volume(c: Coefficients) -> No
 
 
 def test_pressure_in_front_of_the_valve_seat(c: Coefficients) -> None:
-    hole = c.control_chamber.a_cda2
+    hole = a_hole(c.control_chamber, 160e6, 0.5e6)
     # shut: all of it; a gap as good as the hole: half; far open and cavitating: what the contraction leaves
-    assert seat_pressure(c, 0.0, 160e6, 0.5e6) == pytest.approx(159.5e6, rel=1e-12)
-    assert seat_pressure(c, hole, 2e6, 1e6) == pytest.approx(0.5e6, rel=1e-9)
-    open_ = seat_pressure(c, 50 * hole, 160e6, 0.5e6)
-    cavitating = c.control_chamber.a_cda2_choked * (160e6 - c.fuel.vapour_pressure) / (50 * hole)
+    assert seat_pressure(c, hole, 0.0, 160e6, 0.5e6) == pytest.approx(159.5e6, rel=1e-12)
+    assert seat_pressure(c, hole, hole.cda2, 2e6, 1e6) == pytest.approx(0.5e6, rel=1e-9)
+    open_ = seat_pressure(c, hole, 50 * hole.cda2, 160e6, 0.5e6)
+    cavitating = hole.choked * (160e6 - c.fuel.vapour_pressure) / (50 * hole.cda2)
     assert open_ == pytest.approx(min(159.5e6 / 51, cavitating), rel=1e-9)
 
 
@@ -105,8 +105,8 @@ def with_land(injector: Injector, land: float) -> Coefficients:
 
 def gap_at(c: Coefficients, gap: float, pressure: float, land: bool = True) -> float:
     """(c_d A)² at a gap normal to the cone."""
-    here = contents(c.fuel, density(c.fuel, pressure), 1.0)
-    return (land_gap_cda2 if land else plain_gap_cda2)(c, here, 0.5e6, gap / SINE)
+    here, hole = contents(c.fuel, density(c.fuel, pressure), 1.0), a_hole(c.control_chamber, pressure, 0.5e6)
+    return (land_gap_cda2 if land else plain_gap_cda2)(c, hole, here, 0.5e6, gap / SINE)
 
 
 @pytest.mark.parametrize("pressure", [40e6, 160e6])

@@ -40,6 +40,7 @@ GROUPS = (
     "meters",
     "features",
     "nozzle_laws",
+    "a_hole_laws",
     "results",
     "studies",
     "study_keys",

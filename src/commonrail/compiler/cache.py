@@ -322,10 +322,12 @@ class Source(NamedTuple):
 
 
 def _meaning(tree: ast.Module) -> str:
-    """Text of a syntax tree without docstrings and errors, which no kernel has; comments are in none."""
+    """Text of a syntax tree without docstrings, errors and types of arguments, which no kernel has, nor comments."""
     for node in ast.walk(tree):
         if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and ast.get_docstring(node, clean=False):
             node.body = node.body[1:]
         elif isinstance(node, ast.Raise):
             node.exc = node.cause = None
+        elif isinstance(node, ast.arg):
+            node.annotation = None
     return ast.dump(tree)

@@ -23,6 +23,7 @@ from commonrail.engine.status import Status
 from commonrail.engine.time_step import step_advice
 from commonrail.physics.components import feed_pipe, solenoid
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
+from commonrail.physics.model import SharedCoefficients
 from commonrail.physics.variants import Variant, wiring
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ SMALL = 1e-6  # a small pilot's mass [kg]: without an injection there is nothing
 _VOLUMES = ("control_chamber.fuel.mass", "accumulation.fuel.mass", "sac.mass")
 
 
-def relative_balance(c: Any, states: Mapping[str, Floats], dt: float) -> float:
+def relative_balance(c: SharedCoefficients, states: Mapping[str, Floats], dt: float) -> float:
     """Balance of `relative_to_injected`.
 
     In: drawn from the rail. Out: injected, returned. Stored: the volumes that the injector has and the feed pipe.

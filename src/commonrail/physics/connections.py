@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from commonrail.physics import fuel_kernel as fuel
-from commonrail.physics.components import needle_seat, valve
+from commonrail.physics.components import control_chamber, needle_seat, valve
 from commonrail.physics.components.nozzle import RESIDUAL_LIFT
 from commonrail.physics.components.plunger_needle import Motion
 from commonrail.physics.flow import (
@@ -22,7 +22,7 @@ from commonrail.physics.flow import (
     widened,
 )
 from commonrail.physics.law import physics
-from commonrail.physics.model import Coefficients, accumulation_volume, control_volume
+from commonrail.physics.model import Coefficients, SharedCoefficients, SharedState, accumulation_volume, control_volume
 
 # Pressure drop below which the film on the valve's land counts as at this one, for a finite quotient [Pa].
 LEAST_DROP = 1.0
@@ -49,6 +49,13 @@ class Drain(NamedTuple):
     line_cda2: float
 
 
+class Hole(NamedTuple):
+    """A hole's (c_d A)² without cavitation and (C_c A)² in full cavitation [m⁴]."""
+
+    cda2: float
+    choked: float
+
+
 # A needle is open once its tip has risen this far; what stays below is ringing of the closed or just closed needle [m].
 CLEAR_LIFT = 5e-6
 
@@ -63,15 +70,23 @@ def middle(a: float, b: float) -> float:
 
 
 @physics
-def seat_pressure(c: Coefficients, gap_cda2: float, upstream: float, behind: float) -> float:
+def a_hole(hole: control_chamber.Coefficients, pressure: float, behind: float) -> Hole:
+    """The A-hole of the paper, the same at all pressures; whatever passes or bounds its flow takes it from such a law.
+
+    `pressure`, `behind`: in the control chamber and behind the valve [Pa].
+    """
+    return Hole(hole.a_cda2, hole.a_cda2_choked)
+
+
+@physics
+def seat_pressure(c: Coefficients, hole: Hole, gap_cda2: float, upstream: float, behind: float) -> float:
     """Pressure difference over the valve's seat [Pa], which opens it: what A-hole and seat in series leave before it.
 
-    `gap_cda2`: (c_d A)² of the valve's gap [m⁴]; `upstream`, `behind`: pressures in the control chamber and behind the
-    valve [Pa].
+    `hole`: the A-hole; `gap_cda2`: (c_d A)² of the valve's gap [m⁴]; `upstream`, `behind`: pressures in the control
+    chamber and behind the valve [Pa].
     """
-    hole = c.control_chamber.a_cda2
-    free, both = (upstream - behind) * hole, hole + gap_cda2
-    cavitating, gap = c.control_chamber.a_cda2_choked * (upstream - c.fuel.vapour_pressure), max(gap_cda2, 1e-3 * hole)
+    free, both = (upstream - behind) * hole.cda2, hole.cda2 + gap_cda2
+    cavitating, gap = hole.choked * (upstream - c.fuel.vapour_pressure), max(gap_cda2, 1e-3 * hole.cda2)
     limited = cavitating * both < free * gap
     return (cavitating if limited else free) / (gap if limited else both)
 
@@ -87,7 +102,7 @@ def volumes_of(c: Coefficients, lifts: Motion) -> Volumes:
 
 
 @physics
-def seat_cda2(c: Any, upstream: float, sac_pressure: float, tip: float) -> Restriction:
+def seat_cda2(c: SharedCoefficients, upstream: float, sac_pressure: float, tip: float) -> Restriction:
     """Restriction of the needle seat's gap, and its derivative; of either actuation.
 
     `upstream`, `sac_pressure`: pressures in front of the seat and in the SAC [Pa]; `tip`: lift of the needle's tip [m].
@@ -97,7 +112,7 @@ def seat_cda2(c: Any, upstream: float, sac_pressure: float, tip: float) -> Restr
 
 
 @physics
-def nozzle_cda2(c: Any, pressure: float, cylinder: float, discharge: float) -> Restriction:
+def nozzle_cda2(c: SharedCoefficients, pressure: float, cylinder: float, discharge: float) -> Restriction:
     """Restriction of the nozzle's holes, cavitation included, with its derivative in the SAC's pressure.
 
     `pressure`, `cylinder`: pressures in SAC and cylinder [Pa]; `discharge`: c_d of Eq. (9) [1].
@@ -110,13 +125,13 @@ def nozzle_cda2(c: Any, pressure: float, cylinder: float, discharge: float) -> R
 
 
 @physics
-def seat_flow(c: Any, upstream: Contents, sac: Contents, tip: float) -> Flow:
+def seat_flow(c: SharedCoefficients, upstream: Contents, sac: Contents, tip: float) -> Flow:
     """Flow through the needle seat, Eq. (4), from the accumulation volume into the SAC at a lift of the tip [m]."""
     return orifice(seat_cda2(c, upstream.pressure, sac.pressure, tip), upstream.density, c.needle_seat.offset)
 
 
 @physics
-def nozzle_flow(c: Any, sac: Contents, cylinder: float, discharge: float) -> Flow:
+def nozzle_flow(c: SharedCoefficients, sac: Contents, cylinder: float, discharge: float) -> Flow:
     """Flow through the nozzle's holes, Eq. (4), into the cylinder's pressure [Pa] at a coefficient c_d [1]."""
     return orifice(nozzle_cda2(c, sac.pressure, cylinder, discharge), sac.density, c.nozzle.offset)
 
@@ -164,7 +179,7 @@ def relaxed_share(excess: float) -> float:
 
 
 @physics
-def remembered_lift(c: Any, s: Any, tip: float, cylinder: float) -> float:
+def remembered_lift(c: SharedCoefficients, s: SharedState, tip: float, cylinder: float) -> float:
     """Lift that c_d remembers over a step [m]: on the seat the exact decay of `memory_rate`; of either actuation.
 
     `tip`: lift of the needle at the middle of the step [m]; `cylinder`: pressure in the cylinder [Pa].
@@ -177,7 +192,7 @@ def remembered_lift(c: Any, s: Any, tip: float, cylinder: float) -> float:
 
 
 @physics
-def memory_rate(c: Any, lift_reached: float, tip: float, rise: float, excess: float) -> float:
+def memory_rate(c: SharedCoefficients, lift_reached: float, tip: float, rise: float, excess: float) -> float:
     """Rate of the lift that c_d remembers [m/s]: it follows a rising needle, and fades at rest; of either actuation.
 
     It fades by no more than a touch of the seat lasts; with a reset the quantity would jump at the first touch.
@@ -190,43 +205,42 @@ def memory_rate(c: Any, lift_reached: float, tip: float, rise: float, excess: fl
 
 
 @physics
-def plain_gap_cda2(c: Coefficients, chamber: Contents, behind: float, lift: float) -> float:
+def plain_gap_cda2(c: Coefficients, hole: Hole, chamber: Contents, behind: float, lift: float) -> float:
     """(c_d A)² of the valve's gap, for Eq. (4) [m⁴]; signature as of `land_gap_cda2`."""
     return valve.gap_cda2(c.valve, lift)
 
 
 @physics
-def land_gap_cda2(c: Coefficients, chamber: Contents, behind: float, lift: float) -> float:
+def land_gap_cda2(c: Coefficients, hole: Hole, chamber: Contents, behind: float, lift: float) -> float:
     """(c_d A)² of the valve's gap with the film on its land [m⁴], at the present pressures.
 
     A-hole, gap and film in series pass Δp = q²/(2 ρ g) + R q, 1/g = 1/g_A + 1/g_s, at most what the cavitating A-hole
     passes. The gap that takes the same pressure at this flow is 1/(1/g_s + 2 ρ R/q).
 
-    `behind`: pressure behind the valve [Pa]; `lift`: of the valve [m].
+    `hole`: the A-hole; `behind`: pressure behind the valve [Pa]; `lift`: of the valve [m].
     """
-    hole, gap = c.control_chamber, valve.gap_cda2(c.valve, lift)
+    gap = valve.gap_cda2(c.valve, lift)
     resistance = valve.land_resistance(c.valve, lift, fuel.fluidity(c.fuel, middle(chamber.pressure, behind)))
-    cda2 = series(hole.a_cda2, gap)
+    cda2 = series(hole.cda2, gap)
     drop = max(abs(chamber.pressure - behind), LEAST_DROP)
     offset = chamber.density * cda2 * resistance
     # 2 ρ g_s/q, free and cavitating; without cancellation where friction rules
-    free = (jet(cda2 * drop, chamber.density, offset).root + offset) * (1.0 + gap / hole.a_cda2) / drop
-    vapour = hole.a_cda2_choked * max(chamber.pressure - c.fuel.vapour_pressure, LEAST_DROP)
+    free = (jet(cda2 * drop, chamber.density, offset).root + offset) * (1.0 + gap / hole.cda2) / drop
+    vapour = hole.choked * max(chamber.pressure - c.fuel.vapour_pressure, LEAST_DROP)
     cavitating = gap * math.sqrt(2.0 * chamber.density / vapour)
     return gap / (1.0 + resistance * max(free, cavitating))
 
 
 @physics
-def drain_cda2(c: Coefficients, pressure: float, behind: float, gap_cda2: float) -> Drain:
+def drain_cda2(c: Coefficients, hole: Hole, pressure: float, behind: float, gap_cda2: float) -> Drain:
     """Restriction of A-hole and valve in series, cavitation in the A-hole included.
 
-    `pressure`, `behind`: in the control chamber and behind the valve [Pa]; `gap_cda2`: (c_d A)² of the valve's gap
-    [m⁴].
+    `hole`: the A-hole; `pressure`, `behind`: in the control chamber and behind the valve [Pa]; `gap_cda2`: (c_d A)² of
+    the valve's gap [m⁴].
     """
-    hole = c.control_chamber
-    cda2 = series(hole.a_cda2, gap_cda2)
+    cda2 = series(hole.cda2, gap_cda2)
     free = Restriction(cda2 * (pressure - behind), cda2)
-    cavitating = Restriction(hole.a_cda2_choked * (pressure - c.fuel.vapour_pressure), hole.a_cda2_choked)
+    cavitating = Restriction(hole.choked * (pressure - c.fuel.vapour_pressure), hole.choked)
     through = choked(free, cavitating)
     return Drain(through.cda2_dp, through.cda2, cda2 if through.cda2_dp == free.cda2_dp else 0.0)
 

@@ -261,7 +261,7 @@ def make_step(laws: DirectLaws) -> Callable[..., tuple[State, Waves]]:
         position = middle(old.top, new.top)
         gap = AirGap(c.armature.travel - position, position - s.body.z.armature)
         magnet, conducting = magnetise(c, s, u, gap, drive_law, dt)
-        geometry = StepGeometry(old, new, volumes_of(c, old), volumes_of(c, new), 0.0, dt)
+        geometry = StepGeometry(old, new, volumes_of(c, old), volumes_of(c, new), dt)
 
         # SAC: Eq. (3), (4), c_d by Eq. (9)
         store = s.accumulation.fuel

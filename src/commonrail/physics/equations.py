@@ -27,10 +27,18 @@ from commonrail.physics import connections
 from commonrail.physics.components import direct_needle, drive, nozzle, plunger_needle, solenoid, valve
 from commonrail.physics.components.guide_friction import bench_friction
 from commonrail.physics.components.plunger_needle import Motion, Nine
+from commonrail.physics.direct_acting import Coefficients as DirectCoefficients
 from commonrail.physics.direct_acting import moving_masses, needle_pressure
 from commonrail.physics.flow import Contents, Flow, contents, jet, orifice
 from commonrail.physics.law import layout_of, physics
-from commonrail.physics.model import Coefficients, CumulativeFlows, ambient_density, control_volume, seat_contact
+from commonrail.physics.model import (
+    Coefficients,
+    CumulativeFlows,
+    SharedCoefficients,
+    ambient_density,
+    control_volume,
+    seat_contact,
+)
 from commonrail.physics.state_vector import Core, DirectCore, Masses, NeedleMasses, core_of, make_frame
 from commonrail.physics.variants import Variant, connections_of, wiring
 
@@ -87,18 +95,20 @@ def pressure_behind(c: Coefficients, outlet: float, wave: float) -> float:
 
 
 @physics
-def drain_flow(c: Coefficients, chamber: Contents, gap_cda2: float, outlet: float, wave: float) -> Drain:
+def drain_flow(
+    c: Coefficients, hole: connections.Hole, chamber: Contents, gap_cda2: float, outlet: float, wave: float
+) -> Drain:
     """Flow through A-hole and valve, Eq. (4), and into the return line.
 
     A small volume of liquid at the valve's outlet, which the line's impedance fills within `OUTLET_TIME`, gives the
     pressure there; it holds the vapour pressure while liquid is missing, as the other volumes do.
 
-    `gap_cda2`: (c_d A)² of the valve's gap [m⁴]; `outlet`: of `Core` [Pa]; not used where there is no line; `wave`:
-    that arrives in the line; the tank's pressure where there is no line [Pa].
+    `hole`: the A-hole; `gap_cda2`: (c_d A)² of the valve's gap [m⁴]; `outlet`: of `Core` [Pa]; not used where there is
+    no line; `wave`: that arrives in the line; the tank's pressure where there is no line [Pa].
     """
     z = c.return_line.impedance
     behind = pressure_behind(c, outlet, wave)
-    through = connections.drain_cda2(c, chamber.pressure, behind, gap_cda2)
+    through = connections.drain_cda2(c, hole, chamber.pressure, behind, gap_cda2)
     flow = jet(through.cda2_dp, chamber.density, c.control_chamber.a_offset).mass_flow
     if z > 0.0:
         return Drain(flow, behind, (behind - wave) / z, (z * flow - (behind - wave)) / OUTLET_TIME)
@@ -107,7 +117,7 @@ def drain_flow(c: Coefficients, chamber: Contents, gap_cda2: float, outlet: floa
 
 @physics
 def coil_rates(
-    c: Any, outside: Outside, law: Any, s: solenoid.State, gap: float, lags: tuple[float, float]
+    c: SharedCoefficients, outside: Outside, law: Any, s: solenoid.State, gap: float, lags: tuple[float, float]
 ) -> solenoid.State:
     """Rates of both fluxes [V]: N dφ/dt = v − R i, Eq. (11), and dφ_f/dt = (φ − φ_f)/τ; of either actuation.
 
@@ -159,7 +169,7 @@ def feed(c: Coefficients, law: Any, at: Inlet, accumulation: float, control: flo
 
 
 @physics
-def past_limit(c: Any, peak: float, conducting: float, flux: float, gap: float) -> float:
+def past_limit(c: SharedCoefficients, peak: float, conducting: float, flux: float, gap: float) -> float:
     """Positive once the PWM's current has passed the limit at which it switches; relative to its band.
 
     `flux`: φ through one turn [Wb]; `gap`: air gap that the armature leaves [m]; `peak`, `conducting`: as in `Outside`.
@@ -191,7 +201,7 @@ def coil_law(variant: Variant) -> Callable[..., float]:
     law = wiring(variant).drive
 
     @physics
-    def flux_rate(c: Any, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
+    def flux_rate(c: SharedCoefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
         return law(c.drive, c.solenoid, drive.State(1.0), supply, now, 0.0).flux_rate  # type: ignore[no-any-return]
 
     return flux_rate
@@ -211,7 +221,7 @@ class Hydraulics(NamedTuple):
 
 
 @physics
-def pipe_rates(y: Any, dy: Any, cells: int, c: Any, inlet: float, end: float) -> None:
+def pipe_rates(y: Any, dy: Any, cells: int, c: SharedCoefficients, inlet: float, end: float) -> None:
     """Rates of the feed pipe, Eq. (6), as flow–pressure pairs: face 0, cell 0, face 1, …, cell n−1, face n.
 
     `y`, `dy`: the vector and its rates; `inlet`, `end`: pressures at both ends [Pa].
@@ -253,7 +263,7 @@ def make_hydraulics(variant: Variant) -> Callable[..., Hydraulics]:
     lifts_of, volumes_of = wiring(variant).body.lifts, connections_of(variant).volumes
 
     @physics
-    def hydraulics(c: Any, fuel: Any, reached: float, z: Any) -> Hydraulics:
+    def hydraulics(c: SharedCoefficients, fuel: Any, reached: float, z: Any) -> Hydraulics:
         lifts = lifts_of(z)
         volumes = volumes_of(c, lifts)
         return Hydraulics(
@@ -272,7 +282,7 @@ def make_needle_flows(variant: Variant) -> Callable[..., tuple[Flow, Flow]]:
     discharge = wiring(variant).discharge
 
     @physics
-    def needle_flows(c: Any, h: Hydraulics, cylinder: float) -> tuple[Flow, Flow]:
+    def needle_flows(c: SharedCoefficients, h: Hydraulics, cylinder: float) -> tuple[Flow, Flow]:
         seat = connections.seat_flow(c, h.accumulation, h.sac, h.lifts.tip)
         coefficient = discharge(c.nozzle, h.reached, h.sac.pressure, cylinder)
         return seat, connections.nozzle_flow(c, h.sac, cylinder, coefficient)
@@ -304,7 +314,7 @@ def _make_servo_rates(variant: Variant) -> Callable[..., None]:
     load_masses, store_masses = wired.positions.load, wired.positions.store
     accelerations, needle_flows = wired.accelerations, make_needle_flows(variant)
     laws = connections_of(variant).laws
-    gap_law, leak_law, film_law = laws.gap_cda2, laws.leak, laws.film
+    gap_law, leak_law, film_law, hole_law = laws.gap_cda2, laws.leak, laws.film, laws.a_hole
     store_accelerations = store_chain if variant.body is Body.FLEXIBLE else store_rigid
     inlet_of, coil = inlet_law(variant), coil_law(variant)
 
@@ -317,7 +327,9 @@ def _make_servo_rates(variant: Variant) -> Callable[..., None]:
         chamber = contents(c.fuel, s.fuel.control, control_volume(c, h.lifts))
         x = c.control_chamber.z_inlet_fraction
         wave = y[line] - c.return_line.impedance * y[line + 1] if cells[1] > 0 else outside.low
-        gap_cda2 = gap_law(c, chamber, pressure_behind(c, s.outlet, wave), s.valve.lift)
+        behind = pressure_behind(c, s.outlet, wave)
+        hole = hole_law(c.control_chamber, chamber.pressure, behind)
+        gap_cda2 = gap_law(c, hole, chamber, behind, s.valve.lift)
         guides = c.plunger_needle.guides
 
         # flows: orifices, Eq. (4), with c_d of the nozzle by Eq. (9); guides, Eq. (5)
@@ -326,7 +338,7 @@ def _make_servo_rates(variant: Variant) -> Callable[..., None]:
         q = Flows(
             pipe=y[core - 1],
             z_hole=entry.z_flow,
-            drain=drain_flow(c, chamber, gap_cda2, s.outlet, wave),
+            drain=drain_flow(c, hole, chamber, gap_cda2, s.outlet, wave),
             seat=seat.mass_flow,
             nozzle=spray.mass_flow,
             plunger_leak=leak_law(c, guides.plunger_gap, chamber.pressure, outside.low).mass_flow,
@@ -345,7 +357,7 @@ def _make_servo_rates(variant: Variant) -> Callable[..., None]:
         lag = c.solenoid.eddy_lag
         magnet = coil_rates(c, outside, coil, s.solenoid, valve.air_gap(c.valve, s.valve), (lag, lag))
         magnetic_force = solenoid.magnetic_force(c.solenoid, s.solenoid.pulling_flux)
-        pressing = connections.seat_pressure(c, gap_cda2, chamber.pressure, q.drain.behind)
+        pressing = connections.seat_pressure(c, hole, gap_cda2, chamber.pressure, q.drain.behind)
 
         # plunger and needle, Eq. (10)
         load_ = plunger_needle.loads(
@@ -454,13 +466,13 @@ def make_air_gap(variant: Variant) -> Callable[..., float]:
     if variant.actuation is Actuation.DIRECT:
 
         @physics
-        def direct_air_gap(c: Any, y: Any, cells: Any) -> float:
+        def direct_air_gap(c: DirectCoefficients, y: Any, cells: Any) -> float:
             return c.armature.travel - load_masses(y, frame(cells).body, 2).armature  # type: ignore[no-any-return]
 
         return direct_air_gap
 
     @physics
-    def air_gap(c: Any, y: Any, cells: Any) -> float:
+    def air_gap(c: Coefficients, y: Any, cells: Any) -> float:
         return valve.air_gap(c.valve, load_core(y, frame(cells).core, 1).valve)
 
     return air_gap
@@ -477,7 +489,7 @@ def make_sac_rate(variant: Variant) -> Callable[..., float]:
     needle_flows = make_needle_flows(variant)
 
     @physics
-    def sac_rate(c: Any, y: Any, cells: Any, cylinder: float) -> float:
+    def sac_rate(c: SharedCoefficients, y: Any, cells: Any, cylinder: float) -> float:
         at = frame(cells)
         s = load_core(y, at.core, 1)
         h = hydraulics(c, s.fuel, s.nozzle.lift_reached, load_masses(y, at.body, 2))

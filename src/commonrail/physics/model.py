@@ -117,6 +117,69 @@ class State(NamedTuple):
     cumulative_flows: CumulativeFlows
 
 
+class SharedDelays(Protocol):
+    """`Delays` of servo-hydraulic and direct-acting injectors alike."""
+
+    @property
+    def feed(self) -> float: ...
+
+    @property
+    def rising_lag_fraction(self) -> float: ...
+
+    @property
+    def falling_lag_fraction(self) -> float: ...
+
+    @property
+    def memory_lag_fraction(self) -> float: ...
+
+
+class SharedCoefficients(Protocol):
+    """Coefficients of servo-hydraulic and direct-acting injectors alike, for the laws that both share."""
+
+    @property
+    def fuel(self) -> FuelCoefficients: ...
+
+    @property
+    def feed_pipe(self) -> feed_pipe.Coefficients: ...
+
+    @property
+    def solenoid(self) -> solenoid.Coefficients: ...
+
+    @property
+    def drive(self) -> drive.Parameters: ...
+
+    @property
+    def sac(self) -> needle_seat.SacCoefficients: ...
+
+    @property
+    def needle_seat(self) -> needle_seat.Coefficients: ...
+
+    @property
+    def nozzle(self) -> nozzle.Coefficients: ...
+
+    @property
+    def delays(self) -> SharedDelays: ...
+
+
+class SharedState(Protocol):
+    """State of servo-hydraulic and direct-acting injectors alike."""
+
+    @property
+    def solenoid(self) -> solenoid.State: ...
+
+    @property
+    def drive(self) -> drive.State: ...
+
+    @property
+    def accumulation(self) -> needle_seat.AccumulationState: ...
+
+    @property
+    def sac(self) -> Contents: ...
+
+    @property
+    def nozzle(self) -> nozzle.State: ...
+
+
 class Waves(NamedTuple):
     """Means over a step of the waves [Pa] at their ends: down the feed pipe, up it, and in the return line."""
 
@@ -232,10 +295,16 @@ class FilmLaw(Protocol):
     def __call__(self, c: valve.Coefficients, s: valve.State, /) -> float: ...
 
 
-class GapLaw(Protocol):
-    """(c_d A)² of the valve's gap [m⁴]: (coefficients, control chamber, pressure behind [Pa], lift [m])."""
+class HoleLaw(Protocol):
+    """A-hole as `connections.a_hole`: (coefficients of the control chamber, pressures in it and behind the valve)."""
 
-    def __call__(self, c: Any, chamber: Contents, behind: float, lift: float, /) -> float: ...
+    def __call__(self, c: Any, pressure: float, behind: float, /) -> Any: ...
+
+
+class GapLaw(Protocol):
+    """(c_d A)² of the valve's gap [m⁴]: (coefficients, A-hole, control chamber, pressure behind [Pa], lift [m])."""
+
+    def __call__(self, c: Any, hole: Any, chamber: Contents, behind: float, lift: float, /) -> float: ...
 
 
 # From parameters to coefficients, for one candidate at one operating point.
@@ -301,7 +370,7 @@ def ambient_density(around: Ambient, pressure: float) -> float:
 
 
 @physics
-def seat_contact(c: Any) -> plunger_needle.SeatContact:
+def seat_contact(c: SharedCoefficients) -> plunger_needle.SeatContact:
     """The needle seat as a contact of the needle; of either actuation."""
     return plunger_needle.SeatContact(c.needle_seat.contact_stiffness, c.needle_seat.contact_damping)
 

@@ -15,7 +15,7 @@ from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Actuation
 from commonrail.physics.components import feed_pipe, nozzle, solenoid, valve
 from commonrail.physics.law import Layout, layout_of, physics
-from commonrail.physics.model import CumulativeFlows, Setting
+from commonrail.physics.model import CumulativeFlows, Setting, SharedCoefficients
 from commonrail.physics.variants import Variant, wiring
 
 LINE = 1e6  # typical pressure in the return line, for absolute tolerances [Pa]
@@ -95,7 +95,7 @@ def make_frame(variant: Variant) -> Callable[[Any], Frame]:
     return frame
 
 
-def start_vector(variant: Variant, c: Any, s: Any, cells: Ints, at: Setting) -> Floats:
+def start_vector(variant: Variant, c: SharedCoefficients, s: Any, cells: Ints, at: Setting) -> Floats:
     """The vector at rest.
 
     `c`: coefficients; `s`: at rest; `cells` (2,) int: of feed pipe and return line; `at`: boundary pressures.

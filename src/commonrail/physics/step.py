@@ -30,6 +30,7 @@ from commonrail.physics.components import (
 )
 from commonrail.physics.components.plunger_needle import Loads, Motion, loads
 from commonrail.physics.connections import (
+    Hole,
     Volumes,
     drain_cda2,
     middle,
@@ -51,9 +52,12 @@ from commonrail.physics.model import (
     DriveLaw,
     FilmLaw,
     GapLaw,
+    HoleLaw,
     InletLaw,
     Inputs,
     LeakLaw,
+    SharedCoefficients,
+    SharedState,
     State,
     Waves,
     ambient_density,
@@ -71,7 +75,7 @@ class Inlet(NamedTuple):
 
 
 @physics
-def ideal_rail(c: Any, s: Any, u: Inputs, wave: float) -> Inlet:
+def ideal_rail(c: SharedCoefficients, s: SharedState, u: Inputs, wave: float) -> Inlet:
     """The inlet holds the measured rail pressure whatever flows."""
     return Inlet(u.rail, (u.rail - wave) * c.feed_pipe.admittance)
 
@@ -111,13 +115,12 @@ PARTS = 1e9
 
 
 class StepGeometry(NamedTuple):
-    """Lifts and volumes at both ends of the step, the valve's gap (c_d A)² at mid-step [m⁴], and the step [s]."""
+    """Lifts and volumes at both ends of the step, and the step [s]."""
 
     old: Motion
     new: Motion
     before: Volumes
     after: Volumes
-    gap_cda2: float
     dt: float
 
 
@@ -179,18 +182,21 @@ def body_loads(c: Coefficients, s: State, low: float) -> Loads:
 
 
 @physics
-def move_valve(c: Coefficients, s: State, gap_cda2: float, film: float, dt: float) -> valve.State:
+def move_valve(c: Coefficients, s: State, hole: Hole, gap_cda2: float, film: float, dt: float) -> valve.State:
     """Armature and shutter after the step: Newton's second law, with F_ev of Eq. (12).
 
-    `gap_cda2`: (c_d A)² of the seat's gap at its start [m⁴]; `film`: damping coefficient of what is squeezed [N s/m].
+    `hole`: the A-hole; `gap_cda2`: (c_d A)² of the seat's gap at its start [m⁴]; `film`: damping coefficient of what is
+    squeezed [N s/m].
     """
-    pressure = seat_pressure(c, gap_cda2, s.control_chamber.fuel.pressure, s.return_line.pressure)
+    pressure = seat_pressure(c, hole, gap_cda2, s.control_chamber.fuel.pressure, s.return_line.pressure)
     magnetic_force = solenoid.magnetic_force(c.solenoid, s.solenoid.pulling_flux)
     return valve.advance(c.valve, s.valve, magnetic_force, pressure, film, dt)
 
 
 @physics
-def magnetise(c: Any, s: Any, u: Inputs, gap: AirGap, drive_law: DriveLaw, dt: float) -> tuple[solenoid.State, float]:
+def magnetise(
+    c: SharedCoefficients, s: SharedState, u: Inputs, gap: AirGap, drive_law: DriveLaw, dt: float
+) -> tuple[solenoid.State, float]:
     """Fluxes after the step and the PWM's transistor; of either actuation.
 
     Eq. (11), N dφ/dt = v − R i, by the mean of dφ/dt over the step, implicit in φ; dφ_f/dt = (φ − φ_f)/τ exactly.
@@ -205,7 +211,9 @@ def magnetise(c: Any, s: Any, u: Inputs, gap: AirGap, drive_law: DriveLaw, dt: f
 
 
 @physics
-def fill_sac(c: Any, s: Any, u: Inputs, upstream: float, discharge: float, geometry: StepGeometry) -> SacFlows:
+def fill_sac(
+    c: Coefficients, s: State, u: Inputs, upstream: float, discharge: float, geometry: StepGeometry
+) -> SacFlows:
     """SAC, Eq. (3) in mass: dm/dt = q_seat − q_nozzle, by Eq. (4), the nozzle's late flow not linearised.
 
     The end of the step has the pressure at which the nozzle passes q, q |q| + 2 q_h q = 2 ρ (c_d A)² (p − p_cylinder),
@@ -251,7 +259,9 @@ def fill_sac(c: Any, s: Any, u: Inputs, upstream: float, discharge: float, geome
 
 
 @physics
-def limit_sac(c: Any, s: Any, u: Inputs, upstream: float, flows: SacFlows, geometry: StepGeometry) -> SacFlows:
+def limit_sac(
+    c: SharedCoefficients, s: SharedState, u: Inputs, upstream: float, flows: SacFlows, geometry: StepGeometry
+) -> SacFlows:
     """SAC within the limit of the linearisation: what is cut off is taken from the flow through the seat.
 
     `upstream`: pressure in the accumulation volume [Pa]; `flows`: not yet limited; the nozzle's is what remains.
@@ -280,7 +290,9 @@ def _not_past_accumulation(here: Contents, upstream: float, density: float, mass
 
 
 @physics
-def hole_flows(c: Coefficients, s: State, feed: float, filling: float, gap_cda2: float) -> tuple[Flow, Flow]:
+def hole_flows(
+    c: Coefficients, s: State, a_hole: Hole, feed: float, filling: float, gap_cda2: float
+) -> tuple[Flow, Flow]:
     """Flows of Z-hole and A-hole at t_n, Eq. (4), and minus and plus their slopes in the chamber's pressure.
 
     The return line answers the A-hole's flow q with the pressure `filling` + Z q, or with the vapour pressure where
@@ -291,7 +303,7 @@ def hole_flows(c: Coefficients, s: State, feed: float, filling: float, gap_cda2:
     """
     here, hole, behind = s.control_chamber.fuel, c.control_chamber, s.return_line.pressure
     density = ambient_density(c.source, feed)
-    drain = drain_cda2(c, here.pressure, behind, gap_cda2)
+    drain = drain_cda2(c, a_hole, here.pressure, behind, gap_cda2)
     a = jet(drain.cda2_dp, here.density, hole.a_offset)
     line = here.density * drain.line_cda2
     # q = q_n + ρ (c_d A)²/root (behind − p) with p = filling + Z q, or p_v where that flow does not fill the line
@@ -305,16 +317,14 @@ def hole_flows(c: Coefficients, s: State, feed: float, filling: float, gap_cda2:
 
 
 @physics
-def fill_control_chamber(
-    c: Coefficients, s: State, feed: float, filling: float, leak: Flow, geometry: StepGeometry
-) -> ChamberFlows:
+def fill_control_chamber(s: State, holes: tuple[Flow, Flow], leak: Flow, geometry: StepGeometry) -> ChamberFlows:
     """Control chamber, Eq. (3) in mass: dm/dt = q_Z − q_A − q_leak, by Eq. (4), (4) and (5).
 
-    `feed`, `filling`: as of `hole_flows` [Pa]; `leak`: of the plunger's guide at t_n.
+    `holes`: flows of `hole_flows`; `leak`: of the plunger's guide, both at t_n.
     """
     here, dt = s.control_chamber.fuel, geometry.dt
     # balance at t_n, and its slopes in the chamber's pressure
-    z, a = hole_flows(c, s, feed, filling, geometry.gap_cda2)
+    z, a = holes
     balance = Flow(z.mass_flow - a.mass_flow - leak.mass_flow, z.slope + a.slope + leak.slope)
     # implicit mean over the step
     departure = mean_departure_of(here, balance, geometry.before.control, geometry.after.control, dt)
@@ -326,7 +336,7 @@ def fill_control_chamber(
 
 @physics
 def fill_accumulation(
-    c: Any, s: Any, wave: float, outflow: float, leak: Flow, geometry: StepGeometry
+    c: SharedCoefficients, s: SharedState, wave: float, outflow: float, leak: Flow, geometry: StepGeometry
 ) -> AccumulationFlows:
     """Accumulation volume, Eq. (3) in mass: dm/dt = q_pipe − q_out − q_leak; of either actuation.
 
@@ -361,18 +371,21 @@ class StepLaws(NamedTuple):
     gap_cda2: GapLaw  # (c_d A)² of the valve's seat
     leak: LeakLaw  # leakage through a guide
     film: FilmLaw  # what the valve squeezes
+    a_hole: HoleLaw  # A-hole of the control chamber
 
 
 def make_step(laws: StepLaws) -> Callable[..., tuple[State, Waves]]:
     """Step of one variant: function (coefficients, state, inputs, arriving waves, dt) → (state, waves)."""
-    advance, lifts, drive_law, inlet_law, draw, discharge, gap_law, leak_law, film_law = laws
+    advance, lifts, drive_law, inlet_law, draw, discharge, gap_law, leak_law, film_law, hole_law = laws
 
     @physics
     def step(c: Coefficients, s: State, u: Inputs, arriving: Waves, dt: float) -> tuple[State, Waves]:
         """State at t_n + dt, and the waves that leave."""
         here, behind = s.control_chamber.fuel, s.return_line.pressure
         # valve (Newton's second law) and solenoid, Eq. (11), (12)
-        moved_valve = move_valve(c, s, gap_law(c, here, behind, s.valve.lift), film_law(c.valve, s.valve), dt)
+        hole = hole_law(c.control_chamber, here.pressure, behind)
+        gap_before = gap_law(c, hole, here, behind, s.valve.lift)
+        moved_valve = move_valve(c, s, hole, gap_before, film_law(c.valve, s.valve), dt)
         lift = middle(s.valve.lift, moved_valve.lift)
         gap = AirGap(c.valve.lift - lift, lift - s.valve.lift)
         magnet, conducting = magnetise(c, s, u, gap, drive_law, dt)
@@ -386,8 +399,8 @@ def make_step(laws: StepLaws) -> Callable[..., tuple[State, Waves]]:
         upstream = store.pressure + 0.5 * (store.pressure - s.accumulation.pressure_before)
         reached = remembered_lift(c, s, middle(old.tip, new.tip), u.cylinder)
         # here, not above: the compiler orders as it reads, and f32 took 11 % longer with the geometry first
-        gap_cda2 = gap_law(c, here, behind, lift)
-        geometry = StepGeometry(old, new, volumes_of(c, old), volumes_of(c, new), gap_cda2, dt)
+        gap_cda2 = gap_law(c, hole, here, behind, lift)
+        geometry = StepGeometry(old, new, volumes_of(c, old), volumes_of(c, new), dt)
         passing = discharge(c.nozzle, max(reached, middle(old.tip, new.tip)), s.sac.pressure, u.cylinder)
         sac = fill_sac(c, s, u, upstream, passing, geometry)
 
@@ -400,7 +413,8 @@ def make_step(laws: StepLaws) -> Callable[..., tuple[State, Waves]]:
         back = 2.0 * u.low - arriving.back if c.return_line.impedance > 0.0 else u.low
         filling = return_line.without_flow(c.return_line, s.return_line, back)
         plunger_leak = leak_law(c, c.plunger_needle.guides.plunger_gap, here.pressure, u.low)
-        chamber = fill_control_chamber(c, s, feed, filling, plunger_leak, geometry)
+        holes = hole_flows(c, s, hole, feed, filling, gap_cda2)
+        chamber = fill_control_chamber(s, holes, plunger_leak, geometry)
         outlet = return_line.advance(c.return_line, filling, c.fuel.vapour_pressure, chamber.a_hole)
 
         # accumulation volume: Eq. (3), (5), and the feed pipe's end, Eq. (6)

@@ -26,6 +26,7 @@ class _Wired(NamedTuple):
     laws: Laws
     actuation: Actuation
     nozzle_law: str
+    a_hole_law: str
 
 
 class Variant(_Wired):
@@ -46,11 +47,13 @@ class Variant(_Wired):
         "servo" or "direct". A direct-acting injector has a rigid body, whatever is given, and an ideal rail.
     nozzle_law : str
         Law of c_d that an installed package registers under that name; "" for Eq. (9).
+    a_hole_law : str
+        Law of the A-hole that an installed package registers under that name; "" for the paper's.
 
     Raises
     ------
     ConfigurationError
-        If one is no such word, or a direct-acting injector is to be fed from a rail volume.
+        If one is no such word, or a direct-acting injector is to be fed from a rail volume, or to have an A-hole.
     """
 
     __slots__ = ()
@@ -63,6 +66,7 @@ class Variant(_Wired):
         laws: Laws | str = Laws.PAPER,
         actuation: Actuation | str = Actuation.SERVO,
         nozzle_law: str = "",
+        a_hole_law: str = "",
     ) -> Variant:
         acts, fed = chosen(actuation, Actuation, "actuation"), chosen(boundary, Boundary, "boundary")
         given = chosen(body, Body, "body")
@@ -71,12 +75,15 @@ class Variant(_Wired):
                 'A direct-acting injector is fed from an ideal rail; set rail_boundary to "ideal", and give a measured '
                 "rail pressure as a time series if it varies."
             )
-        if plain_text(nozzle_law, "nozzle_law") and registry.find(_NOZZLE_LAWS, nozzle_law) is None:
-            known = registry.installed(_NOZZLE_LAWS)
-            raise ConfigurationError(
-                f'There is no nozzle law "{nozzle_law}"{nearest(nozzle_law, known)}: no installed package registers it '
-                f"in commonrail.{_NOZZLE_LAWS}."
-            )
+        if acts is Actuation.DIRECT and a_hole_law:
+            raise ConfigurationError("A direct-acting injector has no A-hole; omit a_hole_law.")
+        for field, name in (("nozzle_law", nozzle_law), ("a_hole_law", a_hole_law)):
+            group, what = INSTALLED_LAWS[field]
+            if plain_text(name, field) and registry.find(group, name) is None:
+                raise ConfigurationError(
+                    f'There is no {what} "{name}"{nearest(name, registry.installed(group))}: no installed package '
+                    f"registers it in commonrail.{group}."
+                )
         return super().__new__(
             cls,
             Body.RIGID if acts is Actuation.DIRECT else given,
@@ -85,6 +92,7 @@ class Variant(_Wired):
             chosen(laws, Laws, "laws"),
             acts,
             nozzle_law,
+            a_hole_law,
         )
 
     _make = classmethod(lambda cls, values: cls(*values))  # type: ignore[assignment]  # so that `_replace` checks too
@@ -100,7 +108,8 @@ class Variant(_Wired):
         body = "direct-acting needle" if self.actuation is Actuation.DIRECT else f"{self.body.value} body"
         words = f"{body}, {self.boundary.value} rail, {self.drive.value} drive"
         words += "" if self.laws is Laws.PAPER else f", {self.laws.value} laws"
-        return f"{words}, nozzle law {self.nozzle_law}" if self.nozzle_law else words
+        named = {what: getattr(self, field) for field, (_, what) in INSTALLED_LAWS.items()}
+        return ", ".join((words, *(f"{what} {name}" for what, name in named.items() if name)))
 
 
 class Wiring(NamedTuple):
@@ -139,7 +148,8 @@ EXTENDING = (
     "valve.seat_disc",
 )
 
-_NOZZLE_LAWS = "nozzle_laws"  # group of the registry
+# Laws of other packages, by the field of a variant that names one: the group of the registry, and what it is.
+INSTALLED_LAWS = {"nozzle_law": ("nozzle_laws", "nozzle law"), "a_hole_law": ("a_hole_laws", "law of the A-hole")}
 
 
 # What one variant alone needs is imported with it.
@@ -171,25 +181,27 @@ def _body_of(variant: Variant) -> tuple[model.Body, model.Advance, model.Acceler
 
 
 @functools.cache
-def _installed_law(name: str) -> model.DischargeLaw:
-    """Nozzle law of another package, which kernels may inline from now on."""
-    entry = registry.find(_NOZZLE_LAWS, name)
+def _installed_law(field: str, name: str) -> Any:
+    """Law of another package, which kernels may inline from now on; `field`: of `INSTALLED_LAWS`."""
+    group, what = INSTALLED_LAWS[field]
+    entry = registry.find(group, name)
     law = None if entry is None else entry.load()
     if entry is None or not inspect.isfunction(law):
-        raise ConfigurationError(f'The nozzle law "{name}" is no function; update or uninstall its package.')
+        raise ConfigurationError(f'The {what} "{name}" is no function; update or uninstall its package.')
     return physics(law)
 
 
 def _discharge(variant: Variant) -> model.DischargeLaw:
-    return _installed_law(variant.nozzle_law) if variant.nozzle_law else _DISCHARGES[variant.laws]
+    if variant.nozzle_law:
+        return _installed_law("nozzle_law", variant.nozzle_law)  # type: ignore[no-any-return]
+    return _DISCHARGES[variant.laws]
 
 
 def kernel_name(variant: Variant) -> str:
-    """Text by which kernels of variants differ: the label, and a digest of the module of a law from elsewhere."""
-    if not variant.nozzle_law:
-        return variant.label
-    module = sys.modules[_installed_law(variant.nozzle_law).__module__]  # type: ignore[attr-defined]
-    return f"{variant.label} {hashlib.sha256(inspect.getsource(module).encode()).hexdigest()}"
+    """Text by which kernels of variants differ: the label, and a digest of each module of a law from elsewhere."""
+    laws = [_installed_law(field, name) for field in INSTALLED_LAWS if (name := getattr(variant, field))]
+    sources = [inspect.getsource(sys.modules[law.__module__]) for law in laws]
+    return " ".join((variant.label, *(hashlib.sha256(source.encode()).hexdigest() for source in sources)))
 
 
 @functools.cache
@@ -270,6 +282,7 @@ def connections_of(variant: Variant) -> Connections:
         gap_cda2=gap_cda2,
         leak=leak,
         film=film,
+        a_hole=_installed_law("a_hole_law", variant.a_hole_law) if variant.a_hole_law else connections.a_hole,
     )
     at_rest = rest.make_rest(wired.body, leak, variant.boundary)
     return Connections(step.make_step(laws), at_rest, connections.volumes_of, laws)

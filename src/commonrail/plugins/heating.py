@@ -32,6 +32,7 @@ from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.flow import widened
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
+from commonrail.physics.variants import Variant, connections_of
 
 _INTERVALS = 16  # of the way from rail pressure to zero: temperatures are exact to some 0.01 K
 _LENGTHS = ("plunger_needle.plunger_guide_length", "plunger_needle.needle_guide_length")
@@ -191,7 +192,9 @@ def heating(
     control = returned = factor = np.nan
     if injector.variant.actuation is not Actuation.DIRECT:
         low = point.at_start(point.return_pressure)
-        control, cavitation = _drain(c, solution, way) if "return_pressure" in solution.channels else (np.nan, ())
+        cavitation: tuple[str, ...] = ()
+        if "return_pressure" in solution.channels:
+            control, cavitation = _drain(c, injector.variant, solution, way)
         returned = way.at(low)
         factor = _leak_factor(injector.fuel, c.plunger_needle.guides, way, low)
         limits += cavitation + _boiling(injector.fuel, "returned fuel", returned, low, "return")
@@ -259,13 +262,18 @@ def _nozzle(
     return way.at(before), jet, at_rest, limits + _boiling(fuel, "injected fuel", jet, behind, "cylinder")
 
 
-def _drain(c: Any, solution: Solution, way: _Way) -> tuple[float, tuple[str, ...]]:
+def _drain(c: Any, variant: Variant, solution: Solution, way: _Way) -> tuple[float, tuple[str, ...]]:
     """Temperature in the control chamber, mean of what the valve lets out, and the holes that cavitate."""
     channels, hole, vapour = solution.channels, c.control_chamber, c.fuel.vapour_pressure
     feed, chamber = channels["accumulation_pressure"], channels["control_pressure"]
     gap = np.square(c.valve.gap_slope * np.maximum(channels["valve_lift"], 0.0))  # (c_d A)², as `valve.gap_cda2`
-    free = gap * hole.a_cda2 / (gap + hole.a_cda2) * np.maximum(chamber - channels["return_pressure"], 0.0)
-    most = hole.a_cda2_choked * (chamber - vapour)
+    behind = channels["return_pressure"]
+    a_cda2, choked = hole.a_cda2, hole.a_cda2_choked
+    if variant.a_hole_law:
+        law = connections_of(variant).laws.a_hole
+        a_cda2, choked = np.array([law(hole, *at) for at in zip(chamber.tolist(), behind.tolist(), strict=True)]).T
+    free = gap * a_cda2 / (gap + a_cda2) * np.maximum(chamber - behind, 0.0)
+    most = choked * (chamber - vapour)
     limits = _cavitation("the A-hole", free, most, gap > 0.0)
     limits += _cavitation("the Z-hole", hole.z_cda2 * (feed - chamber), hole.z_cda2_choked * (feed - vapour), gap > 0.0)
     return way.at(_mean(chamber, np.sqrt(np.maximum(np.minimum(free, most), 0.0)))), limits

@@ -23,7 +23,7 @@ from commonrail.physics.components.plunger_needle import cylinder_mass, cylinder
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.physics.law import Q
-from commonrail.physics.variants import Variant, model_of, reader_of, unread_parameters, varied
+from commonrail.physics.variants import INSTALLED_LAWS, Variant, model_of, reader_of, unread_parameters, varied
 from commonrail.readers.fuel import FuelModel, catalogue_fuel, parse_fuel
 from commonrail.readers.location import Place, Reach, located
 from commonrail.readers.toml import (
@@ -162,6 +162,7 @@ class _Head(FileModel):
     rail_boundary: Annotated[Boundary, choice(Boundary)] = Boundary.IDEAL
     drive_kind: Annotated[Drive, choice(Drive)] = Drive.REGULATED
     nozzle_law: str = ""  # of an installed package; "" is Eq. (9)
+    a_hole_law: str = ""  # likewise; "" is the paper's
     # of the bench that it was calibrated on: see `load_meters`
     meters: MeterTables = Field(default_factory=dict)
 
@@ -306,7 +307,7 @@ VARIANT_KEYS = {
     "rail_boundary": "boundary",
     "drive_kind": "drive",
     "actuation": "actuation",
-    "nozzle_law": "nozzle_law",
+    **{name: name for name in INSTALLED_LAWS},
 }
 _DECIDING = {"rail": "rail_boundary", "drive": "drive_kind", "plunger_needle": "variant"}  # keys that say what is read
 
@@ -336,10 +337,13 @@ def _variant(model: Any, base: Injector | None, at: Place) -> Variant:
             f'{base.name} is a {base.variant.actuation.value} injector, and actuation is "{model.actuation.value}"; '
             "name a base of that kind"
         )
+    laws = {key: words.pop(key) for key in INSTALLED_LAWS}
     with located(at):
-        Variant(**words | {"nozzle_law": ""})
-    with located(at / "nozzle_law"):
-        return Variant(**words)
+        variant = Variant(**words)
+    for key, name in laws.items():
+        with located(at / key):
+            variant = variant._replace(**{key: name})
+    return variant
 
 
 _DISC_OF = {"valve.stop_film": "valve.stop_disc", "valve.seat_film": "valve.seat_disc"}

@@ -13,7 +13,7 @@ from commonrail.base.units import to_text
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source
 from commonrail.physics.law import Q
-from commonrail.physics.variants import Variant
+from commonrail.physics.variants import INSTALLED_LAWS, Variant
 from commonrail.readers.fuel import fuel_document, load_fuel, shipped_fuels
 from commonrail.readers.injector import VARIANT_KEYS
 from commonrail.readers.toml import UNSTATED, inline_table, key_text, table_lines, value_text
@@ -94,7 +94,7 @@ def _identity(injector: Injector) -> dict[str, str]:
     named = {"format": FORMAT, "name": injector.name, "title": injector.title}
     for key, field in VARIANT_KEYS.items():
         value = getattr(injector.variant, field)
-        if key not in ("actuation", "nozzle_law") or value != getattr(Variant(), field):
+        if key not in ("actuation", *INSTALLED_LAWS) or value != getattr(Variant(), field):
             named[key] = value if isinstance(value, str) else value.value
     return named | ({"synthetic": injector.synthetic} if injector.synthetic else {})
 

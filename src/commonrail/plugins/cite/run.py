@@ -19,6 +19,7 @@ from commonrail.cli.model_name import read_model_name
 from commonrail.compiler.target import package_versions
 from commonrail.physics.injector import Injector, Source
 from commonrail.physics.meters import Meter
+from commonrail.physics.variants import INSTALLED_LAWS
 from commonrail.readers.location import Place
 from commonrail.readers.toml import UNSTATED, FileModel, fault, read_model, read_toml
 from commonrail.runs.folder import RESULT, STUDY, read_result
@@ -215,7 +216,7 @@ def _packages(
     used: dict[str, Collection[object]] = {
         "injectors": stated,
         "fuels": {injector.fuel.name},
-        "nozzle_laws": {injector.variant.nozzle_law},
+        **{group: {getattr(injector.variant, field)} for field, (group, _) in INSTALLED_LAWS.items()},
         "meters": {meter.name for meter in meters},
         "optimisers": {record.get("optimiser", {}).get("method")},
         "data": {data["kind"] for data in record.get("data", ())},
