@@ -15,7 +15,6 @@ from commonrail.base.arguments import Limits
 from commonrail.base.arrays import Floats
 from commonrail.base.declare import (
     Choice,
-    Flag,
     Number,
     OptionalNumber,
     Setting,
@@ -44,7 +43,7 @@ class Search:
     share: Number = setting(words="share", default="10 %", limits=Limits(0.0, 0.5), text="Share that is kept.")
     step: OptionalNumber = setting(words="time step", unit="s", default=None, limits=Limits(1e-9, 1e-4))
     draws: Whole = setting(words="number of draws", default=4, limits=Limits(1, 100))
-    exact: Flag = setting(words="exactness", default=False)
+    exact: bool = setting(words="exactness", default=False)
     times: Setting[tuple[float, ...], list[str | float]] = setting(words="times", unit="s", default=(), option=False)
 
     def __post_init__(self) -> None:
@@ -56,7 +55,7 @@ class Search:
 class Ordered:
     """Fields in order."""
 
-    name: Text = setting(words="name")
+    name: Text = setting()
     share: Number = setting(words="share", default=0.5)
     before: Ordered | None = None
 

@@ -61,8 +61,6 @@ class Setting(Generic[_Value, _Accepted]):
 Number = Setting[float, Quantity]
 OptionalNumber = Setting[float | None, Quantity | None]
 Whole = int  # a field that keeps what it accepts has the type itself for its annotation
-OptionalWhole = int | None
-Flag = bool
 Text = str
 Choice = Setting[_Choice, _Choice | str]
 
@@ -173,7 +171,7 @@ def _members(kind: Any) -> tuple[Any, ...]:
 
 def setting(
     *,
-    words: str,
+    words: str = "",
     default: Any = dataclasses.MISSING,
     unit: str = "1",
     limits: Limits | None = None,
@@ -186,7 +184,7 @@ def setting(
     Parameters
     ----------
     words : str
-        Its name in sentences, as "share of failures".
+        Its name in sentences, as "share of failures"; by default that of the field with spaces.
     default : object
         As the constructor takes it, so that ``"10 %"`` is possible; without one the field must be given.
     unit : str
@@ -238,7 +236,8 @@ def _settings(cls: Any, kw_only: bool, frame: types.FrameType) -> Any:
         if field is not None and "setting" in field.metadata:
             kind = eval(kind, frame.f_globals, frame.f_locals) if isinstance(kind, str) else kind
             kind = get_args(kind)[0] if get_origin(kind) is Setting else kind
-            declared[name] = field.metadata["setting"]._replace(kind=kind)
+            one: Declared = field.metadata["setting"]
+            declared[name] = one._replace(kind=kind, words=one.words or name.replace("_", " "))
     made.__settings__ = declared
     made.__doc__ = f"{inspect.getdoc(made)}\n\nParameters\n----------\n{_parameters(made)}"
     return made

@@ -92,23 +92,17 @@ class FmuStudy:
 
     title: str = setting(words="title of the study")
     fmu: Fmu = setting(words="fmu of the study")
-    data: tuple[FmuData, ...] = setting(words="data", text="At least one with role fit; their names differ.")
+    data: tuple[FmuData, ...] = setting(text="At least one with role fit; their names differ.")
     space: Space = setting(words="space of the study", text="Free variables of the FMU, in its units.")
     method: Method = setting(words="method of the study")
-    seed: int = setting(words="seed")
-    step: Number = setting(words="step", unit="s", read=positive("s"), text="Communication step.")
+    seed: int = setting()
+    step: Number = setting(unit="s", read=positive("s"), text="Communication step.")
     time_limit: Number = setting(
-        words="time_limit",
-        unit="s",
-        default=TIME_LIMIT,
-        read=positive("s"),
-        text="Time after which the process of a simulation is ended.",
+        unit="s", default=TIME_LIMIT, read=positive("s"), text="After it a simulation is ended."
     )
-    loss: Choice[Loss] = setting(
-        words="loss", default=Loss.SQUARES, text="squares or soft_l1 of the residuals in tolerances."
-    )
+    loss: Choice[Loss] = setting(default=Loss.SQUARES, text="squares or soft_l1 of the residuals in tolerances.")
     loss_scale: Number = setting(
-        words="loss_scale", default=1.0, read=positive("1"), text="Residual from which soft L1 grows in proportion."
+        default=1.0, read=positive("1"), text="Residual from which soft L1 grows in proportion."
     )
     files: Mapping[Path, str] = field(default_factory=dict)  # SHA-256 of each file that it was read from, its own first
     text: str = setting(words="text of the study", default="", text="The study file as given.")

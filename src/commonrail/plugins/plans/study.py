@@ -63,9 +63,8 @@ class PlanTest:
     """One test of a plan; `ConfigurationError` if a value makes no sense, or limits and nominal contradict another."""
 
     name: str = setting(words="name of a test", text="As the plan calls it: VL, EM, LL, VE, leak.")
-    rail_pressure: Number = setting(words="rail pressure", unit="Pa", limits=RAIL_PRESSURES)
+    rail_pressure: Number = setting(unit="Pa", limits=RAIL_PRESSURES)
     energisings: Setting[tuple[Energising, ...], Sequence[tuple[Quantity, Quantity]]] = setting(
-        words="energisings",
         read=lambda value, _: read_pulses(value),
         text="One or two; of duration zero for the leakage of the closed injector.",
     )
@@ -74,11 +73,7 @@ class PlanTest:
     upper: OptionalNumber = setting(words="upper quantity", unit="m3", default=None, text="Upper limit.")
     measure: Choice[Measure] = setting(words="measure of a test", default=Measure.DELIVERY)
     stroke_rate: OptionalNumber = setting(
-        words="stroke rate",
-        unit="1/s",
-        default=None,
-        limits=STROKE_RATES,
-        text="Strokes of the bench, for what the guides leak between two strokes.",
+        unit="1/s", default=None, limits=STROKE_RATES, text="Of the bench, for what leaks between two strokes."
     )
     bench: OptionalNumber = setting(words="bench quantity", unit="m3", default=None, text="Measured of a part.")
 

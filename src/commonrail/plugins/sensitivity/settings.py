@@ -29,51 +29,39 @@ class SensitivitySettings:
     """Settings of a sensitivity study; `ConfigurationError` for a value of another kind or beyond its limits."""
 
     design: Choice[Design] = setting(
-        words="design",
-        default=Design.SOBOL,
-        text="Design: sobol divides the variance among parameters, morris screens many of them.",
+        default=Design.SOBOL, text="sobol divides the variance among parameters, morris screens many of them."
     )
     samples: int = setting(
         words="number of samples",
         default=0,
         limits=Limits(0, 2**20),
-        text="Number of base points (a power of two) or trajectories, 4 or more; 0 for 1024 or 50.",
+        text="Base points (a power of two) or trajectories, 4 or more; 0 for 1024 or 50.",
     )
     on_failure: Choice[OnFailure] = setting(
         words="policy for failures",
         default=OnFailure.OMIT,
-        text="Policy for failed simulations: omit their effects and count them, or refuse.",
+        text="Omit the effects of failed simulations and count them, or refuse.",
     )
     most_failed: Number = setting(
         words="largest share of failures",
         default="10%",
         limits=Limits(0.0, 0.9),
-        text="Share of failed simulations above which an output gets no indices.",
+        text="Share above which an output gets no indices.",
     )
-    seed: int = setting(words="seed", default=1, text="Seed of design and bootstrap.")
+    seed: int = setting(default=1, text="Seed of design and bootstrap.")
     time_step: OptionalNumber = setting(
-        words="time step",
-        unit="s",
-        default=None,
-        limits=TIME_STEPS,
-        text="Time step, e.g. 1us. [default: that of the study, or 1us]",
+        unit="s", default=None, limits=TIME_STEPS, text="Such as 1us. [default: that of the study, or 1us]"
     )
-    precision: Choice[Precision] = setting(
-        words="precision", default=Precision.F64, text="Precision of the simulations."
-    )
+    precision: Choice[Precision] = setting(default=Precision.F64, text="Precision of the simulations.")
     resamples: int = setting(
         words="number of resamples",
         default=1000,
         limits=Limits(100, 100_000),
-        text="Resamples of the bootstrap that gives the intervals.",
+        text="Resamples of the bootstrap.",
         option=False,
     )
     confidence: Number = setting(
-        words="confidence",
-        default="95%",
-        limits=Limits(0.5, 0.999),
-        text="Probability of the intervals.",
-        option=False,
+        default="95%", limits=Limits(0.5, 0.999), text="Probability of the intervals.", option=False
     )
 
     def __post_init__(self) -> None:

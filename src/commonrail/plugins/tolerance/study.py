@@ -279,7 +279,7 @@ class SeriesTrim:
         words="number of parts of the trim",
         default=8192,
         limits=Limits(100, 1_000_000),
-        text="Number of parts that are trimmed and simulated again.",
+        text="Parts that are trimmed and simulated again.",
     )
     resolution: Number = setting(
         words="resolution of the trim",
@@ -310,20 +310,18 @@ class Tolerances:
         words="injector of a tolerance study",
         text="As drawn: its values are nominal, and those of dimensions that do not scatter.",
     )
-    dimensions: Setting[tuple[Dimension, ...], Sequence[Dimension]] = setting(
-        words="dimensions", text="At least one, each name once."
-    )
+    dimensions: Setting[tuple[Dimension, ...], Sequence[Dimension]] = setting(text="At least one, each name once.")
     points: Setting[tuple[TolerancePoint, ...], Sequence[TolerancePoint]] = setting(
-        words="points", text="At least one, each name once."
+        text="At least one, each name once."
     )
-    correlations: Setting[tuple[Correlation, ...], Sequence[Correlation]] = setting(words="correlations", default=())
+    correlations: Setting[tuple[Correlation, ...], Sequence[Correlation]] = setting(default=())
     trim: SeriesTrim | None = None
     _: KW_ONLY
     parts: int = setting(words="number of parts", default=100_000, limits=Limits(1000, MOST_FIGURES))
-    seed: int = setting(words="seed", default=1)
-    sampling: Choice[Sampling] = setting(words="sampling", default=Sampling.QUASI_RANDOM)
-    time_step: Number = setting(words="time step", unit="s", default=DEFAULT_STEP, limits=TIME_STEPS)
-    precision: Choice[Precision] = setting(words="precision", default=Precision.F64)
+    seed: int = setting(default=1)
+    sampling: Choice[Sampling] = setting(default=Sampling.QUASI_RANDOM)
+    time_step: Number = setting(unit="s", default=DEFAULT_STEP, limits=TIME_STEPS)
+    precision: Choice[Precision] = setting(default=Precision.F64)
     synthetic: str = setting(
         words="note on what is synthetic", default="", text="What about the tolerances is assumed; empty if nothing."
     )
