@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from commonrail.base.errors import InputError
-from commonrail.compiler import lower
+from commonrail.compiler import child as child_process
 from commonrail.plugins.doctor.run import run_child
 from commonrail.plugins.export.object_files import compiler_for, run, target_named
 from commonrail.readers.guarded import read_apart
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.process
 
 
 def compile_laws(folder: Path) -> None:
-    child = lower._Child("f64")
+    child = child_process._Child("f64")
     child.ask(doubled.source())
     child.end()
 

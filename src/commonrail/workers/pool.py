@@ -141,9 +141,10 @@ def unchanged(*names: str) -> Iterator[None]:
 def shielded() -> Iterator[None]:
     """Processes started inside compute on one thread, run no module of the current folder, and get no stop signal."""
     settings = (*SINGLE_THREADED, SAFE_PATH)
-    with unchanged(*settings), _blocked_signals():
-        os.environ.update(dict.fromkeys(settings, "1"))
-        yield
+    with unchanged(*settings):
+        os.environ.update(dict.fromkeys(settings, "1"))  # before the first process, which is multiprocessing's own
+        with _blocked_signals():
+            yield
 
 
 @contextmanager
