@@ -26,7 +26,8 @@ import numpy as np
 from benchmarks.case import POINT, TIME_STEP, candidates, injector
 from benchmarks.timing import Effort, time_best
 from commonrail.base.choices import Precision
-from commonrail.compiler.lower import optimised, ordered, texts
+from commonrail.compiler.child import texts
+from commonrail.compiler.lower import optimised, ordered
 from commonrail.compiler.target import System, own_processor
 from commonrail.engine import lanes, plan
 from commonrail.engine.job import VECTORS

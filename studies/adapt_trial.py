@@ -65,13 +65,17 @@ WIDER = 2.0  # spreads of the types that are given few quantities, in `TOLERANCE
 ABSOLUTE, RELATIVE, FINE = 0.05e-9, 0.006, 0.25e-6  # scatter of the bench [m³], [1]; step of the truth [s]
 
 
-def type_of(injector: cr.Injector, scale: float = 1.0) -> cr.InjectorType:
+def type_of(injector: cr.Injector, scale: float = 1.0) -> cr.parts.InjectorType:
     """The type: values of the catalogue, spreads of the makers times a scale."""
     parameters = [
-        cr.TypeParameter(name, value, share * value, 0.5 * value, 2.0 * value, "E", "maker's tolerance", share * value)
+        cr.parts.TypeParameter(
+            name, value, share * value, 0.5 * value, 2.0 * value, "E", "maker's tolerance", share * value
+        )
         for name, share, value in ((name, scale * share, injector.values[name]) for name, share in TOLERANCES.items())
     ]
-    return cr.InjectorType("trial", "made up", tuple(parameters), (cr.TypePart("none", "made up", {}),), injector)
+    return cr.parts.InjectorType(
+        "trial", "made up", tuple(parameters), (cr.parts.TypePart("none", "made up", {}),), injector
+    )
 
 
 def operating_points(points: Sequence[tuple[float, float]]) -> tuple[cr.OperatingPoint, ...]:
@@ -91,19 +95,19 @@ def reading(at: tuple[cr.OperatingPoint, ...], true: Floats, random: np.random.G
     read = np.maximum(true + off * random.standard_normal(len(at)), 0.0)
     text = "studies/adapt_trial.py"
     return cr.QuantityData(
-        "points", cr.Role.FIT, at, read, ABSOLUTE, RELATIVE, np.zeros(len(at), bool), 1.0, text, text
+        "points", cr.data.Role.FIT, at, read, ABSOLUTE, RELATIVE, np.zeros(len(at), bool), 1.0, text, text
     )
 
 
-def verdict(known: cr.InjectorType, seed: int, defect: dict[str, float]) -> tuple[list[str], str]:
+def verdict(known: cr.parts.InjectorType, seed: int, defect: dict[str, float]) -> tuple[list[str], str]:
     """Doubts of a part drawn from the tolerances, with a defect, and the change that explains it."""
     random, own = np.random.default_rng(seed), known.injector.values
     shares = TOLERANCES | {HOLE: HOLE_SPREAD}
     drawn = {name: own[name] * (1.0 + share * random.standard_normal()) for name, share in shares.items()}
     part = known.injector.with_values({n: drawn.get(n, own[n]) * defect.get(n, 1.0) for n in {*drawn, *defect}})
     try:
-        doubts = cr.adapt(known, measured(part, random), flow_spread=2.0 * HOLE_SPREAD).doubts
-    except cr.InputError as error:
+        doubts = cr.parts.adapt(known, measured(part, random), flow_spread=2.0 * HOLE_SPREAD).doubts
+    except cr.errors.InputError as error:
         return [str(error)], ""
     return list(doubts.sentences), doubts.change
 
@@ -136,7 +140,7 @@ def left_out(injector: cr.Injector, count: int) -> bool:
             data = reading(tuple(at[r] for r in rows), true[rows], random)
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
-                adapted = cr.adapt(known, data, flow_spread=2.0 * WIDER * HOLE_SPREAD, threads=1)
+                adapted = cr.parts.adapt(known, data, flow_spread=2.0 * WIDER * HOLE_SPREAD, threads=1)
             warned += bool(caught)
             found = cr.simulate_batch(adapted.injector, at, threads=1).injected_volume[0, k]
             errors[j, i] = np.array([found, by_flow_alone(injector, data, at[k]), of_type[k]]) / true[k] - 1.0
@@ -160,7 +164,7 @@ def main() -> None:
         sys.exit(not all([left_out(cr.load_injector(name), args.few) for name in TYPES]))
     count = args.sound
     injector = cr.load_injector(INJECTOR)
-    known = type_of(replace(injector, sources=injector.sources | {"valve.lift": cr.Source("E", "not gauged")}))
+    known = type_of(replace(injector, sources=injector.sources | {"valve.lift": cr.models.Source("E", "not gauged")}))
     doubted, missed = 0, []
     for seed in range(count):
         sentences, change = verdict(known, seed, {})

@@ -66,14 +66,16 @@ def closed_loop(
 ) -> tuple[list[np.ndarray], int] | None:
     """Quantities (trains, injections) [m³] without, with a map, and after each round; alarms. None if a shot fails."""
     model = cr.load_injector(MODEL)
-    settings = cr.ObserverSettings(cylinder_pressure=CYLINDER, return_pressure=RETURN)
-    trains = [cr.InjectionTrain(part.shown(rail), wanted, (dwell,) * (len(wanted) - 1)) for rail, dwell in cells]
-    times = cr.compensate(model, trains, settings, threads=1)
+    settings = cr.observer.ObserverSettings(cylinder_pressure=CYLINDER, return_pressure=RETURN)
+    trains = [
+        cr.observer.InjectionTrain(part.shown(rail), wanted, (dwell,) * (len(wanted) - 1)) for rail, dwell in cells
+    ]
+    times = cr.observer.compensate(model, trains, settings, threads=1)
     without = [one._replace(energising_times=one.plain_times) for one in times]
     found, previous, last, alarms = [], None, None, 0
     for k, used in enumerate([without, *[times] * (rounds + 1)]):
         if previous is not None:
-            used = last = cr.compensate(previous, trains, last=last, threads=1)
+            used = last = cr.observer.compensate(previous, trains, last=last, threads=1)
         done = part.inject(cells, [[(a, b) for a, b in one.energisings] for one in used])
         if done is None:
             return None
@@ -81,7 +83,7 @@ def closed_loop(
         if 0 < k <= rounds:
             clock, pressure, pulses = done[1]
             first = settings if previous is None else None
-            previous = cr.observe(model, clock, pressure, pulses, first, previous=previous, threads=1)
+            previous = cr.observer.observe(model, clock, pressure, pulses, first, previous=previous, threads=1)
             alarms += sum(shot.alarm is not None for shot in previous.shots)
     return found, alarms
 

@@ -6,7 +6,7 @@
 A bench is the fast engine's own simulation of a hidden truth, with noise of a fixed seed, fitted as `commonrail
 certainty` does. Coverage is the percentage of 95 % intervals that hold the truth; width is the half-width over 1.96
 standard deviations of the estimates over all benches (1 is honest and efficient). "Wrong" is the percentage of the
-parameters called pinned whose truth lies farther away than the verdict says, "alarms" that of the benches whose
+parameters called determined whose truth lies farther away than the verdict says, "alarms" that of the benches whose
 residuals are found to be no noise.
 """
 
@@ -43,7 +43,7 @@ MAP = [cr.OperatingPoint(p * 1e6, t * 1e-6) for p in (60, 100, 160) for t in (30
 SIGMA = 0.3e-6  # standard deviation of a sample [m³/s]
 TOLERANCE = 0.05e-9  # of a quantity: the standard deviation of its error [m³]
 THREE = {"nozzle.discharge_maximum": 0.8, "control_chamber.a_hole_diameter": 0.262e-3, "plunger_needle.k7": 6.0e7}
-SEVEN = {f"plunger_needle.k{i}": cr.PAPER_OPTIMUM[f"plunger_needle.k{i}"] for i in range(1, 8)}
+SEVEN = {f"plunger_needle.k{i}": cr.lab.PAPER_OPTIMUM[f"plunger_needle.k{i}"] for i in range(1, 8)}
 ORDER = "k7 < k2 < k3 < k5 < k4 < k1 < k6".replace("k", "plunger_needle.k")
 FRICTION = {"plunger_needle.friction": 5.0, "plunger_needle.viscous": 2.0}  # [N], [N s/m] of each guide
 TEMPERATURE, KELVIN = 313.15, 3.0  # of the fuel: middle and standard deviation of what a bench draws [K]
@@ -123,7 +123,7 @@ class Promise(NamedTuple):
         Coverage of each parameter.
     width : (float, float) or None
     wrong : float or None
-        Largest share of parameters wrongly called pinned.
+        Largest share of parameters wrongly called determined.
     alarms : (float, float) or None
         Share of benches whose residuals are found to be no noise.
     """
@@ -196,7 +196,7 @@ class Benches:
         self.bed = bed
         injector = cr.load_injector("virtual-lino-2016")
         self.injector = replace(injector, variant=injector.variant._replace(drive=Drive.REGULATED))
-        (low, high), units = bed.spread, cr.parameter_quantities()
+        (low, high), units = bed.spread, cr.models.parameter_quantities()
         parameters = [
             cr.Parameter(n, v, v * (1 - low), v * (1 + high), units[n].unit, mark="E", source="virtual")
             for n, v in bed.truth.items()
@@ -205,7 +205,7 @@ class Benches:
             prior = cr.Prior(TEMPERATURE, KELVIN, "virtual")
             bounds = TEMPERATURE, TEMPERATURE - 6 * KELVIN, TEMPERATURE + 6 * KELVIN
             parameters.append(cr.Parameter("fuel.temperature", *bounds, "K", mark="E", source="virtual", prior=prior))
-        self.space = cr.Space(parameters, bed.constraints)
+        self.space = cr.fit.Space(parameters, bed.constraints)
         self.bounds = np.arange(0.0, END + 0.5 * INTERVAL, INTERVAL)
         self.first = Likelihood.of(with_uncertain_free(self.bench(0).study), 1)
         self.library = library(self.first, MEMBERS, seed=5)
@@ -228,14 +228,16 @@ class Benches:
         if bed.quantities:
             quantity = self._seen(self._map(np.zeros(len(MAP))), values)
             data.append(self._map(quantity + TOLERANCE * rng.standard_normal(len(quantity))))
-        return Bench(cr.Study("bench", self.injector, tuple(data), self.space, cr.Method(), 1, STEP), np.array(truth))
+        return Bench(
+            cr.Study("bench", self.injector, tuple(data), self.space, cr.fit.Method(), 1, STEP), np.array(truth)
+        )
 
     def _curve(self, rate: Floats, meter: cr.Meter | None = None) -> cr.RateData:
-        return cr.RateData("curve", cr.Role.FIT, CURVE, self.bounds, rate, 1.0, "", "virtual", meter=meter)
+        return cr.RateData("curve", cr.data.Role.FIT, CURVE, self.bounds, rate, 1.0, "", "virtual", meter=meter)
 
     def _map(self, quantity: Floats) -> cr.QuantityData:
         dead = np.zeros(len(quantity), bool)
-        return cr.QuantityData("map", cr.Role.FIT, MAP, quantity, TOLERANCE, 0.0, dead, 1.0, "", "virtual")
+        return cr.QuantityData("map", cr.data.Role.FIT, MAP, quantity, TOLERANCE, 0.0, dead, 1.0, "", "virtual")
 
     def _seen(self, data: DataSet, values: Mapping[str, float]) -> Floats:
         """Values of a truth as the bench shows them."""
@@ -255,7 +257,7 @@ class Benches:
 
 class Row(NamedTuple):
     """Figures of a bed: coverage of each parameter and of all, widths, half-widths in percent of the value, share of
-    intervals printed, pinned parameters, wrong ones among them, alarms, simulations and processor time of a fit."""
+    intervals printed, determined parameters, wrong ones among them, alarms, simulations and processor time of a fit."""
 
     benches: int
     each: Floats
@@ -284,7 +286,7 @@ def row(bed: Bed, many: int) -> Row:
         inside.append((low <= bench.truth) & (bench.truth <= high))
         half.append(0.5 * (high - low) / bench.truth)
         printed.append(np.full(len(low), one.estimate.settled and not one.draws.refusal))
-        pinned.append([j.verdict is ParameterVerdict.PINNED for j in one.verdicts])
+        pinned.append([j.verdict is ParameterVerdict.DETERMINED for j in one.verdicts])
         right.append(np.abs(point - bench.truth) <= [j.half for j in one.verdicts])
         alarms.append(any(test.found for test in one.tests))
     held, shown, called = np.array(inside), np.array(printed), np.array(pinned)
@@ -322,7 +324,7 @@ def misses(found: Row, promise: Promise) -> list[str]:
             ("coverage", found.every, promise.every),
             ("coverage of a parameter", found.each, promise.each),
             ("width", found.widths, promise.width),
-            ("wrongly pinned", found.wrong, None if promise.wrong is None else (0.0, promise.wrong)),
+            ("wrongly determined", found.wrong, None if promise.wrong is None else (0.0, promise.wrong)),
             ("alarms", found.alarms, promise.alarms),
         )
         if limits is not None and outside(values, limits)
@@ -330,7 +332,7 @@ def misses(found: Row, promise: Promise) -> list[str]:
 
 
 HEAD = """\
-| bed | benches | coverage of each, % | all, % | width | half-width, % | printed, % | pinned, % | wrong, % | \
+| bed | benches | coverage of each, % | all, % | width | half-width, % | printed, % | determined, % | wrong, % | \
 alarms, % | simulations, s a fit |
 |---|---|---|---|---|---|---|---|---|---|---|"""
 

@@ -7,7 +7,7 @@ A bench is a simulation of a hidden truth at a finer step than the fit's, with n
 is fitted as `calibrate` does at its end: from one start near the truth. Coverage is the percentage
 of the 95 % intervals that hold the truth, withdrawn verdicts or not; infinite intervals are refused ones and do not
 count. Its error is that of the benches, whose parameters err together. Width is the mean half width over 1.96 standard
-deviations of the estimates. "Wrong" is the percentage of the parameters called pinned whose truth lies farther away
+deviations of the estimates. "Wrong" is the percentage of the parameters called determined whose truth lies farther away
 than the verdict says.
 """
 
@@ -100,7 +100,7 @@ class Benches:
         self.time, self.injected = true.time, true.injected / true.reference_density
         self.bounds = np.arange(0.0, bed.point.horizon + 0.5 * bed.interval, bed.interval)
         quantities = bed.injector.quantities
-        self.space = cr.Space(
+        self.space = cr.fit.Space(
             [
                 cr.Parameter(
                     name,
@@ -125,9 +125,11 @@ class Benches:
         rate = self.rate(noise.delay * rng.standard_normal())
         rate = rate + noise.errors(rng, rate, bed.interval, SIGMA)
         stated = Noise(uncertain={"delay": noise.delay} if noise.delay else {})
-        data = cr.RateData("curve", cr.Role.FIT, bed.point, self.bounds, rate, 1.0, "", "virtual").changed(noise=stated)
+        data = cr.RateData("curve", cr.data.Role.FIT, bed.point, self.bounds, rate, 1.0, "", "virtual").changed(
+            noise=stated
+        )
         start = {name: value * (1.0 + NEAR * rng.uniform(-1.0, 1.0)) for name, value in bed.middle.items()}
-        return cr.Study("bench", bed.injector, (data,), self.space, cr.Method(), 1, bed.step), start
+        return cr.Study("bench", bed.injector, (data,), self.space, cr.fit.Method(), 1, bed.step), start
 
 
 @dataclass(frozen=True)
@@ -169,13 +171,13 @@ def measured(bed: str, noise: str, many: int, limit: float = np.inf) -> Found:
             break
         study, start = benches.study(NOISES[noise], seed)
         try:
-            one = cr.certify(study, start, threads=1)
-        except cr.SimulationError:
+            one = cr.certainty(study, start, threads=1)
+        except cr.errors.SimulationError:
             failed += 1
             continue
         withdrawn += bool(one.withdrawn)
         simulations += one.estimate.simulated
-        pinned = np.array([v.verdict is ParameterVerdict.PINNED for v in one.verdicts])
+        pinned = np.array([v.verdict is ParameterVerdict.DETERMINED for v in one.verdicts])
         half = np.array([v.half for v in one.verdicts])
         rows.append((one.estimate.point[: one.d], one.low, one.high, pinned, half))
     point, low, high, pinned, half = (np.array(column) for column in zip(*rows, strict=True))
@@ -213,8 +215,8 @@ def _percent(flags: Floats) -> float:
 
 
 HEAD = """\
-| bed | noise | benches | coverage of each, % | all, % | width | pinned, % | wrong, % | withdrawn, % | refused, % | \
-failed | simulations, s a fit |
+| bed | noise | benches | coverage of each, % | all, % | width | determined, % | wrong, % | withdrawn, % | \
+refused, % | failed | simulations, s a fit |
 |---|---|---|---|---|---|---|---|---|---|---|---|"""
 
 

@@ -44,7 +44,7 @@ from commonrail.plugins.diagnose.run import (
     visible_faults,
 )
 from commonrail.plugins.plans.data import PlanData
-from commonrail.plugins.plans.run import run_plan
+from commonrail.plugins.plans.run import plan as run_plan
 from commonrail.plugins.plans.study import Measure, PlanTest, State, TestPlan
 from commonrail.report.figure import figure_svg
 

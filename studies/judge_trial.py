@@ -164,7 +164,7 @@ def judge_study(seed: int, folder: Path) -> Record:
     bench, run = draw_bench(seed), folder / f"study{seed}"
     if not (run / "result.json").is_file():
         shutil.rmtree(run, ignore_errors=True)
-        cr.calibrate_into(run, bench.study, threads=1)
+        cr.runs.calibrate_into(run, bench.study, threads=1)
     record = json.loads((run / "result.json").read_text(encoding="utf-8"))
     level, title, reasons, _ = verdict_of(record, "run")
     injector = cr.load_injector(str(run / "calibrated.toml"))

@@ -6,7 +6,7 @@ sparse starts of four points are drawn. Each start is fitted, three points are a
 both diagonals of a regular grid of pressure and energising time), each is fitted, and the error is compared at the
 points that none of them holds: against the measured quantity, for a virtual injector against the true one.
 
-    python -m studies.next_trial [--benches 10] [--starts 10] [--criterion v] [--draws 6] [--noise 0.3]
+    python -m studies.next_trial [--benches 10] [--starts 10] [--criterion v] [--noise 0.3]
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def of_points(like: cr.QuantityData, points: Sequence[cr.OperatingPoint], quanti
     return replace(
         like,
         name="map",
-        role=cr.Role.FIT,
+        role=cr.data.Role.FIT,
         points=tuple(points),
         quantity=quantity,
         dead_time=none,
@@ -71,13 +71,13 @@ def reduced(study: cr.Study) -> cr.Study:
     """The case with its first parameters free and the others at the values of their priors."""
     own = study.space.parameters
     rest = {p.name: middle(p) for p in own[FREE:]}
-    space = cr.Space(own[:FREE], ())
+    space = cr.fit.Space(own[:FREE], ())
     return replace(study, injector=study.injector.with_values(rest), space=space, conditions=())
 
 
 def fitted(study: cr.Study, begin: Floats) -> Floats:
     """Most likely values [SI] under data and prior, from a start in positions."""
-    own = cr.Likelihood.of(study, 1)
+    own = cr.fit.Likelihood.of(study, 1)
     if not np.isfinite(own.residuals(own.space.from_unit(begin[None]))).all():
         begin = starts_from(own, library(own, 64), 1)[0]
     return estimate(own, begin[None], rounds=1).point
@@ -133,7 +133,7 @@ def diagonals(data: cr.QuantityData, taken: Sequence[int]) -> list[list[int]]:
 
 
 def trial(
-    study: cr.Study, maps: tuple[cr.QuantityData, cr.QuantityData], seed: int, settings: cr.DesignSettings
+    study: cr.Study, maps: tuple[cr.QuantityData, cr.QuantityData], seed: int, settings: cr.design.DesignSettings
 ) -> dict[str, Any]:
     """Errors [tolerances, rms] before and after points were added in each way, to a map as measured and as true."""
     data, true = maps
@@ -143,9 +143,9 @@ def trial(
     sparse = part_of(study, data, start)
     before = fitted(sparse, begin)
     free = [i for i in range(len(data.points)) if i not in start]
-    candidates = [cr.Candidate("quantities", data.points[i]) for i in free]
+    candidates = [cr.design.Candidate("quantities", data.points[i]) for i in free]
     best = dict(zip(study.space.names, before.tolist(), strict=True))
-    plan = cr.next_measurements(sparse, best, candidates, settings, threads=1)
+    plan = cr.design.next_measurements(sparse, best, candidates, settings, threads=1)
     advised = [free[candidates.index(one.candidate)] for one in plan.measurements]
     ways = {"advised": advised, **dict(zip(("rising", "falling"), diagonals(data, start), strict=True))}
     others = [i for i in free if all(i not in rows for rows in ways.values())]
@@ -174,13 +174,12 @@ def main() -> None:
     parser.add_argument("--starts", type=int, default=10)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--criterion", default="v", choices=["v", "d", "a"])
-    parser.add_argument("--draws", type=int, default=6)
     parser.add_argument("--noise", type=float, default=0.3)
     given = parser.parse_args()
     study = reduced(cr.load_study(CASE))
     sigma = cr.Noise(sigma=given.noise, law=Law.GAUSSIAN)
     measured = whole_map(study).changed(noise=sigma)
-    settings = cr.DesignSettings(ADDED, cr.Criterion(given.criterion), draws=given.draws)
+    settings = cr.design.DesignSettings(points=ADDED, criterion=given.criterion)
     beds = [
         (bed, given.first + s) for bed, n in (("virtual", given.benches), ("CRI2-16", given.starts)) for s in range(n)
     ]

@@ -118,10 +118,10 @@ NOTHING = 0.01  # share of the nominal quantity
 class Part(NamedTuple):
     """A part: its plan, its full load and idle, its first pilot later, and the simulator that varies `NAMES`."""
 
-    data: cr.PlanData
-    full: cr.PlanData
-    set_by: cr.PlanData
-    later: tuple[cr.PlanData, ...]
+    data: cr.parts.PlanData
+    full: cr.parts.PlanData
+    set_by: cr.parts.PlanData
+    later: tuple[cr.parts.PlanData, ...]
     simulator: Simulator
     stated: tuple[str, ...]  # parameters that its plan states
 
@@ -159,8 +159,10 @@ def read_parts(path: Path, *, types: bool = False) -> dict[str, list[Part]]:
         injector = cr.load_injector(label_of(family)) if types else prior_of(family)[0].with_values(stated | misprints)
         tests = [_test(row) for row in own]
 
-        def data(tests: Sequence[cr.PlanTest], name: str = name, injector: cr.Injector = injector) -> cr.PlanData:
-            return cr.PlanData.of(cr.TestPlan(name, tuple(tests)), injector, ("0.5 MPa", "0.1 MPa"), name)
+        def data(
+            tests: Sequence[cr.parts.PlanTest], name: str = name, injector: cr.Injector = injector
+        ) -> cr.parts.PlanData:
+            return cr.parts.PlanData.of(cr.parts.TestPlan(name, tuple(tests)), injector, ("0.5 MPa", "0.1 MPa"), name)
 
         part = Part(
             data(tests),
@@ -174,9 +176,9 @@ def read_parts(path: Path, *, types: bool = False) -> dict[str, list[Part]]:
     return families
 
 
-def _test(row: dict[str, str]) -> cr.PlanTest:
+def _test(row: dict[str, str]) -> cr.parts.PlanTest:
     nominal, half = float(row["nominal_mm3"]) * 1e-9, float(row["half_band_percent"]) / 100.0
-    return cr.PlanTest(
+    return cr.parts.PlanTest(
         row["test"],
         float(row["rail_pressure_MPa"]) * 1e6,
         (cr.Energising(0.0, float(row["energising_us"]) * 1e-6),),
@@ -188,7 +190,7 @@ def _test(row: dict[str, str]) -> cr.PlanTest:
     )
 
 
-def _later(test: cr.PlanTest, time: float) -> cr.PlanTest:
+def _later(test: cr.parts.PlanTest, time: float) -> cr.parts.PlanTest:
     return replace(test, energisings=(cr.Energising(0.0, test.energisings[0].duration + time),))
 
 
@@ -231,7 +233,7 @@ def residuals(part: Part, shifts: Floats, flow: ArrayLike, opening: ArrayLike = 
     return _deviations(part.data, found)
 
 
-def _deviations(data: cr.PlanData, found: Floats) -> Floats:
+def _deviations(data: cr.parts.PlanData, found: Floats) -> Floats:
     tolerances = np.array([TOLERANCES.get(test.name, OTHERS) for test in data.tests])
     off = np.nan_to_num((found / data.measured - 1.0) / tolerances, nan=LARGEST)
     return np.asarray(np.clip(off, -LARGEST, LARGEST))
@@ -310,7 +312,7 @@ def regression(train: Sequence[Part], judged: Sequence[Part], *, idle: bool) -> 
     return [float(error) for error in np.expm1(wanted[:, :-1] @ coefficients - wanted[:, -1])]
 
 
-def _rate(test: cr.PlanTest, full: cr.PlanTest) -> float:
+def _rate(test: cr.parts.PlanTest, full: cr.parts.PlanTest) -> float:
     return test.energisings[0].duration / full.energisings[0].duration
 
 

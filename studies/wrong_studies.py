@@ -129,15 +129,15 @@ def draw_bench(seed: int) -> Bench:
         _curve(true, at, wrong, late, NOISES[noise].delay, noise, rng) for at in CURVES[: 1 + int(rng.integers(2))]
     ]
     with_map, with_unseen = rng.random() < 0.67, rng.random() < 0.5
-    maps = [_map(true, MAP, wrong, cr.Role.FIT, rng)] if with_map else []
-    maps += [_map(true, HELD_BACK, wrong, cr.Role.VALIDATION, rng)] if with_unseen else []
+    maps = [_map(true, MAP, wrong, cr.data.Role.FIT, rng)] if with_map else []
+    maps += [_map(true, HELD_BACK, wrong, cr.data.Role.VALIDATION, rng)] if with_unseen else []
     units = injector.quantities
     parameters = [
         cr.Parameter(one, value, value * (1.0 - SPREAD), value * (1.0 + SPREAD), units[one].unit, mark="E", source="")
         for one, value in ((one, injector.values[one]) for one in free)
     ]
-    method = cr.Method(cr.StagedSettings(members=128, generations=40, inversions=8), polish=3)
-    study = cr.Study(f"bench {seed}", injector, (*curves, *maps), cr.Space(parameters), method, 1, STEP)
+    method = cr.fit.Method(cr.fit.StagedSettings(members=128, generations=40, inversions=8), polish=3)
+    study = cr.Study(f"bench {seed}", injector, (*curves, *maps), cr.fit.Space(parameters), method, 1, STEP)
     return Bench(study, name, noise, truth, quantities(true, UNSEEN, STEP / 4.0))
 
 
@@ -158,12 +158,16 @@ def _curve(
     volume = np.interp(bounds - late, solution.time, solution.injected / solution.reference_density)
     rate = wrong.gain * np.diff(volume) / INTERVAL
     rate = rate + NOISES[noise].errors(rng, rate, INTERVAL, SIGMA)
-    data = cr.RateData(f"{1e-6 * at[0]:.0f} MPa", cr.Role.FIT, seen, bounds, rate, 1.0, "bench", "")
+    data = cr.RateData(f"{1e-6 * at[0]:.0f} MPa", cr.data.Role.FIT, seen, bounds, rate, 1.0, "bench", "")
     return data.changed(noise=Noise(uncertain={"delay": stated} if stated else {}))
 
 
 def _map(
-    true: cr.Injector, points: tuple[tuple[float, float], ...], wrong: Wrong, role: cr.Role, rng: np.random.Generator
+    true: cr.Injector,
+    points: tuple[tuple[float, float], ...],
+    wrong: Wrong,
+    role: cr.data.Role,
+    rng: np.random.Generator,
 ) -> cr.QuantityData:
     real = tuple((rail * wrong.rail, time) for rail, time in points)
     quantity = wrong.gain * quantities(true, real, STEP / 4.0)

@@ -21,8 +21,7 @@ def read_in_process(monkeypatch: pytest.MonkeyPatch, *apart: str) -> None:
         reader, options, memory, _ = args
         if reader.rpartition(".")[2].removesuffix("_child") in apart:
             return start(args, data, stream)
-        read = import_module(reader).read
-        guarded.write(stream, read, data, json.loads(options), int(memory))
+        guarded.write(stream, import_module(reader), data, json.loads(options), int(memory))
         return 0
 
     monkeypatch.setattr(guarded, "_run", run)

@@ -46,7 +46,7 @@ def fake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     monkeypatch.setattr(module, "run_study", run_study)
     monkeypatch.setattr(module, "run_reproduction", run_reproduction)
     monkeypatch.setattr("commonrail.calibration.study_file.load_study", lambda path: path.parent.name)
-    monkeypatch.setattr("commonrail.plugins.paper.bench_file.write_bench_data", write_bench)
+    monkeypatch.setattr("commonrail.plugins.paper.bench_file.virtual_bench", write_bench)
     return tmp_path / "cases"
 
 

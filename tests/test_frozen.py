@@ -21,13 +21,15 @@ TIMES = np.linspace(0.0, 1e-3, 5)
 
 
 def curve() -> cr.RateData:
-    meter = cr.Meter("bench", {"delay": "5 us"}, sources={"delay": cr.Source("M", "data sheet")})
+    meter = cr.Meter("bench", {"delay": "5 us"}, sources={"delay": cr.models.Source("M", "data sheet")})
     noise = cr.Noise(uncertain={"delay": "1 us"})
-    return cr.RateData("curve", cr.Role.FIT, POINT, TIMES, np.full(4, 1e-6), 1.0, "", "", meter=meter, noise=noise)
+    return cr.RateData("curve", cr.data.Role.FIT, POINT, TIMES, np.full(4, 1e-6), 1.0, "", "", meter=meter, noise=noise)
 
 
 def quantities() -> cr.QuantityData:
-    return cr.QuantityData("map", cr.Role.FIT, [POINT], [6e-8], 1e-9, 0.03, [False], 1.0, "", "", np.array([820.0]))
+    return cr.QuantityData(
+        "map", cr.data.Role.FIT, [POINT], [6e-8], 1e-9, 0.03, [False], 1.0, "", "", np.array([820.0])
+    )
 
 
 def study(data: Any) -> cr.Study:
@@ -35,19 +37,21 @@ def study(data: Any) -> cr.Study:
     return replace(made, files={Path("study.toml"): "0" * 64})
 
 
-PLAN = cr.TestPlan("plan", [cr.PlanTest("VL", 160e6, [(0.0, 700e-6)], nominal=6e-8, lower=5e-8, upper=7e-8)])
-PLAN_DATA = cr.PlanData.of(PLAN, INJECTOR, ("5 MPa", "0.5 MPa"), "plan", role=cr.Role.FIT)
+PLAN = cr.parts.TestPlan(
+    "plan", [cr.parts.PlanTest("VL", 160e6, [(0.0, 700e-6)], nominal=6e-8, lower=5e-8, upper=7e-8)]
+)
+PLAN_DATA = cr.parts.PlanData.of(PLAN, INJECTOR, ("5 MPa", "0.5 MPa"), "plan", role=cr.data.Role.FIT)
 OBJECTS: dict[str, Callable[[], Any]] = {
     "injector": lambda: cr.load_injector("cri2-16"),
     "fuel": lambda: cr.load_fuel("iso4113"),
-    "truth": lambda: cr.load_truth("virtual-lino-2016"),
+    "truth": lambda: cr.lab.load_truth("virtual-lino-2016"),
     "curve": lambda: study(curve()),
     "map": lambda: study([quantities()]),
     "plan": lambda: PLAN,
     "plan data": lambda: study(PLAN_DATA),
-    "trace": lambda: cr.RateTrace(TIMES, np.ones(4)),
-    "axes": lambda: cr.MapAxes.usual(160e6),
-    "observer": lambda: cr.ObserverSettings(deviations={"nozzle flow": 0.03}),
+    "trace": lambda: cr.features.RateTrace(TIMES, np.ones(4)),
+    "axes": lambda: cr.maps.MapAxes.usual(160e6),
+    "observer": lambda: cr.observer.ObserverSettings(deviations={"nozzle flow": 0.03}),
 }
 
 
@@ -117,7 +121,7 @@ def test_what_was_passed_in_is_not_what_is_kept() -> None:
     ],
 )
 def test_no_way_leads_past_the_checks(make: Callable[[], object]) -> None:
-    with pytest.raises(cr.ConfigurationError):
+    with pytest.raises(cr.errors.ConfigurationError):
         make()
 
 

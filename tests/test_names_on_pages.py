@@ -15,6 +15,7 @@ import re
 import tomllib
 from collections import defaultdict
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -140,7 +141,7 @@ def targets() -> frozenset[str]:
 @functools.cache
 def words() -> frozenset[str]:
     """Names that stand alone: definitions, whole texts, verbs, catalogue, status codes, parameters."""
-    parameters = {part for path in cr.parameter_quantities() for part in (path, *path.split("."))}
+    parameters = {part for path in cr.models.parameter_quantities() for part in (path, *path.split("."))}
     files = {path.stem for path in SRC.rglob("*.toml")} | {path.name for path in (ROOT / "cases").iterdir()}
     rooms = {path.name for path in SRC.iterdir()} | {path.stem for path in SRC.iterdir()}
     known = source().names | source().texts | parameters | files | rooms | set(VERBS) | set(dir(builtins))
@@ -152,6 +153,9 @@ def is_member(name: str) -> bool:
     parts = name.removeprefix("commonrail.").removeprefix("cr.").split(".")
     if len(parts) == 1:
         return parts[0] in cr.__all__ or parts[0] in source().members["commonrail"]
+    space = getattr(cr, parts[0]) if parts[0] in cr.__all__ else None
+    if isinstance(space, ModuleType) and (name.startswith("cr.") or parts[1] in space.__all__):
+        return parts[1] in space.__all__ and (len(parts) == 2 or is_member(".".join(parts[1:])))
     return any(all(each.has(*pair) for pair in itertools.pairwise(parts)) for each in (source(), tools(), suite()))
 
 
@@ -274,6 +278,7 @@ def test_every_link_leads_to_a_file_and_its_heading(page: Path) -> None:
         "engine/blocks.py",
         "engine.block.Vectors",
         "cr.simulated",
+        "cr.maps.adapt",
         "Solution.opened",
         "solenoid.State.fluxes",
         "valve.spring_preloads",

@@ -103,7 +103,7 @@ def test_every_file_in_the_readmes_commands_is_there_or_was_made_before() -> Non
 
 
 def test_the_injectors_in_the_readmes_commands_are_of_the_catalogue() -> None:
-    known = set(cr.injector_catalogue())
+    known = set(cr.models.injector_catalogue())
     for words in commands(README, "commonrail"):
         if words[1] == "simulate":
             assert words[2] in known, shlex.join(words)

@@ -3,28 +3,63 @@
 from __future__ import annotations
 
 import ast
+import builtins
+import operator
+import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 import commonrail
+from commonrail.base import registry
+from commonrail.base.public import places, stated, stub_of
 
 HEAVY = ["click", "jinja2", "numba", "numpy", "matplotlib", "pydantic", "rich", "scipy", "tomlkit"]
 
 
-@pytest.mark.parametrize("name", commonrail.__all__)
-def test_every_public_name_can_be_had(name: str) -> None:
-    assert getattr(commonrail, name) is not None
-    assert name in dir(commonrail)
+PLACES = places()
+NAMESPACES = [name for name, home in stated(stub_of("")).items() if home == "."]
+
+
+@pytest.mark.parametrize(("name", "place"), PLACES.items())
+def test_every_public_name_can_be_had(name: str, place: str) -> None:
+    module = import_module(place)
+    assert getattr(module, name) is not None
+    assert name in dir(module)
+
+
+def test_a_name_has_one_place_and_is_no_builtin() -> None:
+    names = [name for space in ["", *NAMESPACES] for name in stated(stub_of(space))]
+    assert sorted(names) == sorted(set(names))
+    assert set(names) & set(dir(builtins)) == set()
+
+
+def test_a_stub_states_every_name_of_its_module() -> None:
+    """A line that the pattern does not read would be a name for the type checker alone."""
+    for space in ["", *NAMESPACES]:
+        tree = ast.parse(stub_of(space).read_text(encoding="utf-8"))
+        names = {a.asname for node in tree.body if isinstance(node, ast.ImportFrom) for a in node.names}
+        assert names == set(stated(stub_of(space)))
+
+
+VERBS = [verb for verb in registry.entries("verbs") if verb != "lab"]  # which is the group of its verbs
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_has_its_function(verb: str) -> None:
+    page = (PACKAGE.parents[1] / "docs" / "howto" / "python.md").read_text(encoding="utf-8")
+    (path,) = re.findall(rf"^\| `{verb}` \| `cr\.([\w.]+)`", page, re.M)
+    assert callable(operator.attrgetter(path)(commonrail))
+    word, name = verb.removeprefix("lab ").replace("-", "_"), path.rpartition(".")[2]
+    taken = hasattr(builtins, word) or word in NAMESPACES or (PACKAGE / word).is_dir()
+    assert word in name.split("_") if taken else word == name
 
 
 PACKAGE = Path(commonrail.__file__).parent
-STUB = ast.parse((PACKAGE / "__init__.pyi").read_text(encoding="utf-8"))
-HOMES = {
-    alias.name: node.module or "" for node in STUB.body if isinstance(node, ast.ImportFrom) for alias in node.names
-}
+HOMES = {name: home.removeprefix("commonrail.") for s in ["", *NAMESPACES] for name, home in stated(stub_of(s)).items()}
 OTHER_PLUGINS = [
     ["plugins", path.name]
     for path in (PACKAGE / "plugins").iterdir()
@@ -46,8 +81,8 @@ def test_the_reproduction_is_made_of_public_names(file: str) -> None:
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("commonrail"):
             names = [f"{node.module}.{alias.name}." for alias in node.names]
             assert all(f"{node.module}.".startswith(allowed) or n.startswith(allowed) for n in names), names
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "cr":
-            assert node.attr in commonrail.__all__, node.attr
+        owners = ["cr", *(f"cr.{space}" for space in NAMESPACES)]
+        if isinstance(node, ast.Attribute) and ast.unparse(node.value) in owners and node.attr not in NAMESPACES:
             # public names are loaded when they are used, which the contracts of imports do not see
             assert HOMES[node.attr].split(".")[:2] not in OTHER_PLUGINS, node.attr
 
@@ -57,8 +92,22 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
         commonrail.simulat  # noqa: B018
 
 
+@pytest.mark.parametrize(
+    ("module", "name", "place"),
+    [
+        ("commonrail", "map", "commonrail.maps.quantity_map"),
+        ("commonrail", "adapt", "commonrail.parts.adapt"),
+        ("commonrail", "Trim", "commonrail.parts.SeriesTrim"),
+        ("commonrail.maps", "simulate", "commonrail.simulate"),
+    ],
+)
+def test_a_name_of_another_place_is_an_attribute_error_that_says_where(module: str, name: str, place: str) -> None:
+    with pytest.raises(AttributeError, match=rf"has no {name}; it is {place}\."):
+        getattr(import_module(module), name)
+
+
 def test_importing_the_package_loads_nothing_of_its_own_either() -> None:
     code = "import sys, commonrail;"
     code += f"print(*(m for m in sys.modules if m in {HEAVY} or m.startswith('commonrail.')))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == []
+    assert set(done.stdout.split()) == {"commonrail.base", "commonrail.base.public"}

@@ -164,13 +164,13 @@ WITHOUT_STUDY: list[tuple[Callable[..., object], str, str, tuple[Any, ...]]] = [
     ),
     (cr.load_injector, "source", "injector|path", (*NO_PATH, "virtual-lino")),
     (cr.load_study, "path", "path|file", (*NO_PATH, "no such.toml")),
-    (cr.load_truth, "source", "truth|path", (*NO_PATH, "virtual-lino")),
+    (cr.lab.load_truth, "source", "truth|path", (*NO_PATH, "virtual-lino")),
     (cr.load_fuel, "source", "fuel|path", (*NO_PATH, "iso4114", ["iso4113"])),
-    (cr.read_run, "folder", "folder|result.json", (*NO_PATH, "nowhere")),
-    (cr.create_run_folder, "path", "folder", NO_PATH),
-    (cr.list_runs, "folder", "folder", (*NO_PATH, "nowhere")),
+    (cr.runs.read_run, "folder", "folder|result.json", (*NO_PATH, "nowhere")),
+    (cr.runs.create_run_folder, "path", "folder", NO_PATH),
+    (cr.runs.list_runs, "folder", "folder", (*NO_PATH, "nowhere")),
     (cr.write_report, "folder", "folder|result.json", (*NO_PATH, "nowhere")),
-    (cr.simulation_figure, "solutions", "solution", (*NO_KIND, {"a": 1})),
+    (cr.models.simulation_figure, "solutions", "solution", (*NO_KIND, {"a": 1})),
     (lambda value: cr.dump_injector(value, Path("x.toml")), "value", "injector", NO_KIND),
     (lambda value: cr.dump_injector(INJECTOR, value), "value", "path", NO_PATH),
     (
@@ -179,12 +179,12 @@ WITHOUT_STUDY: list[tuple[Callable[..., object], str, str, tuple[Any, ...]]] = [
         "notes",
         (0, "a", {"k": "b"}, {K1: 1}, *STRANGE),
     ),
-    (lambda value: cr.write_run(Path("x"), value, {}), "value", "calibration", NO_KIND),
-    (lambda value: cr.reproduce(value, [1]), "value", "bench", NO_KIND),
-    (lambda value: cr.bench_curve(value, INJECTOR, 160e6, 700e-6, 1), "value", "truth", NO_KIND),
-    (lambda value: cr.for_seeds(lambda seed, after: None, value), "value", "seed", NO_LIST),
-    (lambda value: cr.for_seeds(value, [1]), "value", "search", (None, 0, 1.5, "four", [], object())),
-    (lambda value: cr.identify_at(value, None, np.zeros(2)), "value", "space", NO_KIND),
+    (lambda value: cr.runs.write_run(Path("x"), value, {}), "value", "calibration", NO_KIND),
+    (lambda value: cr.lab.reproduce(value, [1]), "value", "bench", NO_KIND),
+    (lambda value: cr.lab.bench_curve(value, INJECTOR, 160e6, 700e-6, 1), "value", "truth", NO_KIND),
+    (lambda value: cr.lab.for_seeds(lambda seed, after: None, value), "value", "seed", NO_LIST),
+    (lambda value: cr.lab.for_seeds(value, [1]), "value", "search", (None, 0, 1.5, "four", [], object())),
+    (lambda value: cr.fit.identify_at(value, None, np.zeros(2)), "value", "space", NO_KIND),
     (lambda value: EvolutionSettings(members=value), "value", "members", (*NO_COUNT, None, 3, 10**6)),
     (
         lambda value: EvolutionSettings(generations=value),
@@ -206,32 +206,37 @@ WITHOUT_STUDY: list[tuple[Callable[..., object], str, str, tuple[Any, ...]]] = [
     (lambda value: mass(reference=value), "value", "reference", (*NO_NUMBER[:8], "4 mm")),
     (lambda value: mass(upper=value), "value", "upper", (*NO_NUMBER[:8], "5 mm")),
     (lambda value: mass(unit=value), "value", "unit", ("m", "g", None, 1)),
-    (lambda value: cr.Space(value), "value", "parameters", (None, True, 0, "valve.mass", {})),
-    (lambda value: cr.Space([value]), "value", "Parameter", (None, "valve.mass")),
-    (lambda value: cr.Space([mass()]).point(value), "value", "values", (*NO_KIND[:6], {"valve.lift": 1.0})),
-    (lambda value: cr.Space([mass()]).point({"valve.mass": value}), "value", "valve.mass", NO_NUMBER[:8]),
+    (lambda value: cr.fit.Space(value), "value", "parameters", (None, True, 0, "valve.mass", {})),
+    (lambda value: cr.fit.Space([value]), "value", "Parameter", (None, "valve.mass")),
+    (lambda value: cr.fit.Space([mass()]).point(value), "value", "values", (*NO_KIND[:6], {"valve.lift": 1.0})),
+    (lambda value: cr.fit.Space([mass()]).point({"valve.mass": value}), "value", "valve.mass", NO_NUMBER[:8]),
     (
-        lambda value: cr.percent_bounds(value, 10.0, 10.0),
+        lambda value: cr.fit.percent_bounds(value, 10.0, 10.0),
         "value",
         "reference",
         (None, True, "abc", "1 m", float("nan")),
     ),
     (lambda value: cr.Noise(sigma=value), "value", "sigma", ("a", "1 mm3", [], 0, -1)),
-    (lambda value: cr.Objective(value, [K1], [], 1e-6), "value", "injector", NO_KIND),
-    (lambda value: cr.Objective(INJECTOR, [value], [], 1e-6), "value", "names", ("valve.mas", "k1")),
-    (lambda value: cr.Objective(INJECTOR, [K1], [], value), "value", "time step", (*NO_NUMBER, 0, -1, 1)),
-    (lambda value: cr.sweep(INJECTOR, value), "value", "variables", (None, ["dwell"], "dwell", 1)),
-    (lambda value: cr.map(INJECTOR, pressures=["80 MPa"], times=[value]), "value", "times", (300, "3 mm", "x", None)),
+    (lambda value: cr.fit.Objective(value, [K1], [], 1e-6), "value", "injector", NO_KIND),
+    (lambda value: cr.fit.Objective(INJECTOR, [value], [], 1e-6), "value", "names", ("valve.mas", "k1")),
+    (lambda value: cr.fit.Objective(INJECTOR, [K1], [], value), "value", "time step", (*NO_NUMBER, 0, -1, 1)),
+    (lambda value: cr.maps.sweep(INJECTOR, value), "value", "variables", (None, ["dwell"], "dwell", 1)),
     (
-        lambda value: cr.sample_feasible(cr.Space([mass()]), value, np.random.default_rng(1)),
+        lambda value: cr.maps.quantity_map(INJECTOR, pressures=["80 MPa"], times=[value]),
+        "value",
+        "times",
+        (300, "3 mm", "x", None),
+    ),
+    (
+        lambda value: cr.fit.sample_feasible(cr.fit.Space([mass()]), value, np.random.default_rng(1)),
         "value",
         "number of points",
         (True, "two", None, -1, 1.5, float("nan"), float("inf"), *STRANGE),
     ),
-    (lambda value: cr.sample_feasible(cr.Space([mass()]), 3, value), "value", "rng", NO_KIND),
-    (lambda value: cr.sample_feasible(value, 3, np.random.default_rng(1)), "value", "space", NO_KIND),
-    (lambda value: cr.TestPlan("plan", value), "value", "test", (*NO_LIST, [], [1])),
-    (cr.identify, "calibration", "calibration", NO_KIND),
+    (lambda value: cr.fit.sample_feasible(cr.fit.Space([mass()]), 3, value), "value", "rng", NO_KIND),
+    (lambda value: cr.fit.sample_feasible(value, 3, np.random.default_rng(1)), "value", "space", NO_KIND),
+    (lambda value: cr.parts.TestPlan("plan", value), "value", "test", (*NO_LIST, [], [1])),
+    (cr.fit.identify, "calibration", "calibration", NO_KIND),
 ]
 
 
@@ -252,8 +257,8 @@ def test_a_wrong_argument_is_refused_by_name(call: Callable[..., object], name: 
 def test_what_is_no_study_is_refused(value: Any, study: cr.Study, tmp_path: Path) -> None:
     for call in (
         lambda: cr.calibrate(value),
-        lambda: cr.check_study(value),
-        lambda: cr.calibrate_into(tmp_path / "run", value),
+        lambda: cr.fit.check_study(value),
+        lambda: cr.runs.calibrate_into(tmp_path / "run", value),
         lambda: cr.compare({"a": INJECTOR}, value),
         lambda: cr.compare({"a": INJECTOR}, [value]),
     ):
@@ -264,15 +269,15 @@ def test_what_is_no_study_is_refused(value: Any, study: cr.Study, tmp_path: Path
 
 
 def test_settings_of_a_run_are_refused_before_anything_is_written(study: cr.Study, tmp_path: Path) -> None:
-    into, bench = tmp_path / "run", cr.Bench(cr.load_truth("virtual-lino-2016"), INJECTOR, 1e-6)
+    into, bench = tmp_path / "run", cr.lab.Bench(cr.lab.load_truth("virtual-lino-2016"), INJECTOR, 1e-6)
     for threads in NO_COUNT:
         for call in (
             lambda how=threads: cr.calibrate(study, threads=how),
-            lambda how=threads: cr.check_study(study, how),
-            lambda how=threads: cr.calibrate_into(into, study, threads=how),
+            lambda how=threads: cr.fit.check_study(study, how),
+            lambda how=threads: cr.runs.calibrate_into(into, study, threads=how),
             lambda how=threads: cr.resume(into, threads=how),
             lambda how=threads: cr.compare({"a": INJECTOR}, study, threads=how),
-            lambda how=threads: cr.reproduce(bench, [1], threads=how),
+            lambda how=threads: cr.lab.reproduce(bench, [1], threads=how),
         ):
             refused(call, "threads")
     for value in (0, 1.5, "four", [], object()):
@@ -280,16 +285,16 @@ def test_settings_of_a_run_are_refused_before_anything_is_written(study: cr.Stud
         refused(lambda how=value: cr.calibrate(study, progress=how), "progress")
         refused(lambda how=value: cr.calibrate(study, warn=how), "warn")
         refused(lambda how=value: cr.calibrate(study, strict=how), "strict")
-        refused(lambda how=value: cr.calibrate_into(into, study, strict=how), "strict")
+        refused(lambda how=value: cr.runs.calibrate_into(into, study, strict=how), "strict")
         refused(lambda how=value: cr.calibrate(study, checkpoint=how), "checkpoint")
-        refused(lambda how=value: cr.calibrate_into(into, study, workers=how), "workers")
-        refused(lambda how=value: cr.calibrate_into(into, study, listener=how), "listener")
+        refused(lambda how=value: cr.runs.calibrate_into(into, study, workers=how), "workers")
+        refused(lambda how=value: cr.runs.calibrate_into(into, study, listener=how), "listener")
         refused(lambda how=value: cr.resume(into, study=how), "study")
         refused(lambda how=value: cr.resume(into, as_begun=how), "as_begun")
     for value in (-1, 1.5, "ten", None, float("nan"), float("inf"), True, [], object()):
         refused(lambda how=value: cr.resume(into, generations=how), "generations")
     for value in NO_PATH:
-        refused(lambda how=value: cr.calibrate_into(how, study), "folder")
+        refused(lambda how=value: cr.runs.calibrate_into(how, study), "folder")
         refused(lambda how=value: cr.resume(how), "folder")
     assert not into.exists()
 
@@ -300,25 +305,25 @@ def test_settings_of_a_run_are_refused_before_anything_is_written(study: cr.Stud
     ids=lambda value: type(value).__name__,
 )
 def test_wrong_seeds_of_a_reproduction_are_refused(seeds: Any) -> None:
-    bench = cr.Bench(cr.load_truth("virtual-lino-2016"), INJECTOR, "1 us")
-    refused(lambda: cr.reproduce(bench, seeds), "seed")
+    bench = cr.lab.Bench(cr.lab.load_truth("virtual-lino-2016"), INJECTOR, "1 us")
+    refused(lambda: cr.lab.reproduce(bench, seeds), "seed")
 
 
 def test_a_bench_of_wrong_parts_is_refused() -> None:
-    truth = cr.load_truth("virtual-lino-2016")
-    refused(lambda: cr.reproduce(cr.Bench("virtual-lino-2016", INJECTOR, 1e-6), [1]), "truth")
-    refused(lambda: cr.reproduce(cr.Bench(truth, "virtual-lino-2016", 1e-6), [1]), "injector")
-    refused(lambda: cr.reproduce(cr.Bench(truth, INJECTOR, 1), [1]), "time step")
+    truth = cr.lab.load_truth("virtual-lino-2016")
+    refused(lambda: cr.lab.reproduce(cr.lab.Bench("virtual-lino-2016", INJECTOR, 1e-6), [1]), "truth")
+    refused(lambda: cr.lab.reproduce(cr.lab.Bench(truth, "virtual-lino-2016", 1e-6), [1]), "injector")
+    refused(lambda: cr.lab.reproduce(cr.lab.Bench(truth, INJECTOR, 1), [1]), "time step")
 
 
 @pytest.mark.parametrize(
     ("call", "word"),
     [
-        (lambda: cr.load_plan(None), "path of a test plan"),  # type: ignore[arg-type]
-        (lambda: cr.TypeParameter(3, 1.0, 1.0, 0.0, 2.0), "name of a parameter"),  # type: ignore[arg-type]
-        (lambda: cr.TypeParameter("valve.mass", 5e-3, "x", 0.0, 1.0), "spread of valve.mass"),  # type: ignore[arg-type]
-        (lambda: cr.FixedValue("valve.mass", []), "valve.mass"),  # type: ignore[arg-type]
-        (lambda: cr.Dimension([], None), "name of a parameter"),  # type: ignore[arg-type]
+        (lambda: cr.parts.load_plan(None), "path of a test plan"),  # type: ignore[arg-type]
+        (lambda: cr.parts.TypeParameter(3, 1.0, 1.0, 0.0, 2.0), "name of a parameter"),  # type: ignore[arg-type]
+        (lambda: cr.parts.TypeParameter("valve.mass", 5e-3, "x", 0.0, 1.0), "spread of valve.mass"),  # type: ignore[arg-type]
+        (lambda: cr.parts.FixedValue("valve.mass", []), "valve.mass"),  # type: ignore[arg-type]
+        (lambda: cr.parts.Dimension([], None), "name of a parameter"),  # type: ignore[arg-type]
     ],
 )
 def test_what_is_no_path_name_or_number_is_refused(call: Callable[[], object], word: str) -> None:
@@ -408,10 +413,10 @@ def test_quantity_data_of_wrong_parts_are_refused(changed: dict[str, Any], word:
         (lambda: cr.OperatingPoint(160e6, 700), '700 s was read; if 700 us is meant, write "700 us"'),
         (lambda: cr.OperatingPoint(160e6, 0.7), '0.7 s was read; if 0.7 ms is meant, write "0.7 ms"'),
         (
-            lambda: cr.sensitivity(cr.load_injector("crin"), ["valve.mass"], [POINT]),
-            'commonrail.parameters_within(injector, ["valve.mass"]) makes them',
+            lambda: cr.design.sensitivity(cr.load_injector("crin"), ["valve.mass"], [POINT]),
+            'commonrail.design.parameters_within(injector, ["valve.mass"]) makes them',
         ),
-        (lambda: cr.check_study("study.toml"), 'commonrail.load_study("study.toml")'),
+        (lambda: cr.fit.check_study("study.toml"), 'commonrail.load_study("study.toml")'),
         (lambda: cr.OperatingPoint(160e6, -5e-6), "between 0 s and 100 ms, and -5 us was read"),
         (lambda: one(time_step=1), '1 s was read; if 1 us is meant, write "1 us"'),
         (
@@ -429,7 +434,7 @@ def test_the_sentence_has_the_cure(call: Callable[[], object], cure: str) -> Non
 
 @pytest.mark.parametrize("best", [None, {}, {"valve.mass": 0.004}, [1.0]])
 def test_best_values_that_lack_a_free_parameter_are_refused(study: cr.Study, best: Any) -> None:
-    for call in (cr.certify, cr.predict, cr.next_measurements):
+    for call in (cr.certainty, cr.predict, cr.design.next_measurements):
         refused(lambda call=call: call(study, best), "values of the parameters")
 
 

@@ -73,22 +73,24 @@ def _calibrate(case: Path, folder: Path, threads: int | None) -> Outcome:
     from commonrail.calibration.study_file import load_study
 
     if case.name == "paper" and not any((case / "data").glob("*.csv")):
-        from commonrail.plugins.paper.bench_file import write_bench_data
+        from commonrail.plugins.paper.bench_file import virtual_bench
 
         say("simulating the virtual test bench; this takes minutes ...")
-        write_bench_data(case, BENCH_SEED)
+        virtual_bench(case, BENCH_SEED)
     return run_study(load_study(case / "study.toml"), folder, threads)
 
 
 def _print(outcome: Outcome) -> None:
+    from commonrail.calibration.record import CalibrationRecord, read_as
     from commonrail.report.fit.tables import tables_of
     from commonrail.report.fit.verdict import headline
 
     click.echo(outcome.record["title"])
     if outcome.record["synthetic"]:
         click.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
-    print_lines(headline(outcome.record))
-    for table in tables_of(outcome.record["data"]):
+    record = read_as(CalibrationRecord, outcome.record)
+    print_lines(headline(record))
+    for table in tables_of(record.data):
         print_table(table)
 
 

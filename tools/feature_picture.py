@@ -23,7 +23,7 @@ RATE, MARK, LEVEL = "#1b5e8c", "#c1272d", "#6b7785"
 def draw(path: Path) -> None:
     """Simulate both injections and draw their rate with what is found in it."""
     trace = cr.simulate(cr.load_injector("virtual-lino-2016"), POINT)
-    found = cr.features(trace, POINT)
+    found = cr.features.find_features(trace, POINT)
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(7.2, 3.2))
         axes.plot(trace.rate_time * 1e6, trace.rate_mm3_per_ms, color=RATE, linewidth=1.4)
@@ -44,7 +44,7 @@ def draw(path: Path) -> None:
         figure.savefig(path, metadata={"Date": None})
 
 
-def annotate(axes: Axes, number: int, injection: cr.Injection, pulse: cr.Energising, level: float) -> None:
+def annotate(axes: Axes, number: int, injection: cr.features.Injection, pulse: cr.Energising, level: float) -> None:
     """Mark energising, opening, closing, delays, peak and quantity of one injection."""
     start, end = 1e6 * pulse.start, 1e6 * (pulse.start + pulse.duration)
     axes.plot([start, end], [-3.0, -3.0], color="black", linewidth=4.0, solid_capstyle="butt")

@@ -6,17 +6,20 @@ public names. `tools/site_pages.py` hands them to the site.
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import inspect
 import re
 from collections import defaultdict
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
 import click
 from pydantic import BaseModel
 
-ROOT = Path(__file__).resolve().parents[1]
+from commonrail.base.public import stated, stub_of
 
 # Symbols of the paper (Lino, Maione, Saponaro, Li 2016) and its equations, by path.
 SYMBOLS = {
@@ -173,7 +176,7 @@ def parameters() -> str:
         "estimate [E] unless the injector's file gives another value.\n"
     ]
     groups: dict[str, list[tuple[Any, ...]]] = defaultdict(list)
-    for path, q in cr.parameter_quantities().items():
+    for path, q in cr.models.parameter_quantities().items():
         component, _, key = path.partition(".")
         default = "must be given" if q.default is None else f"{q.default:g}"
         usual = "" if not q.usual else f"{q.usual[0]:g} to {q.usual[1]:g}"
@@ -251,41 +254,57 @@ def files() -> str:
     return "\n".join(parts)
 
 
+# --- Terms of the reports ---------------------------------------------------------------------------------------------
+
+
+def terms() -> str:
+    """Terms of the reports, each with the page that says more."""
+    from commonrail.report.html import glossary
+
+    rows = [(f"**{term.name}**", term.meaning.replace("|", "\\|"), f"[more](../{term.page})") for term in glossary()]
+    return "# Terms of the reports\n\n" + table(("term", "meaning", ""), rows)
+
+
 # --- Python ---------------------------------------------------------------------------------------------------------
 
-GROUPS = {
-    "base": "Errors and choices",
-    "physics": "Injectors, fuels, meters",
-    "engine": "Simulations",
-    "readers": "Files",
-    "data": "Measured data",
-    "calibration": "Calibration",
-    "runs": "Runs",
-    "report": "Reports",
-}
 
-
-def python() -> str:
-    """Every public name with its docstring, by the package that it is of."""
-    import commonrail
-
-    stub = (ROOT / "src/commonrail/__init__.pyi").read_text(encoding="utf-8")
-    homes = re.findall(r"from \.([\w.]+) import (\w+) as \w+", stub)
-    groups: dict[str, list[str]] = defaultdict(list)
-    for home, name in homes:
-        top = home.split(".")
-        groups[GROUPS.get(top[0], f"Plug-in {top[1]}" if top[0] == "plugins" else top[0])].append(f"{home}.{name}")
-    parts = [
-        "# Python\n\nThe public names of `commonrail`; others may change. Arguments and units: "
-        "[Call it from Python](../howto/python.md).\n"
-    ]
-    for title, names in groups.items():
-        parts.append(f"## {title}\n")
-        for path in sorted(names, key=lambda path: path.rpartition(".")[2].lower()):
-            name = path.rpartition(".")[2]
-            if name in commonrail.__all__:
-                parts.append(f"::: commonrail.{path}\n    options:\n      heading: {name}\n      toc_label: {name}\n")
+def python(space: str = "") -> str:
+    """Public names of a namespace, by default those of the package itself, with their docstrings."""
+    module = importlib.import_module(f"commonrail.{space}".rstrip("."))
+    names = [name for name in module.__all__ if name not in NAMESPACES]
+    parts = [f"# commonrail{space and f'.{space}'}\n\n{inspect.getdoc(module)}\n"]
+    if not space:
+        parts.append(
+            "Arguments and units: [Call it from Python](../howto/python.md). Names without a page may change.\n"
+        )
+        rows = [
+            (f"[`{name}`](python-{name}.md)", inspect.getdoc(importlib.import_module(f"commonrail.{name}")))
+            for name in NAMESPACES
+        ]
+        parts.append(table(("namespace", "content"), rows))
+    homes = stated(stub_of(space))
+    for name in sorted(names, key=str.lower):
+        parts.append(f"::: {homes[name]}.{name}\n    options:\n      heading: {name}\n      toc_label: {name}\n")
+        parts += _settings(getattr(module, name))
     return "\n".join(parts)
 
 
-GENERATED = {"commands": commands, "parameters": parameters, "files": files, "python": python}
+def _settings(kind: Any) -> list[str]:
+    """Table of the declared settings of a class; empty if it is another object."""
+    from commonrail.base.declare import declared_fields
+
+    if not (inspect.isclass(kind) and dataclasses.is_dataclass(kind)) or not (declared := declared_fields(kind)):
+        return []
+    rows = [(f"`{name}`", one.accepted, one.default_text, one.meaning) for name, one in declared.items()]
+    return [table(("setting", "value", "default", "meaning"), rows)]
+
+
+NAMESPACES = tuple(name for name, home in stated(stub_of("")).items() if home == ".")
+GENERATED: dict[str, Callable[[], str]] = {
+    "commands": commands,
+    "parameters": parameters,
+    "files": files,
+    "terms": terms,
+    "python": python,
+    **{f"python-{space}": partial(python, space) for space in NAMESPACES},
+}

@@ -100,9 +100,9 @@ def _large_classes(text: str) -> int:
 
 
 def _public_names() -> list[str]:
-    import commonrail
+    from commonrail.base.public import places
 
-    return [name for name in dir(commonrail) if not name.startswith("_")]
+    return [*places()]
 
 
 def _loaded(*command: str) -> int:

@@ -90,7 +90,7 @@ def main(run: str | None) -> None:
     """
     study = cr.load_study(HERE / "study.toml")
     calibrated = (HERE if run is None else Path(run)) / "calibrated.toml"
-    injector, meters = cr.load_injector(calibrated), cr.load_meters(calibrated)
+    injector, meters = cr.load_injector(calibrated), cr.models.load_meters(calibrated)
     simulator = Simulator(injector, (), study.time_step)
     curves = [d.changed(meter=meters[0]) for d in study.data if isinstance(d, cr.RateData)]
     known, table = {place(d): d for d in curves}, []
@@ -101,7 +101,7 @@ def main(run: str | None) -> None:
         table.append((d.role, place(d)[1], *found))
         beside = "" if plain is None else "{:6.2f} % {:+6.2f} %".format(*judged(plain, d))
         print(f"{d.name:19s} {d.role.value:10s} {found[0]:6.2f} % {found[1]:+6.2f} %   {beside}")
-    for role in (cr.Role.FIT, cr.Role.VALIDATION):
+    for role in (cr.data.Role.FIT, cr.data.Role.VALIDATION):
         nrmse = np.array([row[2] for row in table if row[0] is role])
         print(f"{role.value}: median NRMSE {np.median(nrmse):.2f} %, largest {nrmse.max():.2f} %")
     mass = np.array([abs(row[3]) for row in table if row[1] >= 500])

@@ -24,10 +24,10 @@ POINTS = (80.0, 400.0), (80.0, 900.0), (160.0, 300.0), (160.0, 900.0)
 def study(starts: int = 3, generations: int = 2) -> cr.Study:
     """Fit whose descents are too short to agree."""
     truth = INJECTOR.with_values({PRELOAD: 1.1 * INJECTOR.values[PRELOAD]})
-    settings = cr.StagedSettings(
+    settings = cr.fit.StagedSettings(
         members=16, generations=generations, starts=starts, trial_iterations=0, finalists=starts, stage_iterations=1
     )
-    return replace(study_of(truth, POINTS, PRELOAD, MASS), method=cr.Method(settings))
+    return replace(study_of(truth, POINTS, PRELOAD, MASS), method=cr.fit.Method(settings))
 
 
 @pytest.mark.parametrize(

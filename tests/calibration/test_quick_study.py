@@ -51,5 +51,5 @@ def test_one_data_set_needs_no_list_and_constraints_are_texts(given: cr.Study) -
     ],
 )
 def test_bounds_that_cannot_be_used_are_refused(given: cr.Study, free: Any, words: str) -> None:
-    with pytest.raises(cr.ConfigurationError, match=words):
+    with pytest.raises(cr.errors.ConfigurationError, match=words):
         cr.study(given.injector, given.data, free=free)

@@ -9,6 +9,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.base.errors import InputError
+from commonrail.calibration.record import CalibrationRecord, read_as
 from commonrail.calibration.study_file import edit_study
 from commonrail.calibration.usual import BENCH
 from commonrail.plugins.new.study import write_new
@@ -128,9 +129,11 @@ def test_a_report_advises_to_free_what_a_test_suspects(
     study: Path, tmp_path: Path, test: dict[str, Any], free: str
 ) -> None:
     run = tmp_path / "run"
-    cr.calibrate_into(run, cr.load_study(study), threads=1)
+    cr.runs.calibrate_into(run, cr.load_study(study), threads=1)
     record = read_result(run)
     alarm = {"score": 1e-9, "size": None, "found": True, "sentence": "the residuals look like it"} | test
     record["certainty"]["tests"] = [alarm]
-    advised = [step.command for step in verdict(record, str(run)).steps if "--free" in step.command]
+    advised = [
+        step.command for step in verdict(read_as(CalibrationRecord, record), str(run)).steps if "--free" in step.command
+    ]
     assert [command.split()[-1] for command in advised] == ([free] if free else [])

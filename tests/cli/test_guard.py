@@ -11,7 +11,7 @@ import pytest
 
 from commonrail.base import errors
 from commonrail.cli.grammar import Verbs, cli
-from commonrail.cli.guard import MEMORY
+from commonrail.plugins import MEMORY
 from commonrail.runs.folder import read_record, write_record
 from tests.cli.conftest import Command, Done, run_command
 

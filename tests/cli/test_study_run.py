@@ -14,6 +14,7 @@ import pytest
 
 from commonrail.base import hooks
 from commonrail.base.table import Cell, Table
+from commonrail.calibration.record import CalibrationRecord, read_as
 from commonrail.calibration.search import Progress
 from commonrail.cli import console as progress
 from commonrail.cli import fit
@@ -114,7 +115,7 @@ def test_terminal_page_and_json_have_one_verdict(capsys: pytest.CaptureFixture[s
     outcome = fit.Outcome(Path("runs/a"), Path("runs/a/report.html"), record)
     fit.print_outcome(outcome, json=True)
     told = json.loads(capsys.readouterr().out)["verdict"]
-    found = verdict(record, "runs/a")
+    found = verdict(read_as(CalibrationRecord, record), "runs/a")
     assert (told["level"], told["title"], told["reasons"]) == (found.level, found.title, found.reasons)
     fit.print_outcome(outcome, json=False)
     for text in (re.sub(r"\x1b\[\d*m", "", capsys.readouterr().out), html.unescape(report_html(record, {}, "runs/a"))):

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import commonrail as cr
+from commonrail.calibration.record import CalibrationRecord, read_as
 from commonrail.physics.injector import parameter_quantities
 from commonrail.report.fit.verdict import verdict
 from commonrail.runs.folder import read_result
@@ -56,9 +57,9 @@ def test_a_run_at_its_bound_is_widened_and_the_study_file_is_not(tmp_path: Path)
     write_map(tmp_path / "march.csv", (40, 160), (400, 700, 1000), 1)
     write_map(tmp_path / "check.csv", (60, 120), (500, 900), 2)
     first, second, third = (tmp_path / name for name in ("first", "second", "third"))
-    cr.calibrate_into(first, cr.load_study(study), threads=1)
+    cr.runs.calibrate_into(first, cr.load_study(study), threads=1)
     assert next(p["at_bound"] for p in read_result(first)["parameters"] if p["name"] == FREE)
-    advised = [step.command for step in verdict(read_result(first), str(first)).steps]
+    advised = [step.command for step in verdict(read_as(CalibrationRecord, read_result(first)), str(first)).steps]
     assert f"commonrail calibrate {study} --widen {first}" in advised
     assert not any(f"{first}/study.toml" in line for line in advised)  # of which her own file would not know
     before = study.read_bytes()

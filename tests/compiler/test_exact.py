@@ -40,7 +40,7 @@ def test_a_machine_of_another_kind_is_told_so(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(platform, "machine", lambda: "x86_64")
     assert target.exact_processor().exact
     monkeypatch.setattr(platform, "machine", lambda: "arm64")
-    with pytest.raises(cr.ConfigurationError, match="this machine is of kind arm64; omit same_bits"):
+    with pytest.raises(cr.errors.ConfigurationError, match="this machine is of kind arm64; omit same_bits"):
         target.exact_processor()
 
 
@@ -63,7 +63,7 @@ def test_a_study_ends_with_that_sentence_and_status_2(monkeypatch: pytest.Monkey
 @pytest.mark.parametrize("engine", ["cuda", "reference"])
 def test_other_engines_do_not_promise_bits(monkeypatch: pytest.MonkeyPatch, engine: str, rigid: cr.Injector) -> None:
     monkeypatch.setattr("commonrail.engine.cuda.missing", lambda: None)
-    with pytest.raises(cr.ConfigurationError, match=f'for the engine "lanes" alone, not for "{engine}"'):
+    with pytest.raises(cr.errors.ConfigurationError, match=f'for the engine "lanes" alone, not for "{engine}"'):
         cr.simulate(rigid, POINT, engine, same_bits=True)
 
 

@@ -16,10 +16,12 @@ from commonrail.base.table import Table
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.result import data_records
 from commonrail.data.base import DataSet, widths_of
-from commonrail.data.records import LABELS, Plotted, Shown
+from commonrail.data.records import LABELS
 from commonrail.data.simulator import Simulator
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector
+from commonrail.report.data import view as views
+from commonrail.report.data.view import Plotted, Shown
 from commonrail.runs.fingerprint import fingerprint_of
 from tests.data.samples import SAMPLES, STEP, Sample
 
@@ -146,7 +148,7 @@ def a_failed_simulation_costs_everything(kind: Kind, injector: Injector, folder:
     assert [m.point for m in score.missing()] == list(data.points)
     (record,) = data_records([data], {"best": [score]})
     json.dumps(record, allow_nan=False)
-    assert not kind.view.has(record, "best")
+    assert not views.view_of(kind.kind).has(record, "best")
 
 
 def a_record_survives_the_file(kind: Kind, injector: Injector, folder: Path) -> None:
@@ -154,15 +156,15 @@ def a_record_survives_the_file(kind: Kind, injector: Injector, folder: Path) -> 
     record = _record(_truth(kind, injector, folder), injector)
     assert json.loads(json.dumps(record, allow_nan=False)) == record
     assert record["kind"] == kind.kind
-    assert all(kind.view.has(record, label) for label in LABELS)
-    point = kind.view.operating_point(record)
+    assert all(views.view_of(kind.kind).has(record, label) for label in LABELS)
+    point = views.view_of(kind.kind).operating_point(record)
     assert {"rail_pressure", "energising_time", "cylinder_pressure", "return_pressure"} <= set(point)
 
 
 def tables_and_figures_have_something_to_show(kind: Kind, injector: Injector, folder: Path) -> None:
     """For a calibration and for a comparison; as many cells in a row as columns, and a number at least."""
     data = _truth(kind, injector, folder)
-    record, view = _record(data, injector), kind.view
+    record, view = _record(data, injector), views.view_of(kind.kind)
     plotted = Plotted(SHOWN, {data.name: _trace(data, injector)})
     calibrated, compared = view.tables([record], LABELS), view.compared_tables([record], list(LABELS))
     for table in (*calibrated, *compared):

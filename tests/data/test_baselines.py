@@ -16,8 +16,8 @@ from commonrail.calibration.result import data_records
 from commonrail.data.base import Role
 from commonrail.data.quantities.baselines import SCALES, Rule, Sister, interpolate, interpolate_line
 from commonrail.data.quantities.data import QuantityData, QuantityScore
-from commonrail.data.quantities.page import MapView
 from commonrail.engine.operating_point import OperatingPoint
+from commonrail.report.data.quantities import MapView
 from commonrail.report.fit.verdict import baseline_lines
 
 Law = Callable[[np.ndarray, np.ndarray], np.ndarray]

@@ -15,6 +15,7 @@ from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.registry import find_kind, in_order, kind_of
 from commonrail.physics.injector import Injector
+from commonrail.report.data.view import view_of
 from tests.data import contract
 from tests.data.samples import SAMPLES
 
@@ -109,5 +110,6 @@ def test_a_kind_that_breaks_the_contract_is_found_out(
     monkeypatch.setattr(
         "commonrail.data.registry.find_kind", lambda name: kind if name == kind.kind else find_kind(name)
     )
+    monkeypatch.setattr(contract.views, "view_of", lambda name: getattr(kind, "view", None) or view_of(name))
     with pytest.raises((AssertionError, ValueError)):
         clause(kind, regulated, tmp_path)

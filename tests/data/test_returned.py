@@ -18,6 +18,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import prepare
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.physics.injector import Injector
+from commonrail.report.data.quantities import RETURNS
 from tests.data.samples import SAMPLES, STEP
 
 POINTS = (OperatingPoint(60e6, 300e-6, horizon=4e-3), OperatingPoint(160e6, 500e-6, horizon=4e-3))
@@ -89,7 +90,7 @@ def test_a_map_of_returns_is_read_shown_and_told_from_an_injected_one(regulated:
     assert data.stroke_period == 0.04
     (record,) = data_records([data], {"best": [data.score(Simulator(regulated, (), STEP, 1))]})
     assert record["kind"] == "return quantities"
-    titles = [table.title for table in ReturnData.view.tables([record], {"best": "calibrated"})]
+    titles = [table.title for table in RETURNS.tables([record], {"best": "calibrated"})]
     assert titles == ["Errors of the return quantity maps", "Return quantities, mm³: data (fit)"]
 
 

@@ -70,4 +70,4 @@ def run_shell(code: str, folder: Path, env: dict[str, str]) -> None:
 
 def run_python(code: str, names: dict[str, Any], page: Path) -> None:
     """Run a block of Python among the names that earlier blocks of its page made, in the current folder."""
-    exec(compile(code, page.name, "exec"), names)
+    exec(compile(code, page.name, "exec", dont_inherit=True), names)

@@ -20,7 +20,7 @@ from commonrail.engine.job import VECTORS
 VECTORS[Precision.F64] = VECTORS[Precision.F64]._replace(lanes=int(sys.argv[1]))
 from commonrail.calibration.objective import Objective
 study = cr.load_study(sys.argv[2])
-data = [one.changed(role=cr.Role.FIT) for one in study.data]
+data = [one.changed(role=cr.data.Role.FIT) for one in study.data]
 objective = Objective(study.injector, study.space.names, data, study.time_step, 1)
 own = np.array([study.injector.values[name] for name in objective.names])
 factors = np.random.default_rng(1).uniform(0.5, 2.0, (64, len(own)))

@@ -16,10 +16,9 @@ from commonrail.engine.simulate import simulate
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector
 from commonrail.plugins.paper.bench import PAPER_OPTIMUM
-from commonrail.plugins.verification.external import load_outside
 from commonrail.plugins.verification.run import Compared, checks_of, compare, difference, verify
 from commonrail.plugins.verification.study import ENERGISING, HORIZON, RateLimits, Task, comparisons
-from commonrail.readers.injector import injector_catalogue, load_injector
+from commonrail.readers.injector import load_injector
 
 QUICK = range(16)  # two stiffnesses × two pressures, rigid body, rail volume, four random, four traces, two short
 # Kernels that no other test needs: measured current, the explicit method with regulated drive. The rigid body's stays:
@@ -101,8 +100,7 @@ def test_engines_agree_where_the_current_free_wheels(regulated: Injector) -> Non
 
 @pytest.mark.slow
 def test_the_whole_verification_study_passes(pwm: Injector) -> None:
-    catalogue = [load_injector(name) for name in injector_catalogue()]
-    checks = verify(pwm, outside=load_outside(), catalogue=catalogue)
+    checks = verify(pwm)
     failed = [one for one in checks if not one.passed]
     assert not failed, "\n".join(f"{one.name}: {one.value:g} {one.unit}, limit {one.limit:g}" for one in failed)
     assert len(checks) > 20

@@ -14,7 +14,7 @@ from commonrail.plugins.fleet.file import write_results
 from commonrail.plugins.fleet.journal import Journal, entries_of
 from commonrail.plugins.fleet.member import read_shared, shared_files, write_study
 from commonrail.plugins.fleet.page import write_fleet_report
-from commonrail.plugins.fleet.run import run_fleet
+from commonrail.plugins.fleet.run import fleet as run_fleet
 from commonrail.plugins.fleet.study import load_fleet
 from commonrail.runs.fit import Listener, calibrate_into, resume
 from commonrail.runs.journal import read_about

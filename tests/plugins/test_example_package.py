@@ -176,11 +176,11 @@ def test_its_feature_is_a_target_and_an_output_of_a_sensitivity_study(study: Pat
     assert data.score(Simulator(regulated, (), 1e-6)).values[0] > 0.0
     listed = run_command("catalogue", "features", "--json").record["features"]
     assert {"name": "energised_rate", "unit": "m3/s"}.items() <= listed[-1].items()
-    spread = commonrail.parameters_within(regulated, ["valve.lift"])
-    settings = commonrail.SensitivitySettings(design="morris", samples=4)
+    spread = commonrail.design.parameters_within(regulated, ["valve.lift"])
+    settings = commonrail.design.SensitivitySettings(design="morris", samples=4)
     point = commonrail.OperatingPoint("160 MPa", "700 us")
-    found = commonrail.sensitivity(regulated, spread, [point], ["quantity", "energised_rate"], settings=settings)
-    whole, rate = (output.tornado.base for output in found.outputs)
+    found = commonrail.design.sensitivity(regulated, spread, [point], ["quantity", "energised_rate"], settings=settings)
+    whole, rate = (output.base for output in found.outputs)
     assert rate == pytest.approx(whole / 700e-6)
 
 

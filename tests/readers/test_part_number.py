@@ -23,28 +23,28 @@ from tests.cli.conftest import run_command
     ],
 )
 def test_a_number_is_recognised_however_it_is_written(text: str) -> None:
-    (match,) = cr.find_part(text)
+    (match,) = cr.models.find_part(text)
     assert (match.injector, match.numbers) == ("cri2-1", ("0445110191",))
     assert match.kind == ("partial" if text == "110191" else "exact")
 
 
 def test_a_part_of_a_family_leads_to_its_type() -> None:
-    (match,) = cr.find_part("0445110260")
+    (match,) = cr.models.find_part("0445110260")
     assert (match.injector, match.kind) == ("cri2-0", "exact")
     assert "another part" in match.reason
 
 
 def test_an_unnamed_part_leads_to_the_nearest_numbers_of_its_kind() -> None:
-    (match,) = cr.find_part("0445110183")
+    (match,) = cr.models.find_part("0445110183")
     assert (match.injector, match.kind, match.numbers) == ("cri2-1", "nearest", ("0445110176", "0445110191"))
-    assert {m.injector for m in cr.find_part("0445120001")} == {"crin1"}
-    assert cr.find_part("0950005550") == ()  # another maker's
+    assert {m.injector for m in cr.models.find_part("0445120001")} == {"crin1"}
+    assert cr.models.find_part("0950005550") == ()  # another maker's
 
 
 @pytest.mark.parametrize("text", ["", "cri2-16", "191", "0445110191 0445110192", "iso4113"])
 def test_what_is_no_part_number_is_refused(text: str) -> None:
     with pytest.raises(InputError):
-        cr.find_part(text)
+        cr.models.find_part(text)
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
 from typing import Literal
 
 import pytest
+from pydantic import Field
 
 from commonrail.base.errors import InputError
 from commonrail.readers.location import Place
@@ -98,3 +100,18 @@ def test_lines_of_spaces_take_time_in_proportion() -> None:
     parse = "from commonrail.readers.toml import parse_toml; print(parse_toml((' ' * 9998 + '#\\n') * 30, 'a'))"
     done = subprocess.run([sys.executable, "-c", f"{limit}; {parse}"], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (0, "{}\n")
+
+
+class Nozzle(FileModel):
+    hole: str
+
+
+class Spray(FileModel):
+    nozzle: list[Nozzle] = Field(default=[])
+    places: list[str] = Field(default=[])
+
+
+@pytest.mark.parametrize(("key", "cure"), [("nozzle", "[[nozzle]]"), ("places", "in brackets")])
+def test_a_list_of_tables_is_told_from_other_lists_by_the_model(key: str, cure: str) -> None:
+    with pytest.raises(InputError, match=re.escape(cure)):
+        read_model(Spray, {key: {"hole": "a"}}, Place("spray.toml"))

@@ -86,7 +86,7 @@ def record() -> dict[str, Any]:
                 **three(1.234e8 * i),
                 "paper_change": 0.5,
                 "change": three(-0.25),
-                "verdicts": {"only in combination": 1, "withdrawn": 1} if i == 7 else {"pinned": 2},
+                "verdicts": {"only in combination": 1, "not confirmed": 1} if i == 7 else {"determined": 2},
                 "truth": 1.2e8 * i,
                 "covered": 0 if i == 7 else 2,
                 "intervals": 2,

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from commonrail.calibration.record import CalibrationRecord, read_as
 from commonrail.data.records import LABELS
 
 TABLE_1 = {  # theoretical and optimal stiffness [N/m], Table 1 of the paper
@@ -17,7 +18,7 @@ TABLE_1 = {  # theoretical and optimal stiffness [N/m], Table 1 of the paper
     "k6": (1.86e8, 3.72e8),
     "k7": (5.82e7, 6.44e7),
 }
-VERDICTS = ("pinned", "only in combination", "not seen by these data")
+VERDICTS = ("determined", "only in combination", "insensitive")
 SYNTHETIC = "Curves of a virtual test bench, not measurements."
 
 MAP = {  # rail pressure [MPa] → quantity [mm³] at each energising time [us]
@@ -27,6 +28,11 @@ MAP = {  # rail pressure [MPa] → quantity [mm³] at each energising time [us]
 }
 DURATIONS = (250, 300, 400, 500, 700, 1000, 1400)
 DEAD_TIMES = {40: 282, 80: 240, 160: 228}
+
+
+def fit_of(record: dict[str, Any]) -> CalibrationRecord:
+    """Record as reports read it."""
+    return read_as(CalibrationRecord, record)
 
 
 def rate_record() -> dict[str, Any]:

@@ -11,7 +11,10 @@ import pytest
 
 from commonrail.base.chart import Bars, Figure, Panel
 from commonrail.base.errors import InputError
+from commonrail.base.record import from_record
+from commonrail.plugins.sensitivity.file import Sensitivity
 from commonrail.plugins.sensitivity.page import sensitivity_html, sensitivity_lines, sensitivity_tables
+from commonrail.plugins.tolerance.file import ToleranceResult
 from commonrail.plugins.tolerance.page import tolerance_html, tolerance_lines, tolerance_tables
 from commonrail.report.figure import figure_svg
 from commonrail.report.page import write_report
@@ -20,12 +23,20 @@ from tests.report.analysis_samples import sensitivity_record, tolerance_record
 HOSTILE = "<script>alert(1)</script>"
 
 
+def result(record: dict[str, Any]) -> Sensitivity:
+    return from_record(Sensitivity, record)
+
+
+def spread() -> ToleranceResult:
+    return from_record(ToleranceResult, tolerance_record())
+
+
 def cells(rows: Any) -> list[list[str]]:
     return [[cell.text for cell in row] for row in rows]
 
 
 def test_parameters_are_ranked_in_the_units_of_the_field() -> None:
-    table, missing = sensitivity_tables(sensitivity_record())
+    table, missing = sensitivity_tables(result(sensitivity_record()))
     assert table.columns == ("parameter", "total, %", "alone, %", "at lower bound, mm³", "at upper bound, mm³")
     assert cells(table.rows) == [
         ["nozzle.hole_diameter", "90.0 (80.0 to 100.0)", "89.0 (79.0 to 99.0)", "45", "56"],
@@ -39,7 +50,7 @@ def test_missing_simulations_are_told_with_their_reason() -> None:
     assert "200 simulations (78.1 %) have no value, most of them at high valve.spring_preload" in page
     assert "200 × The needle does not open, or does not close." in page
     assert "78.1% of the simulations have no value, more than the 10%" in page
-    assert "1 of the outputs lack simulations" in sensitivity_lines(sensitivity_record())[-1]
+    assert "1 of the outputs lack simulations" in sensitivity_lines(result(sensitivity_record()))[-1]
 
 
 def test_a_morris_study_shows_sizes_in_units() -> None:
@@ -48,13 +59,13 @@ def test_a_morris_study_shows_sizes_in_units() -> None:
     row |= {"effect": row["first"], "magnitude": {"value": 11e-9, "low": 9e-9, "high": 12e-9}, "spread": 1e-9}
     row["effect"] = {"value": -11e-9, "low": -12e-9, "high": -9e-9}
     record["outputs"][0]["parameters"] = [row]
-    table = sensitivity_tables(record)[0]
+    table = sensitivity_tables(result(record))[0]
     assert cells(table.rows) == [["nozzle.hole_diameter", "11 (9 to 12)", "−11 (−12 to −9)", "1", "45", "56"]]
     assert "Elementary effects (Morris) of 2 parameters" in sensitivity_html(record)
 
 
 def test_capability_shares_and_trim_are_tables() -> None:
-    capability, shares, trim = tolerance_tables(tolerance_record())
+    capability, shares, trim = tolerance_tables(spread())
     assert cells(capability.rows) == [
         ["full load", "50", "50.1", "0.7", "47.9 to 52.1", "48 to –", "0.60 % (0.58 to 0.62)", "3", "–", "1.05"]
     ]
@@ -77,7 +88,7 @@ def test_failures_and_limits_of_the_trim_are_told() -> None:
         "Synthetic, not measured",
     ):
         assert text in page
-    assert "90 % of the variance from nozzle.hole_diameter" in tolerance_lines(tolerance_record())[1]
+    assert "90 % of the variance from nozzle.hole_diameter" in tolerance_lines(spread())[1]
 
 
 def test_a_study_that_was_stopped_says_so() -> None:

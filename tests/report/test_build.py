@@ -264,7 +264,7 @@ def test_a_page_with_sliders_beside_the_report_is_linked(rate_run: Path) -> None
 
 def test_an_interval_of_a_withdrawn_verdict_is_called_so_beside_its_bar() -> None:
     record = rate_record()
-    before = Page(report_html(record, rate_traces(record))).text.count("withdrawn")
-    record["parameters"][0] |= {"verdict": "withdrawn"}
+    before = Page(report_html(record, rate_traces(record))).text.count("not confirmed")
+    record["parameters"][0] |= {"verdict": "not confirmed"}
     # beside the bar, in the key of the bars, and as what the data say in the table, where it stood alone
-    assert Page(report_html(record, rate_traces(record))).text.count("withdrawn") >= before + 3
+    assert Page(report_html(record, rate_traces(record))).text.count("not confirmed") >= before + 3

@@ -6,11 +6,12 @@ from typing import Any
 
 import pytest
 
+from commonrail.calibration.record import CertaintyRecord, ParameterRecord, read_as
 from commonrail.report.fit.certainty import certainty_lines, certainty_tables
 
 
-def record(**more: Any) -> dict[str, Any]:
-    """Record of one parameter and one quantity of the bench."""
+def certain(**more: Any) -> CertaintyRecord:
+    """Certainty of one parameter and one quantity of the bench."""
     bench = {
         "name": "meter.bench.delay",
         "unit": "s",
@@ -20,7 +21,7 @@ def record(**more: Any) -> dict[str, Any]:
         "value": 1.5e-6,
         "standard_error": 4e-7,
     }
-    one = {"name": "k7", "sentence": "pinned", "value": 1.0, "lower": 0.5, "upper": 1.5, "cure": ""}
+    one = {"name": "k7", "sentence": "determined", "value": 1.0, "lower": 0.5, "upper": 1.5, "cure": ""}
     certainty = {
         "level": 0.95,
         "starts": 1,
@@ -33,11 +34,11 @@ def record(**more: Any) -> dict[str, Any]:
         "bench": [bench],
         "combinations": [],
     }
-    return {"certainty": certainty | more, "parameters": [{"name": "k7", "unit": "m", "best": 1.0}]}
+    return read_as(CertaintyRecord, certainty | more)
 
 
 def test_nothing_is_said_where_nothing_is_to_be_said() -> None:
-    assert certainty_lines(record()) == []
+    assert certainty_lines(certain()) == []
 
 
 @pytest.mark.parametrize(
@@ -50,11 +51,15 @@ def test_nothing_is_said_where_nothing_is_to_be_said() -> None:
     ],
 )
 def test_each_finding_has_one_sentence(more: dict[str, Any], words: str) -> None:
-    (line,) = certainty_lines(record(**more))
+    (line,) = certainty_lines(certain(**more))
     assert words in line
 
 
 def test_a_quantity_of_the_bench_is_shown_as_stated_and_as_the_data_have_it() -> None:
-    table = next(one for one in certainty_tables(record()) if "bench" in one.title.lower())
+    table = next(
+        one
+        for one in certainty_tables(certain(), [ParameterRecord(name="k7", unit="m")])
+        if "bench" in one.title.lower()
+    )
     (row,) = table.rows
     assert [cell.text for cell in row] == ["meter.bench.delay", "stated as uncertain", "0 s ± 2 µs", "1.5 µs ± 400 ns"]

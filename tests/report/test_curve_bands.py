@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from commonrail.data.bands import band_sentence
-from commonrail.data.curves.page import CurveView
-from commonrail.data.records import JUDGED, Plotted
+from commonrail.data.records import JUDGED
+from commonrail.report.data.bands import band_sentence
+from commonrail.report.data.curves import CurveView
+from commonrail.report.data.view import Plotted
 from commonrail.report.fit.record import shown_of
 from tests.report.samples import rate_record, rate_traces
 
@@ -38,7 +39,7 @@ def record() -> dict[str, Any]:
 
 def test_figures_shade_the_band_of_a_curve_and_of_its_errors(record: dict[str, Any]) -> None:
     data, traces = record["data"][0], rate_traces(record)
-    (figure,) = CurveView().figures(data, Plotted(shown_of(record), traces))
+    (figure,) = CurveView().figures(data, Plotted(shown_of(record["labels"]), traces))
     assert "Shaded: 90 % band" in figure.caption
     trace = traces[data["name"]]
     for panel, about in zip(figure.panels, (np.zeros(len(trace["measured"])), trace["measured"]), strict=True):
@@ -51,7 +52,7 @@ def test_figures_shade_the_band_of_a_curve_and_of_its_errors(record: dict[str, A
 
 def test_a_curve_without_a_band_has_none(record: dict[str, Any]) -> None:
     del record["data"][0]["band"]
-    (figure,) = CurveView().figures(record["data"][0], Plotted(shown_of(record), rate_traces(record)))
+    (figure,) = CurveView().figures(record["data"][0], Plotted(shown_of(record["labels"]), rate_traces(record)))
     assert "Shaded" not in figure.caption
     assert all(panel.bands == () for panel in figure.panels)
 

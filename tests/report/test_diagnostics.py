@@ -16,17 +16,17 @@ from commonrail.report.fit.diagnostics import (
 )
 from commonrail.report.page import report_html, write_report
 from tests.report.conftest import WriteRun
-from tests.report.samples import map_record, rate_record, rate_traces
+from tests.report.samples import fit_of, map_record, rate_record, rate_traces
 
 
 def test_quantities_stand_over_those_of_the_data() -> None:
-    figure = parity_figure(map_record())
+    figure = parity_figure(map_record()["data"])
     assert figure is not None
     fit, *_ = figure.panels[0].series
     assert len(fit.x) == 14  # of two pressures; dead times are no quantities
     assert (fit.x[-1], fit.y[-1]) == pytest.approx((148.31, 148.31 * (1 + 0.15 / 7) + 0.1))  # as samples.py makes it
     assert figure.x_title == "measured, mm³"
-    assert parity_figure(rate_record()).x_title == "synthetic, mm³"  # type: ignore[union-attr]
+    assert parity_figure(rate_record()["data"]).x_title == "synthetic, mm³"  # type: ignore[union-attr]
 
 
 def test_the_autocorrelation_of_residuals_of_first_order_falls_as_their_coefficient() -> None:
@@ -37,7 +37,7 @@ def test_the_autocorrelation_of_residuals_of_first_order_falls_as_their_coeffici
         residuals[i] = phi * residuals[i - 1] + shock if i else shock
     name = rate_record()["data"][0]["name"]
     trace = {"time_s": 3e-6 * np.arange(n), "measured": np.zeros(n), "best": residuals}
-    figure = autocorrelation_figure(rate_record(), {name: trace})
+    figure = autocorrelation_figure(rate_record()["data"], {name: trace})
     assert figure is not None
     (series,) = figure.panels[0].series
     assert series.x[1] == pytest.approx(3.0)  # µs
@@ -47,13 +47,13 @@ def test_the_autocorrelation_of_residuals_of_first_order_falls_as_their_coeffici
 
 def test_a_course_too_short_has_no_autocorrelation() -> None:
     short = {"time_s": np.arange(2.0 * LAGS - 1), "measured": np.zeros(2 * LAGS - 1), "best": np.ones(2 * LAGS - 1)}
-    assert autocorrelation_figure(rate_record(), {rate_record()["data"][0]["name"]: short}) is None
+    assert autocorrelation_figure(rate_record()["data"], {rate_record()["data"][0]["name"]: short}) is None
 
 
 def test_draws_of_a_posterior_stand_in_pairs() -> None:
     record = rate_record()
     draws = {p["name"]: np.linspace(0.9, 1.1, 900) * p["best"] for p in record["parameters"][:3]}
-    figures = pair_figures(record, draws)
+    figures = pair_figures(fit_of(record).parameters, draws)
     assert [figure.title for figure in figures] == ["k1 and k2", "k1 and k3", "k2 and k3"]
     first = figures[0].panels[0].series[0]
     assert len(first.x) == 300
@@ -72,7 +72,7 @@ def test_the_draws_of_a_run_are_on_its_page(write_run: WriteRun) -> None:
 def test_the_course_of_the_best_is_between_the_bounds() -> None:
     record = rate_record()
     ends = np.array([[p["lower"] for p in record["parameters"]], [p["upper"] for p in record["parameters"]]])
-    (panel,) = course_panel(record, ends)
+    (panel,) = course_panel(fit_of(record).parameters, ends)
     assert [series.label for series in panel.series] == ["k1", "k2", "k3", "k4", "k5", "k6", "k7"]
     assert panel.series[3].y == pytest.approx((0.0, 100.0))
-    assert list(course_panel(record, ends[:, :3])) == []  # of another study
+    assert list(course_panel(fit_of(record).parameters, ends[:, :3])) == []  # of another study

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import pytest
 
 from commonrail.base.chart import MARKERS, Band, Bars, Boxes, Figure, HeatMap, Panel, Series
+from commonrail.data.records import LABELS
 from commonrail.report.axis import SIZE, Axis, text_width
 from commonrail.report.figure import _DARK, NARROW, RAMP, WIDE, colour_of, figure_html, figure_svg
 from commonrail.report.fit.figures import figures_of
@@ -47,7 +48,10 @@ def places(svg: str) -> list[list[tuple[int, int]]]:
 
 def test_every_figure_can_be_drawn() -> None:
     record = rate_record()
-    figures = [*figures_of(record, rate_traces(record)), *figures_of(map_record(), {})]
+    figures = [
+        *figures_of(record["data"], LABELS, rate_traces(record)),
+        *figures_of(map_record()["data"], LABELS, {}),
+    ]
     for i, one in enumerate(figures):
         for width in (WIDE, NARROW):
             ElementTree.fromstring(figure_svg(one, width))

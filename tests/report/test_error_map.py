@@ -9,7 +9,7 @@ from tests.report.samples import map_record, rate_record
 
 
 def test_errors_are_in_percent_above_the_limit_and_in_volumes_below() -> None:
-    large, small = error_maps(map_record())
+    large, small = error_maps(map_record()["data"])
     assert (large.unit, small.unit) == ("%", "mm³")
     assert large.y == small.y == ("40", "160")
     assert large.x == ("300", "400", "500", "700", "1000", "1400")  # no quantity above 3 mm³ at 250 µs
@@ -24,7 +24,7 @@ def test_errors_are_in_percent_above_the_limit_and_in_volumes_below() -> None:
 
 
 def test_dead_times_are_no_quantities() -> None:
-    assert all("282" not in heat.x for heat in error_maps(map_record()))
+    assert all("282" not in heat.x for heat in error_maps(map_record()["data"]))
 
 
 def test_many_energising_times_share_columns_and_the_largest_error_is_shown() -> None:
@@ -36,14 +36,14 @@ def test_many_energising_times_share_columns_and_the_largest_error_is_shown() ->
         for rail in (40e6, 160e6)
         for i in range(100)
     ]
-    (heat,) = error_maps(record)
+    (heat,) = error_maps(record["data"])
     assert len(heat.x) <= 22
     assert heat.values[0][-1] == pytest.approx(9.9)
     assert "largest error" in heat.caption
 
 
 def test_curves_and_single_pressures_have_none() -> None:
-    assert error_maps(rate_record()) == []
+    assert error_maps(rate_record()["data"]) == []
     record = map_record()
     record["data"] = record["data"][1:]  # the one at 80 MPa
-    assert error_maps(record) == []
+    assert error_maps(record["data"]) == []

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from commonrail.base.chart import Figure
+from commonrail.calibration.record import GenerationRecord
 from commonrail.data.records import LABELS
 from commonrail.report.figure import figure_svg
 from commonrail.report.fit.figures import convergence_figure, figures_of
@@ -24,13 +25,13 @@ TRACE = {
 
 def rate_figure(data: dict[str, Any]) -> Figure:
     """The figure of one curve."""
-    (figure,) = figures_of({"labels": LABELS, "data": [data]}, {data["name"]: TRACE})
+    (figure,) = figures_of([data], LABELS, {data["name"]: TRACE})
     return figure
 
 
 def map_figures() -> list[Figure]:
     """Figures of a map: quantities with their errors, dead times."""
-    return figures_of({"labels": LABELS, "data": map_record()["data"][:1]}, {})
+    return figures_of(map_record()["data"][:1], LABELS, {})
 
 
 def test_the_error_of_the_calibrated_model_fills_its_panel() -> None:
@@ -40,10 +41,10 @@ def test_the_error_of_the_calibrated_model_fills_its_panel() -> None:
     trace = next(iter(traces.values()))
     largest = {name: float(np.max(np.abs(trace[name] - trace["measured"]))) for name in ("best", "rigid")}
     assert largest["rigid"] > 5.0 * largest["best"]
-    svg = figure_svg(figures_of(record, traces)[0])
+    svg = figure_svg(figures_of(record["data"], LABELS, traces)[0])
     low, high = (float(v) for v in re.findall(r'data-y="(\S+) (\S+)"', svg)[1])
     assert high - low < 2.2 * 1e6 * largest["best"]  # from −largest to +largest, a twentieth to either side
-    assert "cut at the range of the calibrated one" in figures_of(record, traces)[0].caption
+    assert "cut at the range of the calibrated one" in figures_of(record["data"], LABELS, traces)[0].caption
 
 
 def test_a_rate_is_shown_in_its_units_with_its_error_below() -> None:
@@ -95,8 +96,8 @@ def test_dead_times_stand_against_rail_pressure() -> None:
 @pytest.mark.parametrize(("worst", "logarithmic"), [(1000.0, True), (300.0, False)])
 def test_convergence_is_logarithmic_where_it_spans_much(worst: float, logarithmic: bool) -> None:
     generations = [
-        {"generation": 0, "best": worst, "mean": None},
-        {"generation": 1, "best": 100.0, "mean": 150.0},
+        GenerationRecord(generation=0, best=worst, mean=None),
+        GenerationRecord(generation=1, best=100.0, mean=150.0),
     ]
     (panel,) = convergence_figure(generations).panels
     assert panel.logarithmic is logarithmic
@@ -105,13 +106,13 @@ def test_convergence_is_logarithmic_where_it_spans_much(worst: float, logarithmi
 
 def test_a_map_without_dead_times_has_no_figure_of_them() -> None:
     record = map_record()
-    count = len(figures_of(record, {}))
+    count = len(figures_of(record["data"], LABELS, {}))
     for d in record["data"]:
         d["rows"] = [row for row in d["rows"] if not row["dead_time"]]
-    assert len(figures_of(record, {})) == count - 1
+    assert len(figures_of(record["data"], LABELS, {})) == count - 1
 
 
 def test_a_single_dead_time_needs_no_figure() -> None:
-    titles = [figure.title for figure in figures_of(map_record(), {})]
+    titles = [figure.title for figure in figures_of(map_record()["data"], LABELS, {})]
     assert "Dead times of map" in titles
     assert "Dead times of map at 80 MPa" not in titles

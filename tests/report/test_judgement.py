@@ -7,13 +7,14 @@ from typing import Any
 
 import pytest
 
-from commonrail.data.quantities.page import MapView
-from commonrail.data.records import Plotted
+from commonrail.report.data.quantities import MapView
+from commonrail.report.data.view import Plotted
 from commonrail.report.fit.diagnostics import loading_matrix
 from commonrail.report.fit.verdict import judgement_lines, judgement_tables
 from commonrail.report.page import report_html
-from tests.report.samples import map_record, rate_record
+from tests.report.samples import fit_of, map_record, rate_record
 
+KNOWN = {"name": "nozzle.z", "value": 1.0, "lower": 0.0}
 FIGURES = {"rms_large_percent": 3.5, "rms_small": 0.2e-9, "dead_time_rms": 8e-6, "limit_quantity": 3e-9}
 
 
@@ -78,7 +79,7 @@ def test_every_judgement_is_a_sentence(record: dict[str, Any]) -> None:
         ("80 MPa",),
         ("does not beat interpolating the other points", "3.50 %", "0.200 mm³"),
     ]
-    for line, words in zip(judgement_lines(record), told, strict=True):
+    for line, words in zip(judgement_lines(fit_of(record)), told, strict=True):
         assert all(word in line for word in words), line
 
 
@@ -87,14 +88,14 @@ def test_the_other_way(record: dict[str, Any]) -> None:
     refits["left_out"][0]["baselines"][0]["beaten"] = True
     refits["seeds"] = [seed(7, 10.0, 0.2), seed(8, 10.0, 0.2)]
     refits["interrupted"] = True
-    lines = "\n".join(judgement_lines(record))
+    lines = "\n".join(judgement_lines(fit_of(record)))
     assert "the model beats interpolating the other points" in lines
     assert "2 seeds end at the same values" in lines
     assert "those that are missing were not run" in lines
 
 
 def test_tables_of_seeds_and_of_what_was_left_out(record: dict[str, Any]) -> None:
-    seeds, left_out = judgement_tables(record)
+    seeds, left_out = judgement_tables(fit_of(record))
     assert [[cell.text for cell in row] for row in seeds.rows] == [
         ["7", "10", "1.23"],
         ["8", "10.5", "1.23"],
@@ -106,18 +107,19 @@ def test_tables_of_seeds_and_of_what_was_left_out(record: dict[str, Any]) -> Non
 
 def test_the_mean_of_the_members_follows_the_model(record: dict[str, Any]) -> None:
     record["refits"]["left_out"][0]["mean"] = FIGURES | {"rms_large_percent": 2.25}
-    _, left_out = judgement_tables(record)
+    _, left_out = judgement_tables(fit_of(record))
     assert [(row[2].text, row[5].text) for row in left_out.rows][:2] == [
         ("model", "3.50"),
         ("mean of the members", "2.25"),
     ]
     assert any(
-        line.startswith("The mean of the members of each search gives 2.25 % rms") for line in judgement_lines(record)
+        line.startswith("The mean of the members of each search gives 2.25 % rms")
+        for line in judgement_lines(fit_of(record))
     )
 
 
 def test_combinations_are_rows_of_a_matrix_the_best_known_on_top(record: dict[str, Any]) -> None:
-    matrix = loading_matrix(record)
+    matrix = loading_matrix(fit_of(record))
     assert matrix is not None
     # below the scatter of 2 nothing is held; the standard error is 2/40 and 2/4 of the bounds; rows go up from the last
     assert matrix.y == ("50", "5")
@@ -127,23 +129,23 @@ def test_combinations_are_rows_of_a_matrix_the_best_known_on_top(record: dict[st
 
 def test_a_fit_that_was_not_judged_has_none() -> None:
     record = map_record()
-    assert judgement_lines(record) == []
-    assert judgement_tables(record) == []
-    assert loading_matrix(record) is None
+    assert judgement_lines(fit_of(record)) == []
+    assert judgement_tables(fit_of(record)) == []
+    assert loading_matrix(fit_of(record)) is None
 
 
 @pytest.mark.parametrize("upper", [None, 2.0])
 def test_a_fit_without_any_interval_says_that_it_has_no_bands(upper: float | None) -> None:
     """An end at what a quantity can be, such as zero, is no interval; a profile's is one."""
-    parameters = [{"lower": None, "upper": None}, {"lower": 0.0, "upper": upper}]
-    lines = judgement_lines(map_record() | {"certainty": {"parameters": parameters}})
+    parameters = [KNOWN | {"upper": None}, KNOWN | {"upper": upper}]
+    lines = judgement_lines(fit_of(map_record() | {"certainty": {"level": 0.95, "parameters": parameters}}))
     assert [line for line in lines if line.startswith("There are no bands")] == lines[: upper is None]
 
 
 def test_a_fit_with_bands_does_not_say_that_it_has_none(record: dict[str, Any]) -> None:
-    unknown = {"certainty": {"parameters": [{"lower": None, "upper": None}]}}
-    assert not any(line.startswith("There are no bands") for line in judgement_lines(record | unknown))
-    assert judgement_lines(map_record() | {"certainty": None}) == []
+    unknown = {"certainty": {"level": 0.95, "parameters": [KNOWN | {"upper": None}]}}
+    assert not any(line.startswith("There are no bands") for line in judgement_lines(fit_of(record | unknown)))
+    assert judgement_lines(fit_of(map_record() | {"certainty": None})) == []
 
 
 def test_the_page_shows_them(record: dict[str, Any]) -> None:
@@ -174,10 +176,10 @@ def test_figures_shade_the_band(record: dict[str, Any]) -> None:
 def test_the_scatter_of_curves_is_in_their_unit(record: dict[str, Any]) -> None:
     curves = rate_record()
     curves["identifiability"] = copy.deepcopy(record["identifiability"]) | {"scatter": 0.125}
-    (line,) = judgement_lines(curves)
+    (line,) = judgement_lines(fit_of(curves))
     assert line.endswith("their scatter about the fit is 0.125 mm³/ms.")
-    matrix = loading_matrix(curves)
+    matrix = loading_matrix(fit_of(curves))
     assert matrix is not None
     assert len(matrix.y) == 3  # singular values of 0.5 mm3/ms and more are above that scatter; of a map two are
     both = curves | {"data": [curves["data"][0], record["data"][0]]}
-    assert judgement_lines(both)[-1].endswith("0.125 of their weighted units.")
+    assert judgement_lines(fit_of(both))[-1].endswith("0.125 of their weighted units.")

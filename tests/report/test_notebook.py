@@ -11,7 +11,7 @@ import pytest
 import commonrail as cr
 from commonrail.plugins.maps.response import Conditions
 from commonrail.plugins.maps.sweep import Base, Sweep, Variable
-from commonrail.report.notebook import MOST_ROWS, Picture, plot_of
+from commonrail.report.notebook import MOST_ROWS, Picture, picture_of
 from tests.report.test_simulation import solution, trapezium
 
 TEMPLATE = Path(cr.__file__).parent / "plugins" / "new" / "template" / "study.toml"
@@ -82,12 +82,12 @@ def test_arrays_have_named_axes_and_units() -> None:
 
 def test_without_the_library_there_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(cr.ConfigurationError, match=r"needs pandas, .* pip install 'commonrail\[notebook\]'"):
+    with pytest.raises(cr.errors.ConfigurationError, match=r"needs pandas, .* pip install 'commonrail\[notebook\]'"):
         made_sweep().to_pandas()
 
 
 def test_figures_are_drawn_and_saved_as_a_page(tmp_path: Path) -> None:
-    picture = made_sweep().plot()
+    picture = made_sweep().figures()
     assert isinstance(picture, Picture)
     assert repr(picture).endswith("2 figures>")
     assert picture._repr_html_().count('<svg class="figure') == 2
@@ -96,20 +96,20 @@ def test_figures_are_drawn_and_saved_as_a_page(tmp_path: Path) -> None:
 
 
 def test_a_simulation_is_drawn_with_its_delays_beside_a_section_of_the_injector(tmp_path: Path) -> None:
-    picture = plot_of(trapezium(), cr.OperatingPoint(1e8, 700e-6))
+    picture = picture_of(trapezium(), cr.OperatingPoint(1e8, 700e-6))
     shown = picture._repr_html_()
     assert (shown.count('<svg class="figure'), shown.count('<svg class="section"')) == (1, 1)
-    bars = [len(one.figures[0].panels[0].bars) for one in (plot_of(trapezium()), picture)]
+    bars = [len(one.figures[0].panels[0].bars) for one in (picture_of(trapezium()), picture)]
     assert bars[0] < bars[1]
     assert '<svg class="section"' in picture.save(tmp_path / "one.html").read_text(encoding="utf-8")
-    with pytest.raises(cr.ConfigurationError, match="has no point"):
-        made_sweep().plot(cr.OperatingPoint(1e8, 700e-6))
+    with pytest.raises(cr.errors.ConfigurationError, match="has no point"):
+        made_sweep().figures(cr.OperatingPoint(1e8, 700e-6))
 
 
 def test_what_has_no_figure_or_values_says_so() -> None:
     study = cr.load_study(TEMPLATE)
-    with pytest.raises(cr.ConfigurationError, match="nothing to draw"):
-        study.plot()
+    with pytest.raises(cr.errors.ConfigurationError, match="nothing to draw"):
+        study.figures()
     assert list(study.to_pandas()["parameter"]) == list(study.space.names)
 
 

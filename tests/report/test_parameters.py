@@ -2,11 +2,29 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
+from commonrail.base.table import Table
+from commonrail.calibration.record import CertainParameter, CertaintyRecord, ParameterRecord, read_as
+from commonrail.report.fit import tables
 from commonrail.report.fit.certainty import interval_text
-from commonrail.report.fit.tables import parameter_rows, parameter_table
 from tests.report.samples import rate_record
+
+Records = list[dict[str, Any]]
+
+
+def parameter_rows(parameters: Records, certainty: dict[str, Any] | None = None) -> list[tables.ParameterRow]:
+    return tables.parameter_rows([read_as(ParameterRecord, p) for p in parameters], _certain(certainty))
+
+
+def parameter_table(parameters: Records, certainty: dict[str, Any] | None = None) -> Table:
+    return tables.parameter_table([read_as(ParameterRecord, p) for p in parameters], _certain(certainty))
+
+
+def _certain(certainty: dict[str, Any] | None) -> CertaintyRecord | None:
+    return None if certainty is None else read_as(CertaintyRecord, certainty)
 
 
 def test_positions_are_percentages_of_the_range() -> None:
@@ -87,18 +105,19 @@ def test_an_interval_beyond_the_bounds_fills_the_bar() -> None:
     ],
 )
 def test_an_interval_is_given_within_the_bounds(lower: float | None, upper: float | None, text: str) -> None:
-    known = rate_record()["parameters"][1]  # bounds 8.08 to 162 N/µm
-    assert interval_text({"lower": lower, "upper": upper, "percent": 100.0}, known) == text
+    known = read_as(ParameterRecord, rate_record()["parameters"][1])  # bounds 8.08 to 162 N/µm
+    likely = CertainParameter(name=known.name, value=50e6, lower=lower, upper=upper, percent=100.0)
+    assert interval_text(likely, known) == text
 
 
 def test_the_terminal_has_value_error_and_bounds_of_each_parameter() -> None:
-    record = rate_record()["parameters"][1] | {"verdict": "pinned", "at_bound": False}
+    record = rate_record()["parameters"][1] | {"verdict": "determined", "at_bound": False}
     del record["standard_error"]
     table = parameter_table([record | {"standard_error": 2.48e6}, record | {"at_bound": True}])
     first, second = ([cell.plain for cell in row] for row in table.rows)
-    assert first[:5] == [record["name"], "82.6 N/µm", "± 2.48 N/µm", "pinned", "80.8 N/µm"]
+    assert first[:5] == [record["name"], "82.6 N/µm", "± 2.48 N/µm", "determined", "80.8 N/µm"]
     assert first[5:] == ["+2.2", "8.08 to 162 N/µm", "no"]
-    assert second[2:] == ["–", "pinned", "80.8 N/µm", "+2.2", "8.08 to 162 N/µm", "yes"]
+    assert second[2:] == ["–", "determined", "80.8 N/µm", "+2.2", "8.08 to 162 N/µm", "yes"]
 
 
 def test_a_prior_is_shown_with_its_pull() -> None:

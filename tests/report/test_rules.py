@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from commonrail.data.base import FitError
+from commonrail.report.data.view import FitError
 from commonrail.report.fit.rules import BAD, CARE, GOOD, Kind, Point, Step, judge, level_of
 
 STEP = Step("")

@@ -13,7 +13,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
 from commonrail.plugins.features.anatomy import anatomy_figure, section_of
-from commonrail.plugins.features.run import features
+from commonrail.plugins.features.run import find_features
 from commonrail.report.simulation import course_figure, simulation_figure
 
 
@@ -84,7 +84,7 @@ def test_bars_show_energising_delays_and_ramps_and_the_rest_is_cut() -> None:
     point = OperatingPoint(1e8, 700e-6)
     figure = anatomy_figure(trapezium(), point)
     bars = [(row, bar.start[row], bar.end[row]) for bar in figure.panels[0].bars for row in (len(bar.start) - 1,)]
-    found = features(trapezium(), point)
+    found = find_features(trapezium(), point)
     opening, closing = (1e6 * found.value(name) for name in ("opening_delay", "closing_delay"))
     assert (0, 0.0, 700.0) in [(row, pytest.approx(a), pytest.approx(b)) for row, a, b in bars]
     assert [bar[2] for bar in bars if bar[0] == 1] == pytest.approx([opening, 380.0], abs=5.0)  # 80 % of the plateau

@@ -6,14 +6,24 @@ from typing import Any
 
 import pytest
 
-from commonrail.report.fit.verdict import search_words, tiles, verdict
-from tests.report.samples import map_record, rate_record
+from commonrail.calibration.record import SearchVerdict, read_as
+from commonrail.report.fit import verdict as judged
+from commonrail.report.fit.rules import Tile
+from tests.report.samples import fit_of, map_record, rate_record
+
+
+def verdict(record: dict[str, Any], run: str) -> judged.ReportVerdict:
+    return judged.verdict(fit_of(record), run)
+
+
+def tiles(record: dict[str, Any]) -> list[Tile]:
+    return judged.tiles(fit_of(record))
 
 
 def sound() -> dict[str, Any]:
     """Converged fit of measured data, every parameter pinned, with data that were held back."""
     record = map_record() | {"convergence": {"converged": True, "sentence": "converged: all agree"}}
-    record["parameters"] = [p | {"verdict": "pinned", "at_bound": False} for p in record["parameters"]]
+    record["parameters"] = [p | {"verdict": "determined", "at_bound": False} for p in record["parameters"]]
     for data in record["data"]:
         data["figures"]["best"]["rms_large_percent"] = 2.0
     return record
@@ -123,7 +133,7 @@ def test_parameters_at_a_bound_and_those_not_pinned_are_named() -> None:
     found = verdict(record, "runs/a")
     assert found.level == "care"
     assert "At a bound: plunger_needle.k1." in found.reasons
-    assert "The data do not pin down 1 of 3 parameters: plunger_needle.k2." in found.notes
+    assert "The data do not determine 1 of 3 parameters: plunger_needle.k2." in found.notes
     again = "commonrail calibrate runs/a/study.toml --widen runs/a"
     assert found.steps[0].command == again  # the bounds before what rests on them
     assert found.steps[0].text.startswith("Widen the bounds of plunger_needle.k1 ")
@@ -146,7 +156,7 @@ def test_steps_go_from_bounds_over_the_search_to_the_map(at_bound: bool) -> None
     """Whatever the subjects: a map of values that a bound holds is made twice."""
     record = sound() | {"convergence": {"converged": False, "sentence": "not converged: x"}}
     record["parameters"][0] |= {"at_bound": at_bound}
-    record["parameters"][1] |= {"verdict": "withdrawn"}
+    record["parameters"][1] |= {"verdict": "not confirmed"}
     record["certainty"] = {"starts": 8, "level": 0.95, "gain": 30.0, "parameters": [], "settled": False}
     words = ("calibrate", "resume", "next", "map")
     commands = [step.command for step in verdict(record, "r").steps if step.command]
@@ -189,9 +199,8 @@ def test_a_trivial_model_that_is_as_good_is_told() -> None:
 
 def test_a_trivial_model_that_predicts_held_out_rows_better_is_told() -> None:
     record = sound()
-    left_out = [
-        {"name": "map", "by": by, "baselines": [{"beaten": False}]} for by in ("rail_pressure", "energising_time")
-    ]
+    one = {"name": "map", "searches": 3, "values": 9, "figures": {}, "baselines": [{"text": "x", "beaten": False}]}
+    left_out = [one | {"by": by} for by in ("rail_pressure", "energising_time")]
     found = verdict(record | {"refits": {"left_out": left_out}}, "runs/a")
     assert found.level == "good"
     assert found.notes == ["On held out rows of map a trivial model is as good or better."]
@@ -260,7 +269,7 @@ def test_data_that_were_not_held_back_leave_the_unseen_error_open() -> None:
         ({"converged": True, "spread": 0.1}, "the population has contracted and gains no more"),
         ({"converged": False, "spread": 3.0}, "the population is still spread"),
         ({"converged": False, "spread": 0.1}, "the best still falls"),
-        ({"converged": False, "starts": 8, "agreeing": 2}, "2 of 8 ends agree"),
+        ({"converged": False, "starts": 8, "agreeing": 2}, "2 of 8 starts converged to the same optimum"),
         (
             {"converged": False, "sentence": "not converged: it ended with one point; more would"},
             "it ended with one point",
@@ -268,7 +277,7 @@ def test_data_that_were_not_held_back_leave_the_unseen_error_open() -> None:
     ],
 )
 def test_the_state_of_a_search_is_told_in_words_of_an_engineer(found: dict[str, Any], words: str) -> None:
-    assert search_words(found) == words
+    assert judged.search_words(read_as(SearchVerdict, {"sentence": ""} | found)) == words
 
 
 def test_many_curves_have_the_range_of_their_errors() -> None:

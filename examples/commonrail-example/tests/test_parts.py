@@ -52,7 +52,9 @@ def test_the_injector_runs_on_the_fuel_of_this_package() -> None:
 def test_the_feature_is_found_in_a_trace() -> None:
     bounds = 1e-6 * np.arange(1001.0)
     rate = np.where((bounds[1:] > 300e-6) & (bounds[1:] <= 800e-6), 50e-6, 0.0)
-    found = commonrail.features(commonrail.RateTrace(bounds, rate), [commonrail.Energising(0.0, "500 us")])
+    found = commonrail.features.find_features(
+        commonrail.features.RateTrace(bounds, rate), [commonrail.Energising(0.0, "500 us")]
+    )
     assert found.value("energised_rate") == pytest.approx(50e-6)
 
 

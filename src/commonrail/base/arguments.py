@@ -9,18 +9,18 @@ from __future__ import annotations
 import math
 import os
 import reprlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from enum import Enum
 from numbers import Real
 from pathlib import Path
 from types import UnionType
-from typing import Any, NamedTuple, NoReturn, TypeVar, get_args, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar, get_args, overload
 
-import numpy as np
-
-from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.base.units import FAST, NAMES, parse, to_text
+
+if TYPE_CHECKING:  # NumPy is imported when an array is read: the help of the command needs none
+    from commonrail.base.arrays import Floats
 
 Quantity = float | str  # an SI number, or text with its unit
 
@@ -35,15 +35,15 @@ _Choice = TypeVar("_Choice", bound=Enum)
 _CURES = {
     "Study": "read it with commonrail.load_study({})",
     "Injector": "read it with commonrail.load_injector({})",
-    "Truth": "read it with commonrail.load_truth({})",
+    "Truth": "read it with commonrail.lab.load_truth({})",
     "Fuel": "read it with commonrail.load_fuel({})",
     "OperatingPoint": 'write commonrail.OperatingPoint("160 MPa", "700 us")',
-    "Parameter": "commonrail.parameters_within(injector, [{}]) makes them",
+    "Parameter": "commonrail.design.parameters_within(injector, [{}]) makes them",
     "Trace": "write commonrail.Trace(times, values) with times [s] and SI values",
     "DataSet": "write commonrail.RateData(…), QuantityData(…), ReturnData(…) or FeatureData(…)",
     "Calibration": "take what commonrail.calibrate returns",
     "Solution": "take what commonrail.simulate returns",
-    "Bench": "write commonrail.Bench(truth, injector, time_step)",
+    "Bench": "write commonrail.lab.Bench(truth, injector, time_step)",
     "Variant": "write commonrail.Variant(body, boundary, drive)",
 }
 _EXAMPLES = {
@@ -71,6 +71,9 @@ class Limits(NamedTuple):
     high: float
     likely: tuple[float, float] = (1.0, 0.0)
     units: Sequence[str] = ()
+
+
+TIME_STEPS = Limits(1e-9, 1e-4, (50e-9, 10e-6), ("us", "ns"))  # [s], of the fast engines
 
 
 def number(value: object, unit: str, what: str) -> float:
@@ -126,6 +129,18 @@ def amount(value: object, unit: str, what: str, limits: Limits) -> float:
     )
 
 
+def positive(unit: str) -> Callable[[object, str], float]:
+    """Reader of one number greater than zero, called with value and name; `ConfigurationError` as `number`."""
+
+    def read(value: object, what: str) -> float:
+        found = number(value, unit, what)
+        if not found > 0.0:
+            raise ConfigurationError(f"The {what} must be greater than zero, not {found:g}.")
+        return found
+
+    return read
+
+
 def _meant(found: float, limits: Limits) -> str:
     """Proposal of the unit in which a plain number was probably meant."""
     low, high = limits.likely
@@ -140,6 +155,8 @@ def array(value: object, unit: str, what: str, dimensions: int | None = None, fi
     must have, and `finite` refuses not-a-number and infinity. Raises `ConfigurationError` if an element is no
     number, rows are of different lengths, or the number of dimensions is another.
     """
+    import numpy as np
+
     found = _numeric(value, unit, what)
     if dimensions is not None and found.ndim != dimensions:
         raise ConfigurationError(
@@ -153,6 +170,8 @@ def array(value: object, unit: str, what: str, dimensions: int | None = None, fi
 
 
 def _numeric(value: object, unit: str, what: str) -> Floats:
+    import numpy as np
+
     if isinstance(value, str):
         return np.asarray(number(value, unit, what))
     try:
@@ -201,9 +220,10 @@ def thread_count(threads: object) -> int | None:
 
 def flag(value: object, what: str) -> bool:
     """Read True or False."""
-    if not isinstance(value, bool | np.bool_):
+    value = _plain(value)
+    if not isinstance(value, bool):
         raise _refused(what, "True or False", value)
-    return bool(value)
+    return value
 
 
 def chosen(value: object, kind: type[_Choice], what: str) -> _Choice:
@@ -277,6 +297,8 @@ def sequence(value: object, what: str, of: str) -> Sequence[Any]:
 
     `of`: what the list holds, as it is written: ``"[point]"``.
     """
+    import numpy as np
+
     if isinstance(value, np.ndarray) and value.ndim:
         return list(value)
     if not isinstance(value, Sequence) or isinstance(value, str | bytes):
@@ -347,6 +369,8 @@ def settle(target: object, **values: object) -> None:
 
 def frozen(value: Any) -> Any:
     """Return a value whose mappings, lists and arrays are replaced by ones that cannot be changed."""
+    import numpy as np
+
     if isinstance(value, np.ndarray) and value.flags.writeable:
         value = value.copy()
         value.flags.writeable = False
@@ -357,21 +381,24 @@ def frozen(value: Any) -> Any:
 
 def shown(value: object) -> str:
     """One short line for any object."""
-    if isinstance(value, np.generic):
-        value = value.item()
+    value = _plain(value)
     if isinstance(value, str):
         return _quoted(value)
     line = " ".join(reprlib.repr(value).split())
     return line if len(line) <= 60 else f"{line[:57]}..."
 
 
+def _plain(value: Any) -> Any:
+    """Python's value of a NumPy scalar or of an array without dimensions; any other value as it is."""
+    return value.item() if isinstance(getattr(value, "ndim", None), int) and value.ndim == 0 else value
+
+
 def _real(value: object) -> float | None:
     """Float of a real number, None of anything else; True and False are no numbers."""
     if type(value) is float:
         return value
-    if isinstance(value, np.ndarray) and value.ndim == 0:
-        value = value.item()
-    if isinstance(value, bool | np.bool_) or not isinstance(value, Real):
+    value = _plain(value)
+    if isinstance(value, bool) or not isinstance(value, Real):
         return None
     try:
         return float(value)

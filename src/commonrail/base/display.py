@@ -9,6 +9,7 @@ from html import escape
 from importlib import import_module
 from typing import Any, ClassVar
 
+from commonrail.base.errors import ConfigurationError
 from commonrail.base.hooks import compiled_words, tell_of_compiling
 
 # Progress in a notebook: a bar that is drawn anew in its place, and a line while a kernel is compiled.
@@ -90,13 +91,37 @@ class Shown:
         """Tables of the report, for a notebook."""
         return str(_notebook().html_of(self))
 
-    def plot(self, point: Any = None) -> Any:
+    def plot(self, ax: Any = None, figure: int = 0, point: Any = None) -> Any:
+        """Draw a figure of the result with matplotlib.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes or sequence of them, optional
+            Axes for the panels of the figure, from the top; one takes the first panel. By default those of a new
+            figure.
+        figure : int
+            Number of the figure among those of `figures`, from 0.
+        point : OperatingPoint, optional
+            As for `figures`.
+
+        Returns
+        -------
+        matplotlib.axes.Axes or array of them
+
+        Raises
+        ------
+        ConfigurationError
+            As `figures`; if matplotlib is missing, there is no such figure, or there are more axes than panels.
+        """
+        return _notebook().draw_of(self, ax, figure, point)
+
+    def figures(self, point: Any = None) -> Any:
         """Figures of the report; a notebook shows them, `save` writes them as a page.
 
         `point`: an `OperatingPoint` in place of that of a simulation, whose energisings and delays are drawn. Raises
         `ConfigurationError` if there is nothing to draw, or what has a point is no simulation.
         """
-        return _notebook().plot_of(self, point)
+        return _notebook().picture_of(self, point)
 
     def to_pandas(self) -> Any:
         """Values as a pandas.DataFrame, with the unit behind each name; needs pandas.
@@ -111,6 +136,16 @@ class Shown:
         Raises `ConfigurationError` if xarray is missing, or the result has no arrays.
         """
         return _notebook().dataset_of(self)
+
+
+def load_library(name: str, extra: str = "notebook") -> Any:
+    """Import a library of an extra; ConfigurationError if it is missing."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise ConfigurationError(
+            f"This needs {name}, which is not installed: install it with pip install 'commonrail[{extra}]'."
+        ) from error
 
 
 def _notebook() -> Any:

@@ -32,6 +32,7 @@ PACKAGE = "commonrail"
 GROUPS = (
     "verbs",
     "data",
+    "views",
     "optimisers",
     "readers",
     "injectors",
@@ -156,6 +157,12 @@ def shipped(group: str) -> Mapping[str, Entry]:
     plugins = import_module(f"{PACKAGE}.plugins")
     targets: dict[str, str] = {**plugins.SHIPPED.get(group, {}), **_of_folders(group, plugins)}
     return {name: Entry(group, name, target) for name, target in targets.items()}
+
+
+def words_on_shipped(table: str) -> Mapping[str, Any]:
+    """Table of `commonrail.plugins` with words on what ships: "HEADINGS" of the help, "MEMORY" with cures."""
+    found: Mapping[str, Any] = getattr(import_module(f"{PACKAGE}.plugins"), table)
+    return found
 
 
 def _of_folders(group: str, plugins: ModuleType) -> dict[str, str]:

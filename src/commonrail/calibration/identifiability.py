@@ -23,29 +23,29 @@ from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study, objective_of
 
 NORMAL = 1.96  # standard errors of half an interval of 95 %
-LIMIT = 0.1  # half width over value, up to which a parameter is called pinned
+LIMIT = 0.1  # half width over value, up to which a parameter is called determined
 
 
 class ParameterVerdict(StrEnum):
     """Statement of the data on a parameter."""
 
-    PINNED = "pinned"
+    DETERMINED = "determined"
     COMBINED = "only in combination"
     AT_BOUND = "at a bound"
     CONSTRAINED = "held by a constraint"
-    UNSEEN = "not seen by these data"
-    WITHDRAWN = "withdrawn"
+    INSENSITIVE = "insensitive"
+    NOT_CONFIRMED = "not confirmed"
 
     @classmethod
     def by_width(cls, half: float, alone: float, value: float, limit: float = LIMIT) -> ParameterVerdict:
         """Verdict by the half widths of an interval over the value, without bounds, constraints and assumptions.
 
         Half widths [SI] with all parameters free, and `alone` with the others known; up to `limit` times the value a
-        parameter is pinned.
+        parameter is determined.
         """
         if half <= limit * abs(value):
-            return cls.PINNED
-        return cls.COMBINED if alone <= limit * abs(value) else cls.UNSEEN
+            return cls.DETERMINED
+        return cls.COMBINED if alone <= limit * abs(value) else cls.INSENSITIVE
 
 
 class Identified(dict[str, dict[str, Any]]):
@@ -99,7 +99,7 @@ def identify(calibration: Calibration, threads: int | None = None, *, starts: in
     """Effect, standard error and verdict of each free parameter on the fitted data, and bands of all data.
 
     Effects are those of `identify_at`; standard errors, verdicts and bands those of the parts in the group "after_fit":
-    as shipped `certify` and `assessed_bands`. Their bits depend on the processor, with `same_bits` too.
+    as shipped `certainty` and `assessed_bands`. Their bits depend on the processor, with `same_bits` too.
     `KeyboardInterrupt` if a stop was asked for.
     """
     study = instance(calibration, Calibration, "calibration").study

@@ -1,4 +1,4 @@
-"""Linear algebra of a fit near its best values: effective parameters, and combinations that the data pin down."""
+"""Linear algebra of a fit near its best values: effective parameters, and combinations that the data determine."""
 
 from __future__ import annotations
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+from commonrail.base.record import to_record
 from commonrail.base.text import number
 from commonrail.calibration.objective import Loss
-from commonrail.calibration.optimisers.base import AGREEING
 from commonrail.calibration.optimisers.registry import registered
-from commonrail.calibration.parameter import Parameter
-from commonrail.calibration.plausibility import Finding
+from commonrail.calibration.record import ParameterRecord
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.search import Searched, SearchResult
 from commonrail.calibration.study import Method, Study
@@ -23,11 +22,6 @@ from commonrail.physics.meters import known_quantity
 
 CERTAINTY = "certainty"  # likelihood, intervals, tests and verdicts; `certainty` writes them again
 CLOCK = "clock"  # holds what depends on the clock; all else is the same whenever and however often a study is run
-
-
-def confirms(certainty: Mapping[str, Any]) -> bool:
-    """Return whether a look at the certainty has searched as a fit must: it has settled, and enough starts agree."""
-    return bool(certainty.get("settled")) and certainty.get("agreeing", 0) >= AGREEING
 
 
 def fit_record(kind: str, study: Searched, fit: SearchResult) -> dict[str, Any]:
@@ -47,9 +41,7 @@ def fit_record(kind: str, study: Searched, fit: SearchResult) -> dict[str, Any]:
             "injections": fit.simulations,
             "failures": dict(sorted(fit.failures.items())),
         },
-        "generations": [
-            {"generation": g.generation, "best": number(g.best), "mean": number(g.mean)} for g in fit.history
-        ],
+        "generations": to_record(fit.history),
         CLOCK: {
             "seconds": fit.seconds,
             "simulations_per_second": fit.simulations / max(fit.seconds, 1e-9),
@@ -86,8 +78,8 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
             for one in data_records(study.data, calibration.scores)
         ],
         **meter_records(calibration.meters),
-        "warnings": warning_records(calibration.warnings),
-        **({"start_warnings": warning_records(calibration.start_warnings)} if calibration.start_warnings else {}),
+        "warnings": to_record(calibration.warnings),
+        **({"start_warnings": to_record(calibration.start_warnings)} if calibration.start_warnings else {}),
     }
 
 
@@ -95,11 +87,6 @@ def _files(study: Study) -> list[dict[str, str]]:
     """Name and SHA-256 of each data file of the study; TOML files change where a run folder moves them."""
     data = sorted((path.name, digest) for path, digest in study.files.items() if path.suffix not in (".toml", ""))
     return [{"name": name, "sha256": digest} for name, digest in data]
-
-
-def warning_records(warnings: Iterable[Finding]) -> list[dict[str, str]]:
-    """One record for each finding: its code, subject and sentence."""
-    return [finding._asdict() for finding in warnings]
 
 
 def data_records(data: Sequence[DataSet], scores: Mapping[str, Sequence[Score]]) -> list[dict[str, Any]]:
@@ -124,33 +111,24 @@ def _baselines(one: DataSet, data: Sequence[DataSet], score: Score | None) -> di
 def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
     records = []
     for p in calibration.study.space.parameters:
-        best = calibration.best[p.name]
-        records.append(
-            {
-                "name": p.name,
-                "unit": known_quantity(p.name).unit,
-                "meaning": known_quantity(p.name).meaning,
-                "reference": p.reference,
-                "lower": p.lower,
-                "upper": p.upper,
-                "best": best,
-                "mark": p.mark,
-                "source": p.source,
-                "position": p.position(best),
-                "at_bound": p.is_at_bound(best),
-                **_prior(p, best),
-                **identified.get(p.name, {}),
-            }
+        best, quantity = calibration.best[p.name], known_quantity(p.name)
+        record = ParameterRecord(
+            name=p.name,
+            unit=quantity.unit,
+            meaning=quantity.meaning,
+            reference=p.reference,
+            lower=p.lower,
+            upper=p.upper,
+            best=best,
+            mark=p.mark,
+            source=p.source,
+            position=p.position(best),
+            at_bound=p.is_at_bound(best),
+            prior=p.prior,
+            pull=None if p.prior is None else p.prior.residual(best),
         )
+        records.append(to_record(record) | dict(identified.get(p.name, {})))
     return records
-
-
-def _prior(parameter: Parameter, best: float) -> dict[str, Any]:
-    """Prior of a parameter and the pull of its best value, in standard deviations; empty without one."""
-    if parameter.prior is None:
-        return {}
-    prior = {"value": parameter.prior.value, "sigma": parameter.prior.sigma, "source": parameter.prior.source}
-    return {"prior": prior, "pull": parameter.prior.residual(best)}
 
 
 def _optimiser(method: Method) -> dict[str, Any]:

@@ -91,7 +91,7 @@ def calibrate(
 ) -> Calibration:
     """Run a study to its end, or until Ctrl-C, which ends it in order with the best so far.
 
-    `commonrail.calibrate_into` does the same and keeps every step in a run folder.
+    `commonrail.runs.calibrate_into` does the same and keeps every step in a run folder.
 
     Parameters
     ----------

@@ -173,6 +173,8 @@ class Study(Shown):
         Further searches by which the fit is judged; they do not change it.
     files : mapping of Path to str
         SHA-256 of each file that the study was read from, its own first; empty if it was made in Python.
+    as_read : Study, optional
+        The study as those files state it, by which a run tells what was changed in Python.
     author, logo : str
         For the report: a name, and a picture as a data URI; both may be empty.
     fixed : tuple of str
@@ -207,6 +209,7 @@ class Study(Shown):
     author: str = ""
     logo: str = ""
     fixed: tuple[str, ...] = ()
+    as_read: Study | None = None
 
     def __post_init__(self) -> None:
         for what in ("title", "text", "note", "author", "logo"):

@@ -71,7 +71,7 @@ def load_study(path: str | Path) -> Study:
     with noting_files() as files:
         file = file_path(path, "path of a study")
         study = _study(file, *read_model_file(StudyModel, file))
-    return replace(study, files=files)
+    return replace(study, files=files, as_read=study)
 
 
 def edit_study(path: Path, edit: Callable[[Any], None]) -> Study:
@@ -87,7 +87,7 @@ def edit_study(path: Path, edit: Callable[[Any], None]) -> Study:
         text, at = tomlkit.dumps(document), Place(str(path))
         model = read_model(StudyModel, parse_toml(text, str(path)), at)
         study = _study(path, model, at, Reach(path, True, announced=True), text)
-    return replace(study, files=files)
+    return replace(study, files=files, as_read=study)
 
 
 def _study(file: Path, model: StudyModel, at: Place, reach: Reach, text: str) -> Study:

@@ -22,18 +22,23 @@ if TYPE_CHECKING:
     from commonrail.calibration.search import Progress
     from commonrail.calibration.study import Study
     from commonrail.runs.fit import Listener
+    from commonrail.runs.folder import Results
     from commonrail.workers.workers import Workers
 
 JUDGED_SOON = 30.0  # time of a judgement whose stages need not be shown [s]
 
 
 class Outcome(NamedTuple):
-    """Run folder, report and the record of the result; `judged` is false if Ctrl-C has stopped the judgement."""
+    """Run folder, report and the record of the result; `judged` is false if Ctrl-C has stopped the judgement.
+
+    `results` are those of a calibration that has just been written.
+    """
 
     folder: Path
     report: Path
     record: dict[str, Any]
     judged: bool = True
+    results: Results | None = None
 
     @property
     def interrupted(self) -> bool:
@@ -44,7 +49,7 @@ class Outcome(NamedTuple):
 def run_study(
     study: Study, folder: Path, threads: int | None, workers: Workers | None = None, *, strict: bool = False
 ) -> Outcome:
-    """Calibrate a study into a new folder, with progress and warnings on stderr; as `commonrail.calibrate_into`."""
+    """Calibrate a study into a new folder, with progress and warnings on stderr; as `runs.calibrate_into`."""
     from commonrail.runs.fit import calibrate_into
 
     points = counted(sum(len(data.points) for data in study.data), "operating point")
@@ -65,20 +70,24 @@ def reported(
     `stage` says how far a search is for the bar with the title, by default `stage_of`.
     """
     from commonrail.base.hooks import held_interrupts
-    from commonrail.report.page import write_report
+    from commonrail.report.page import write_report, write_report_of
     from commonrail.report.result_kind import kind_of
     from commonrail.runs.fit import Listener
     from commonrail.runs.folder import RESULT
 
     shown, judged = stage_of if stage is None else stage, True
+    written: list[Results] = []
     with held_interrupts():  # once the search has ended, its report is written whatever keys are pressed
         with Bar(title) as bar, telling(shown_by(bar, JUDGED_SOON)):
             try:
-                work(Listener(lambda p: bar.show(shown(p)), bar.note))
+                work(Listener(lambda p: bar.show(shown(p)), bar.note, written.append))
             except KeyboardInterrupt:
                 if not (folder / RESULT).is_file():
                     raise
                 judged = False
+        if written and judged:
+            report = write_report_of(written[0], folder, live=False)
+            return Outcome(folder, report, written[0].record, results=written[0])
         report = write_report(folder, live=False)
         return Outcome(folder, report, dict(kind_of(folder).read(folder)), judged)
 
@@ -90,12 +99,13 @@ def print_outcome(outcome: Outcome, json: bool, *, full: bool = False, strict: b
 
     `StudyError` if `strict` and the run has given a warning; its files are written.
     """
+    from commonrail.calibration.record import CalibrationRecord, read_as
     from commonrail.report.fit.verdict import verdict
 
     record, warnings = outcome.record, outcome.record["warnings"]
     if json:
         places = {"run": str(outcome.folder), "report": str(outcome.report)}
-        judged = verdict(record, str(outcome.folder)).record()
+        judged = verdict(read_as(CalibrationRecord, record), str(outcome.folder)).record()
         print_json({"kind": "calibration", **places, "verdict": judged, "result": record})
     else:
         if full:
@@ -120,31 +130,35 @@ def make_live(outcome: Outcome) -> None:
 
     The first of a variant is compiled for some time, so the verdict and a report without it are there before.
     """
-    from commonrail.report.page import write_report
+    from commonrail.report.page import write_report, write_report_of
     from commonrail.report.result_kind import kind_of
 
-    if outcome.report.is_file() and kind_of(outcome.folder).still:
+    if outcome.results is not None:
+        write_report_of(outcome.results, outcome.folder)
+    elif outcome.report.is_file() and kind_of(outcome.folder).still:
         write_report(outcome.folder)
 
 
 def _print_tables(record: Mapping[str, Any]) -> None:
     """Print all tables and sentences of a calibration."""
+    from commonrail.calibration.record import CalibrationRecord, read_as
     from commonrail.report.fit.certainty import certainty_lines, likelihood_tables
     from commonrail.report.fit.tables import parameter_table, tables_of
     from commonrail.report.fit.verdict import baseline_lines, convergence_lines, judgement_lines, judgement_tables
 
+    fit = read_as(CalibrationRecord, record)
     tables = (
-        *tables_of(record["data"]),
-        parameter_table(record["parameters"], record.get("certainty")),
-        *likelihood_tables(record),
-        *judgement_tables(record),
+        *tables_of(fit.data),
+        parameter_table(fit.parameters, fit.certainty),
+        *likelihood_tables(fit.certainty),
+        *judgement_tables(fit),
     )
     for table in tables:
         print_table(table)
-    print_lines(convergence_lines(record))
-    print_lines(certainty_lines(record))
-    print_lines(baseline_lines(record["data"]))
-    print_lines(judgement_lines(record))
+    print_lines(convergence_lines(fit))
+    print_lines(certainty_lines(fit.certainty))
+    print_lines(baseline_lines(fit.data))
+    print_lines(judgement_lines(fit))
 
 
 COLOURS = {"good": "green", "care": "yellow", "bad": "red"}  # of the levels of a verdict
@@ -153,9 +167,11 @@ LINES, STEPS = 15, 3  # lines of the card in a terminal, and commands in it
 
 def print_card(record: Mapping[str, Any], run: str) -> None:
     """Print verdict, figures, reasons and next commands of a calibration in some `LINES`, reasons cut first."""
+    from commonrail.calibration.record import CalibrationRecord, read_as
     from commonrail.report.fit.verdict import tiles, verdict
 
-    judged, figures = verdict(record, run), tiles(record)
+    fit = read_as(CalibrationRecord, record)
+    judged, figures = verdict(fit, run), tiles(fit)
     bar = click.style("┃", fg=COLOURS[judged.level])
     title = wrapped(f"┃ {judged.headline}", "┃ ")
     click.echo("\n".join(f"{bar}{click.style(line[1:], bold=True)}" for line in title))

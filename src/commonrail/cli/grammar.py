@@ -12,23 +12,18 @@ from dataclasses import is_dataclass
 from enum import Enum
 from pathlib import Path
 from types import UnionType
-from typing import Any, get_args, get_origin
+from typing import Annotated, Any, get_args, get_origin
 
 import click
 
+from commonrail.base.arguments import LARGEST_WHOLE
+from commonrail.base.declare import declared_fields
 from commonrail.base.errors import PluginError, nearest
 from commonrail.base.hooks import check_unheld_stop, requested_stops
-from commonrail.base.registry import entries, find
+from commonrail.base.registry import entries, find, words_on_shipped
+from commonrail.base.units import parse
 from commonrail.cli.console import say
 from commonrail.cli.guard import check_paths, guarded
-
-HEADINGS = {
-    "Fit a model to data": ("new", "inspect", "calibrate", "resume", "runs", "update", "certainty", "next", "report"),
-    "Use a model": ("simulate", "map", "sweep", "features", "predict", "observe", "page", "export"),
-    "Many parts": ("fleet", "type", "adapt", "tolerance"),
-    "A part on the bench": ("plan", "diagnose", "trim", "judge"),
-    "Judge and look up": ("compare", "sensitivity", "catalogue", "cite", "fuel", "doctor", "lab"),
-}
 
 
 class Option:
@@ -39,7 +34,8 @@ class Option:
     *names : str
         On the command line, where it is not that of the parameter.
     **settings
-        ``help``, ``metavar``, ``min`` and ``max``, or what else `click.Option` takes.
+        ``help``, ``metavar``, ``min`` and ``max``, ``unit``, the SI unit of a number that is given as text with its
+        unit, or what else `click.Option` takes.
     """
 
     def __init__(self, *names: str, **settings: Any) -> None:
@@ -101,14 +97,15 @@ def verb(function: Callable[..., None]) -> Verb:
 
     Each of its parameters is annotated with ``Annotated[type, Option(...)]`` or ``Annotated[type, Argument(...)]``. The
     type is str, int, float, bool (a flag), Path or an enumeration of texts; a ``tuple[type, ...]`` may be repeated, and
-    ``type | None`` is None where it is not given. A dataclass of such fields is a group that several verbs share.
+    ``type | None`` is None where it is not given. A dataclass of such fields is a group that several verbs share; one
+    under `commonrail.base.declare.settings` has an option for each setting.
     """
     params: list[click.Parameter] = []
     groups: dict[str, tuple[Callable[..., Any], list[str]]] = {}
     for each in inspect.signature(function, eval_str=True).parameters.values():
         fields = [each]
         if is_dataclass(group := each.annotation) and isinstance(group, type):
-            fields = [*inspect.signature(group, eval_str=True).parameters.values()]
+            fields = _fields(group)
             groups[each.name] = group, [field.name for field in fields]
         params += map(_parameter, fields)
 
@@ -120,6 +117,26 @@ def verb(function: Callable[..., None]) -> Verb:
     return Verb(name, callback=call if groups else function, params=params, help=inspect.getdoc(function))
 
 
+def _fields(group: type) -> list[inspect.Parameter]:
+    """Fields of a group as parameters, those of declared settings with what is declared."""
+    declared, fields = declared_fields(group), []
+    for field in inspect.signature(group, eval_str=True).parameters.values():
+        if (one := declared.get(field.name)) is None:
+            fields.append(field)
+        elif one.option:
+            options: dict[str, Any] = {"help": one.meaning}
+            if one.type is float:
+                options["unit"] = one.unit
+                field = field.replace(
+                    default=field.empty if one.default_text == "required" else one.default_text or None
+                )
+            elif one.type is int:
+                low, high = one.whole_limits
+                options |= {"min": low} if high == LARGEST_WHOLE else {"min": low, "max": high}
+            fields.append(field.replace(annotation=Annotated[one.kind, Option(**options)]))
+    return fields
+
+
 def _parameter(parameter: inspect.Parameter) -> click.Parameter:
     """Option or argument of click for a parameter of a function."""
     kind, declared = get_args(parameter.annotation)
@@ -128,7 +145,10 @@ def _parameter(parameter: inspect.Parameter) -> click.Parameter:
     kind = get_args(kind)[0] if several else kind
     settings: dict[str, Any] = {"required": parameter.default is parameter.empty, **declared.settings}
     limits = {name: settings.pop(name) for name in ("min", "max") if name in settings}
-    if limits:
+    if unit := settings.pop("unit", ""):
+        settings["type"] = str
+        settings["callback"] = lambda ctx, param, value: None if value is None else parse(value, unit, param.opts[-1])
+    elif limits:
         settings["type"] = (click.IntRange if kind is int else click.FloatRange)(**limits)
     elif kind is Path:
         settings["type"] = click.Path(path_type=Path)
@@ -192,10 +212,11 @@ class Verbs(click.Group):
         return resolved
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the verbs under the headings of `HEADINGS`, the others, such as those of installed packages, last."""
+        """Write the verbs under headings, those without one, such as those of installed packages, last."""
+        headings = words_on_shipped("HEADINGS")
         names = self.list_commands(ctx)
-        placed = {name for own in HEADINGS.values() for name in own}
-        for heading, own in (*HEADINGS.items(), ("Other", [name for name in names if name not in placed])):
+        placed = {name for own in headings.values() for name in own}
+        for heading, own in (*headings.items(), ("Other", [name for name in names if name not in placed])):
             commands = [(name, self.get_command(ctx, name)) for name in own if name in names]
             width = formatter.width - 6 - max((len(name) for name in names), default=0)
             rows = [(name, command.get_short_help_str(width)) for name, command in commands if command is not None]

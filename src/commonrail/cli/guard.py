@@ -20,17 +20,6 @@ UNEXPECTED = 1
 UNUSABLE = 2
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG)
 
-# Cure of too little memory by verb, and of the others.
-MEMORY = {
-    "simulate": "shorten --horizon or lengthen --time-step",
-    "calibrate": "lower --workers or --threads, or the members of the study's [optimiser]",
-    "resume": "lower --workers or --threads",
-    "compare": "lower --threads, or name fewer models or studies",
-    "lab reproduce": "lower --threads or --seeds",
-    "sensitivity": "lower --threads or --samples, or name fewer parameters or features",
-    "tolerance": "lower --threads or --parts",
-    "fleet": "lower --workers, or divide the fleet's table",
-}
 _DASH = Path("-")
 _OUTPUTS = ("out", "quantity_out", "report")  # options with files that are written
 OTHERS = "close other programs or take a machine with more"
@@ -67,7 +56,9 @@ def guarded() -> Iterator[None]:
     except ModuleNotFoundError as error:
         _end(*_lacking(error))
     except MemoryError:
-        _end(f"not enough memory; {MEMORY.get(_state()[0], OTHERS)}.", UNUSABLE)
+        from commonrail.base.registry import words_on_shipped
+
+        _end(f"not enough memory; {words_on_shipped('MEMORY').get(_state()[0], OTHERS)}.", UNUSABLE)
     except Exception as error:
         if type(error).__module__.partition(".")[0] == "click":  # an end, or a mistake on the command line
             _end_of_click(error)

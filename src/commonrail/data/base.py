@@ -1,7 +1,8 @@
 """Interface that every kind of measured data implements.
 
-A kind is a frozen dataclass that derives from `DataSet` and is registered in the group "data", with a `Score`, a `View`
-and the model of its block in a study file. Search, journal, fleet, comparison, plausibility and report know these only.
+A kind is a frozen dataclass that derives from `DataSet` and is registered in the group "data", with a `Score` and the
+model of its block in a study file. Search, journal, fleet, comparison and plausibility know these only; reports show it
+by the part of the same name in the group "views".
 """
 
 from __future__ import annotations
@@ -17,12 +18,8 @@ import numpy as np
 
 from commonrail.base.arguments import chosen, instance, number, plain_text, settle
 from commonrail.base.arrays import Bools, Floats, Ints
-from commonrail.base.chart import Figure
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.table import Table
-from commonrail.base.text import number as number_or_none
 from commonrail.data.noise import NOISE, Noise
-from commonrail.data.records import JUDGED, Plotted, Record, Texts
 from commonrail.data.simulator import Candidates, Simulator
 from commonrail.data.study_block import Context, DataModel
 from commonrail.engine import lanes, plan
@@ -42,31 +39,15 @@ class Role(Enum):
 
 
 class Term(NamedTuple):
-    """Data sets of one kind that a search simulates together, in one batch.
-
-    Attributes
-    ----------
-    points : sequence of OperatingPoint
-    weights : (data sets,)
-    misfits : function of Batch and Candidates
-        J of each data set, (candidates, data sets); not finite for a failed simulation.
-    squares : function of Batch and Candidates
-        Sum of the squared errors of each data set without its weight, in the same shape.
-    failed : function of (candidates, points) statuses
-        Which simulations count as failed.
-    misfit : Misfit or None
-        Samples that are compared inside the simulation.
-    whole : bool
-        Simulate to the horizon of each point, where a simulation else ends once the injector is at rest.
-    """
+    """Data sets of one kind that a search simulates together, in one batch."""
 
     points: Sequence[OperatingPoint]
-    weights: Floats
-    misfits: Callable[[Batch, Candidates], Floats]
-    squares: Callable[[Batch, Candidates], Floats]
-    failed: Callable[[Ints], Bools]
-    misfit: Misfit | None = None
-    whole: bool = False
+    weights: Floats  # (data sets,)
+    misfits: Callable[[Batch, Candidates], Floats]  # J (candidates, data sets); not finite for a failed simulation
+    squares: Callable[[Batch, Candidates], Floats]  # sums of the squared errors without the weights, in that shape
+    failed: Callable[[Ints], Bools]  # which of the statuses (candidates, points) count as failed
+    misfit: Misfit | None = None  # samples that are compared inside the simulation
+    whole: bool = False  # simulate to the horizon of each point, where it else ends once the injector is at rest
 
 
 def term_of(
@@ -106,17 +87,10 @@ class Missing(NamedTuple):
 
 @dataclass(frozen=True)
 class Score(ABC):
-    """Agreement of one injector with one data set.
-
-    Attributes
-    ----------
-    data : DataSet
-    values : (n,)
-        Simulated values, one for each of the data set's `measured`; NaN where a simulation failed.
-    """
+    """Agreement of one injector with one data set."""
 
     data: Any
-    values: Floats
+    values: Floats  # (n,): simulated, one for each of the data set's `measured`; NaN where a simulation failed
 
     @property
     @abstractmethod
@@ -149,162 +123,46 @@ class Score(ABC):
         return []
 
 
-class Merit(NamedTuple):
-    """Figure of merit on the first page of a report: the figure with its unit, and of what it is."""
-
-    figure: str
-    words: str
-
-
-class FitError(NamedTuple):
-    """Error of a calibrated model on data: a share of what was measured, or `in_tolerances`; a study's tolerance."""
-
-    size: float
-    in_tolerances: bool = False
-    tolerance: float = 0.0
-
-
-class View(ABC):
-    """Content of reports on records of one kind: tables, figures and sentences, as plain data."""
-
-    def has(self, data: Record, label: str) -> bool:
-        """True if a model has any number for the data set, by default for any of its rows."""
-        return any(number_or_none(row.get(label)) is not None for row in data["rows"])
-
-    @abstractmethod
-    def operating_point(self, data: Record) -> Record:
-        """One of the data set's operating points, to simulate it again."""
-
-    def operating_points(self, data: Record) -> Sequence[Record]:
-        """All of the data set's operating points."""
-        return [self.operating_point(data)]
-
-    @abstractmethod
-    def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
-        """Error of a model on data sets, beside that of the start values if there are any."""
-
-    def fit_error(self, data: Record) -> FitError | None:
-        """Error of the calibrated model on a data set, by default in tolerances; None without a figure."""
-        size = number_or_none(data.get("rms", {}).get(JUDGED))
-        return None if size is None else FitError(size, in_tolerances=True)
-
-    def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
-        """Error of the quantity per stroke, where `merit` does not say it."""
-        return None
-
-    def quantities(self, data: Record) -> list[tuple[float, float | None]]:
-        """Measured and calibrated quantities per stroke [m³]."""
-        return []
-
-    @abstractmethod
-    def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
-        """Measure of the best model of a comparison, and the errors by label of each data set."""
-
-    @abstractmethod
-    def tables(self, data: Sequence[Record], texts: Texts) -> list[Table]:
-        """Tables of a calibration; errors and shares are those of the label "best", whatever its text."""
-
-    @abstractmethod
-    def compared_tables(self, data: Sequence[Record], labels: Sequence[str]) -> list[Table]:
-        """Tables of a comparison: a column for each model, the least error of each row marked."""
-
-    @abstractmethod
-    def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
-        """Figures of one data set of a calibration."""
-
-    @abstractmethod
-    def compared_figures(self, data: Record, plotted: Plotted) -> list[Figure]:
-        """Figures of one data set of a comparison."""
-
-
 class DataSet(ABC):
-    """Measured values at operating points.
+    """Measured values at operating points."""
 
-    Attributes
-    ----------
-    kind : str
-        Of the kind: `kind` in a study file and in a record.
-    what, unit : str
-        Of the kind: what its values are, "rate", and their SI unit.
-    error_head : (str, str)
-        Of the kind: what `Score.error` is, "J", and its unit.
-    model : type of DataModel
-        Of the kind: keys of its block in a study file.
-    view : View
-        Of the kind: what reports show of it.
-    meter_inputs : set of str
-        Of the kind: quantities of a meter that its values depend on.
-    sigma_unit, residual_unit : str
-        Of the kind: SI unit in which a standard deviation of its noise is stated, and unit of its residuals in words.
-    residual_scale : float
-        Of the kind: residual for one `sigma_unit`.
-    name, source, synthetic : str
-        Where the data come from; what about them is synthetic, empty if measured.
-    role : Role
-    weight : float
-        Factor of its J in the objective.
-    points : tuple of OperatingPoint
-    simulated_points : tuple of OperatingPoint
-        All single injections that a candidate takes in a search; set by the kind, as the next two.
-    measured : (n,)
-        Measured values.
-    judged : (n,) bool
-        Values of the kind itself; not those that stand for another figure, such as a dead time.
-    bounds : (n + 1,) or None
-        Bounds [s] of the samples, if the values are a course in time; None if there is one for each point.
-    mass_density : float or (n,)
-        Density [kg/m³] that made volumes of masses; NaN where volumes were measured.
-    meter : Meter or None
-        Law between the simulated flow and the measured values; None where they are compared as they are.
-    noise : Noise
-        Noise model for the likelihood of the data; the search does not depend on it.
-    has_return : bool
-        Whether a value is a quantity through the return line.
-    """
-
-    kind: ClassVar[str]
-    what: ClassVar[str]
-    unit: ClassVar[str]
-    error_head: ClassVar[tuple[str, str]]
-    model: ClassVar[type[DataModel]]
-    view: ClassVar[View]
-    meter_inputs: ClassVar[frozenset[str]]
-    sigma_unit: ClassVar[str] = "1"
-    residual_unit: ClassVar[str] = "tolerances"
-    residual_scale: ClassVar[float] = 1.0
+    # of the kind
+    kind: ClassVar[str]  # `kind` in a study file and in a record
+    what: ClassVar[str]  # what its values are, "rate"
+    unit: ClassVar[str]  # their SI unit
+    error_head: ClassVar[tuple[str, str]]  # what `Score.error` is, "J", and its unit
+    model: ClassVar[type[DataModel]]  # keys of its block in a study file
+    meter_inputs: ClassVar[frozenset[str]]  # quantities of a meter that its values depend on
+    sigma_unit: ClassVar[str] = "1"  # SI unit in which a standard deviation of its noise is stated
+    residual_unit: ClassVar[str] = "tolerances"  # of its residuals, in words
+    residual_scale: ClassVar[float] = 1.0  # residual for one `sigma_unit`
 
     name: str
     role: Role
-    weight: float
-    source: str
-    synthetic: str
+    weight: float  # factor of its J in the objective
+    source: str  # where the data come from
+    synthetic: str  # what about them is synthetic, empty if measured
     points: tuple[OperatingPoint, ...]
+    # all single injections that a candidate takes in a search; set by the kind, as the next two
     simulated_points: tuple[OperatingPoint, ...]
-    measured: Floats
-    judged: Bools
+    measured: Floats  # (n,)
+    judged: Bools  # (n,): values of the kind itself; not those that stand for another figure, such as a dead time
+    # (n,) or for all: density [kg/m³] that made volumes of masses; NaN where volumes were measured
     mass_density: Floats | float
+    # (n + 1,): bounds [s] of the samples, if the values are a course in time; None if there is one for each point
     bounds: Floats | None
+    # law between the simulated flow and the measured values; None where they are compared as they are
     meter: Meter | None
-    noise: Noise = NOISE
-    has_return: bool = False
+    noise: Noise = NOISE  # for the likelihood of the data; the search does not depend on it
+    has_return: bool = False  # whether a value is a quantity through the return line
 
     @classmethod
     @abstractmethod
     def read_all(cls, model: Any, context: Context) -> Sequence[Self]:
         """Read the data sets that a block of a study file holds, those that it asks to hold out among them.
 
-        Parameters
-        ----------
-        model : DataModel
-            The block, of the kind's own `model`.
-        context : Context
-
-        Raises
-        ------
-        InputError
-            If a file or a value cannot be read, or makes no sense.
-        ConfigurationError
-            If values contradict one another, or the data do not fit the injector.
+        `model`: the block, of the kind's own `model`. Raises `InputError` if a file or a value cannot be read, or makes
+        no sense, and `ConfigurationError` if values contradict one another, or the data do not fit the injector.
         """
 
     @classmethod
@@ -351,15 +209,9 @@ class DataSet(ABC):
 
 
 class ToleratedData(DataSet):
-    """Data each of whose values is judged against a tolerance of its own.
+    """Data each of whose values is judged against a tolerance of its own."""
 
-    Attributes
-    ----------
-    tolerances : (n,)
-        Set by the kind, in the units of `measured`.
-    """
-
-    tolerances: Floats
+    tolerances: Floats  # (n,): set by the kind, in the units of `measured`
 
     def errors(self, values: Floats) -> Floats:
         """(Value − measured)/tolerance of simulated values (…, n)."""
@@ -446,11 +298,5 @@ def past_stops(simulator: Simulator, point: OperatingPoint, values: Floats) -> P
         outcome, trace = lanes.run(job, variant, traced=True, same_bits=simulator.same_bits)
         sound = (outcome.sound * outcome.closed_at_start)[:, 0] > 0.0
         found[part] = np.where(sound[:, None], trace[0][:, places, : len(theta)].max(axis=0).T, np.nan)
-    of = _values_of(simulator, names, own)
-    return Past(found[:, 0] - of("plunger_needle.stop_lift"), found[:, 1] - of("valve.lift"))
-
-
-def _values_of(simulator: Simulator, names: tuple[str, ...], own: Floats) -> Callable[[str], Floats | float]:
-    """Function that returns a parameter of each candidate, or of the injector where it does not vary."""
-    columns = {name: own[:, i] for i, name in enumerate(names)}
-    return lambda name: columns.get(name, simulator.injector.values[name])
+    stops: dict[str, Any] = {**simulator.injector.values, **{name: own[:, i] for i, name in enumerate(names)}}
+    return Past(found[:, 0] - stops["plunger_needle.stop_lift"], found[:, 1] - stops["valve.lift"])

@@ -7,10 +7,9 @@ from typing import Any
 
 from commonrail.base.errors import ConfigurationError
 from commonrail.data.base import DataSet
-from commonrail.physics.injector import Injector, Source
+from commonrail.physics.injector import Injector
 from commonrail.physics.meters import QUANTITIES, Meter, is_of_meter, parts_of
-
-_UNSTATED = Source("E", "no source stated")
+from commonrail.readers.toml import UNSTATED
 
 
 def meters_of(data: Iterable[DataSet]) -> tuple[Meter, ...]:
@@ -73,22 +72,22 @@ def _check_temperatures(meter: Meter, temperatures: Sequence[float], injector: I
 
 def meter_records(meters: Sequence[Meter]) -> dict[str, Any]:
     """JSON-able meters under the key "meters"; nothing if there are none."""
-    return {"meters": [_record(meter) for meter in meters]} if meters else {}
-
-
-def _record(meter: Meter) -> Mapping[str, Any]:
-    return {
-        "name": meter.name,
-        "law": meter.law.value,
-        "order": meter.order,
-        "quantities": [
-            {
-                "name": key,
-                "value": value,
-                "unit": QUANTITIES[key].unit,
-                "meaning": QUANTITIES[key].meaning,
-                **meter.sources.get(key, _UNSTATED)._asdict(),
-            }
-            for key, value in meter.values.items()
-        ],
-    }
+    found = [
+        {
+            "name": meter.name,
+            "law": meter.law.value,
+            "order": meter.order,
+            "quantities": [
+                {
+                    "name": key,
+                    "value": value,
+                    "unit": QUANTITIES[key].unit,
+                    "meaning": QUANTITIES[key].meaning,
+                    **meter.sources.get(key, UNSTATED)._asdict(),
+                }
+                for key, value in meter.values.items()
+            ],
+        }
+        for meter in meters
+    ]
+    return {"meters": found} if found else {}

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 from commonrail.base.arrays import Floats
-from commonrail.base.chart import Points, Series
-from commonrail.base.text import MISSING, number
+from commonrail.base.record import to_record
 from commonrail.compiler.target import describe, package_versions
 from commonrail.engine.operating_point import OperatingPoint
 
@@ -29,24 +28,6 @@ JUDGED = "best"  # the label whose errors are told
 MEASURED = "measured"
 
 
-class Shown(NamedTuple):
-    """Look of a model in figures: text of the legend, and look and family of its `Series`."""
-
-    text: str
-    look: str
-    family: int | None = None
-
-
-Models = Mapping[str, Shown]  # by label, in order
-
-
-class Plotted(NamedTuple):
-    """Content of figures besides a record: models, and courses in time by data set."""
-
-    models: Models
-    traces: Traces
-
-
 def origin_of(data: Record) -> str:
     """Word for the values of a data set: synthetic ones are never shown as measured."""
     return "synthetic" if data.get("synthetic") else "measured"
@@ -56,6 +37,12 @@ def record_head(kind: str, title: str, synthetic: str) -> dict[str, Any]:
     """First keys of a record that a folder keeps: what it is, what made it where, what of it is not measured."""
     made = {"software": package_versions(), "target": describe().machine}
     return {"schema": SCHEMA, "kind": kind, **made, "title": title, "synthetic": synthetic}
+
+
+def record_of(kind: str, result: Any) -> dict[str, Any]:
+    """Record that a folder keeps of a typed result with a title: its head, and its fields by `to_record`."""
+    record: dict[str, Any] = to_record(result)
+    return record_head(kind, result.title, result.synthetic) | record
 
 
 def point_record(point: OperatingPoint) -> dict[str, float]:
@@ -73,22 +60,3 @@ def point_record(point: OperatingPoint) -> dict[str, float]:
 def relative_error(value: float | None, measured: float) -> float | None:
     """Error of a value in percent of the measured one; None where either is missing."""
     return None if value is None or not measured else 100.0 * (value / measured - 1.0)
-
-
-def start_words(start: str, unit: str) -> str:
-    """Words behind a figure of merit that tell that of the start values; none where it is missing."""
-    return "" if start == MISSING else f" (start {start} {unit})"
-
-
-def scaled(rows: Sequence[Record], key: str, scale: float) -> Points:
-    """Values of the rows for a series; None where there is no number.
-
-    `scale`: factor on the values.
-    """
-    found = (number(row.get(key)) for row in rows)
-    return tuple(None if value is None else value * scale for value in found)
-
-
-def present(series: Sequence[Series]) -> tuple[Series, ...]:
-    """Without models that have no number at all: the legend would promise a curve."""
-    return tuple(s for s in series if any(y is not None for y in s.y))

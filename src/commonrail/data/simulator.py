@@ -52,32 +52,13 @@ class Candidates(NamedTuple):
         return reference_densities(injector, points, names, values)
 
 
-class _Longer(NamedTuple):
-    """A point, the same with a later end, the bounds of its steps [s], and what its simulations share."""
-
-    point: OperatingPoint
-    longer: OperatingPoint
-    times: Floats
-    prepared: Prepared
-
-
 class Simulator:
     """An injector, the parameters of it that vary, and how it is simulated.
 
-    Parameters
-    ----------
-    injector : Injector
-        Gives the values that do not vary.
-    names : sequence of str
-        Parameters that vary, of the injector and of meters; none for the injector as it is.
-    time_step : float
-        [s].
-    threads : int, optional
-        All usable processors by default.
-    precision : Precision
-        Of batches that ask for none themselves.
-    same_bits : bool
-        Simulate to the same bits on every x86-64 processor: see `simulate_batch`.
+    `injector` gives the values that do not vary; `names` are the parameters that do, of the injector and of meters,
+    none for the injector as it is. `time_step` in [s]. `threads`: all usable processors by default. `precision`: of
+    batches that ask for none themselves. `same_bits`: simulate to the same bits on every x86-64 processor, see
+    `simulate_batch`.
     """
 
     def __init__(
@@ -93,7 +74,8 @@ class Simulator:
         self.injector, self.names, self.time_step, self.threads = injector, tuple(names), time_step, threads
         self.precision, self.same_bits = precision, same_bits
         self._own = [i for i, name in enumerate(self.names) if not is_of_meter(name)]
-        self._longer: dict[tuple[int, float], _Longer] = {}  # by the identity of a point and the time beyond it
+        # the point, the same with a later end, and the bounds of its steps, by its identity and the time beyond it
+        self._longer: dict[tuple[int, float], tuple[OperatingPoint, tuple[OperatingPoint], Floats]] = {}
         self._prepared: dict[int, Prepared] = {}  # by the identity of their points, which they hold
 
     def __getstate__(self) -> dict[str, Any]:
@@ -158,20 +140,21 @@ class Simulator:
         `values` (candidates, names) in [SI]. `ahead`: time beyond the point's horizon [s].
         """
         if (id(point), ahead) not in self._longer:
-            self._longer[id(point), ahead] = self._made_longer(point, ahead)
-        _, longer, times, prepared = self._longer[id(point), ahead]
-        names, own = self.of_injector(values)
-        distinct, which = np.unique(own, axis=0, return_inverse=True) if names else (own[:1], np.zeros(len(own), int))
+            steps = max(round((point.duration + ahead) / self.time_step), 1)
+            own = replace(point, horizon=steps * self.time_step) if ahead > 0.0 else point
+            bounds = point.start + self.time_step * np.arange(steps + 1, dtype=np.float64)
+            self._longer[id(point), ahead] = point, (own,), bounds
+        _, longer, times = self._longer[id(point), ahead]
+        names, varied = self.of_injector(values)
+        distinct, which = varied[:1], np.zeros(len(varied), int)
+        if names:
+            distinct, which = np.unique(varied, axis=0, return_inverse=True)
         rates = np.empty((len(distinct), len(times) - 1))
         share = max(SHARE // len(times), 1)
         for first in range(0, len(distinct), share):
             part = slice(first, first + share)
-            how = self.injector, longer, times, names, distinct[part], self.time_step
-            rates[part] = sampled_rates(*how, threads=self.threads, prepared=prepared, same_bits=self.same_bits)
+            how = self.injector, longer[0], times, names, distinct[part], self.time_step
+            rates[part] = sampled_rates(
+                *how, threads=self.threads, prepared=self.prepared(longer), same_bits=self.same_bits
+            )
         return Flow(rates[which.reshape(-1)], point.start, self.time_step)
-
-    def _made_longer(self, point: OperatingPoint, ahead: float) -> _Longer:
-        steps = max(round((point.duration + ahead) / self.time_step), 1)
-        longer = replace(point, horizon=steps * self.time_step) if ahead > 0.0 else point
-        times: Floats = point.start + self.time_step * np.arange(steps + 1, dtype=np.float64)
-        return _Longer(point, longer, times, prepare(self.injector, [longer], self.time_step))

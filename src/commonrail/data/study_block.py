@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple, cast
 
 from pydantic import AfterValidator, Discriminator, Field, Tag
 
@@ -18,33 +18,21 @@ from commonrail.physics.injector import Injector
 from commonrail.physics.meters import Meter
 from commonrail.readers.columns import PLAIN, Column, FileForm, FormModel, Sheet, Table
 from commonrail.readers.location import Place, Reach
-from commonrail.readers.tables import LEAST_SAMPLES, idle_key, open_sheet, read_columns
+from commonrail.readers.table_sheet import TableSheet
+from commonrail.readers.tables import LEAST_SAMPLES, idle_key, open_sheet, take_columns
 from commonrail.readers.toml import Unit, fault
 
 LONGEST_NAME = 200
 
 
 class Context(NamedTuple):
-    """Surroundings in which a data set is read.
-
-    Attributes
-    ----------
-    injector : Injector
-    time_step : float
-        [s].
-    reach : Reach
-        Folders where its files may lie.
-    at : Place
-        Of its block in the study file.
-    meters : mapping of str to Meter
-        Those that the study describes, by name.
-    """
+    """Surroundings in which a data set is read."""
 
     injector: Injector
-    time_step: float
-    reach: Reach
-    at: Place
-    meters: Mapping[str, Meter] = {}
+    time_step: float  # [s]
+    reach: Reach  # folders where its files may lie
+    at: Place  # of its block in the study file
+    meters: Mapping[str, Meter] = {}  # those that the study describes, by name
 
     def meter(self, name: str | None) -> Meter | None:
         """Meter that a block names, or None; `InputError` if the study does not describe it."""
@@ -68,14 +56,20 @@ class Context(NamedTuple):
         return path
 
     def sheet(self, file: str, at: Place, form: FileForm) -> Sheet:
-        """File with named columns; see `path` and `open_sheet`."""
-        return open_sheet(self.path(file, at, form), form)
+        """File with named columns; see `path` and `open_sheet`. The one that was opened last is not read again."""
+        wanted, last = (self.path(file, at, form), form), self.reach.opened
+        if last[:-1] == wanted:
+            return cast(Sheet, last[-1])
+        sheet = open_sheet(*wanted)
+        if sheet.apart or isinstance(sheet, TableSheet):  # others may be gone through once
+            self.reach.opened = (*wanted, sheet)
+        return sheet
 
     def columns(
         self, file: str, at: Place, wanted: Sequence[Column], least: int = LEAST_SAMPLES, form: FileForm = PLAIN
     ) -> Table:
-        """Columns of a file; see `path` and `read_columns`."""
-        return read_columns(self.path(file, at, form), wanted, least, form)
+        """Columns of a file; see `sheet` and `read_columns`."""
+        return take_columns(self.sheet(file, at, form), wanted, least)
 
 
 def mass_density(injector: Injector, unit: str, point: OperatingPoint) -> float:
@@ -141,8 +135,3 @@ class DataModel(FormModel):
     noise: NoiseModel = NoiseModel()
     source: str = "no source stated"
     synthetic: str = ""
-
-    @property
-    def has_dead_times(self) -> bool:
-        """True if a second file has dead times."""
-        return False

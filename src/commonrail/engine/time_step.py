@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import Limits, Quantity, amount
+from commonrail.base.arguments import TIME_STEPS as TIME_STEPS
+from commonrail.base.arguments import Quantity, amount
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.choices import Actuation, Body, Boundary
 from commonrail.physics.components.plunger_needle import Seven, around
@@ -331,7 +332,6 @@ def stiffest_corner(values: Mapping[str, float], lower: Mapping[str, float], upp
     }
 
 
-TIME_STEPS = Limits(1e-9, 1e-4, (50e-9, 10e-6), ("us", "ns"))
 DEFAULT_STEP = 1e-6  # [s]; its error is measured by `commonrail lab verify`
 ROUND_STEPS = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5)  # times a power of ten
 

@@ -191,7 +191,8 @@ def _named(values: object) -> Mapping[str, Any]:
 def _read(name: str, path: str, value: object, known: Mapping[str, Q]) -> float:
     if path not in known:
         raise ConfigurationError(
-            f"{name}: there is no parameter {path}{nearest(path, known)}; commonrail.parameter_quantities() lists them."
+            f"{name}: there is no parameter {path}{nearest(path, known)}; "
+            "commonrail.models.parameter_quantities() lists them."
         )
     quantity = known[path]
     found = value if isinstance(value, float) else number(value, quantity.unit, f"{name}, {path}")

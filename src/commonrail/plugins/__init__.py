@@ -17,6 +17,13 @@ SHIPPED: dict[str, dict[str, str]] = {
         "features": "commonrail.plugins.features.targets:FeatureData",
         "test plan": "commonrail.plugins.plans.data:PlanData",
     },
+    "views": {
+        "rate": "commonrail.report.data.curves:CURVES",
+        "quantities": "commonrail.report.data.quantities:QUANTITIES",
+        "return quantities": "commonrail.report.data.quantities:RETURNS",
+        "features": "commonrail.plugins.features.targets_page:VIEW",
+        "test plan": "commonrail.plugins.plans.page:VIEW",
+    },
     "optimisers": {"multi-start least squares": "commonrail.plugins.multistart:REGISTERED"},
     "readers": {  # by what `format_of` returns; all else is a text
         "csv": "commonrail.readers.table_sheet:open_table",
@@ -98,10 +105,41 @@ SHIPPED: dict[str, dict[str, str]] = {
         "catalogue": "commonrail.plugins.catalogue.verb:catalogue",
         "fuel": "commonrail.plugins.fuel.verb:fuel",
         "new": "commonrail.plugins.new.verb:new",
+        "app": "commonrail.plugins.app.verb:app",
         "doctor": "commonrail.plugins.doctor.verb:doctor",
         "lab": "commonrail.cli.grammar:lab",
         "lab verify": "commonrail.plugins.verification.verb:verify",
         "lab virtual-bench": "commonrail.plugins.paper.bench_verb:virtual_bench",
         "lab reproduce": "commonrail.plugins.paper.verb:reproduce",
     },
+}
+# Verbs by the headings of the help.
+HEADINGS = {
+    "Fit a model to data": (
+        "app",
+        "new",
+        "inspect",
+        "calibrate",
+        "resume",
+        "runs",
+        "update",
+        "certainty",
+        "next",
+        "report",
+    ),
+    "Use a model": ("simulate", "map", "sweep", "features", "predict", "observe", "page", "export"),
+    "Many parts": ("fleet", "type", "adapt", "tolerance"),
+    "A part on the bench": ("plan", "diagnose", "trim", "judge"),
+    "Judge and look up": ("compare", "sensitivity", "catalogue", "cite", "fuel", "doctor", "lab"),
+}
+# Cure of too little memory, by verb.
+MEMORY = {
+    "simulate": "shorten --horizon or lengthen --time-step",
+    "calibrate": "lower --workers or --threads, or the members of the study's [optimiser]",
+    "resume": "lower --workers or --threads",
+    "compare": "lower --threads, or name fewer models or studies",
+    "lab reproduce": "lower --threads or --seeds",
+    "sensitivity": "lower --threads or --samples, or name fewer parameters or features",
+    "tolerance": "lower --threads or --parts",
+    "fleet": "lower --workers, or divide the fleet's table",
 }

@@ -12,6 +12,7 @@ from typing import Annotated, Literal, NamedTuple, Protocol
 
 import numpy as np
 from pydantic import AfterValidator, Field
+from pydantic_core import PydanticCustomError
 
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import InputError, nearest
@@ -46,32 +47,26 @@ def check_encoding(name: str, at: str) -> str:
 
     Raises `InputError` if there is none of that name; `at` is the place where it was stated.
     """
-    if reason := _refusal(name):
-        raise InputError(f"{at}: {reason}.")
-    return name
+    try:
+        return _known_encoding(name)
+    except PydanticCustomError as error:
+        raise InputError(f"{at}: {error.message()}.") from error
 
 
-def _refusal(name: str) -> str:
-    """Reason why a name is none of an encoding of texts, empty if it is one."""
+def _known_encoding(name: str) -> str:
     try:
         found = codecs.lookup(name)
     except (LookupError, ValueError):  # a null character
-        return f'there is no encoding "{name}"; write utf-8, utf-16 or cp1252'
+        raise fault(f'there is no encoding "{name}"; write utf-8, utf-16 or cp1252') from None
     if not getattr(found, "_is_text_encoding", True) or found.name in _NOT_OF_FILES:
-        return f'"{name}" is no encoding of texts; write utf-8, utf-16 or cp1252'
-    return ""
-
-
-def _encoding(name: str) -> str:
-    if reason := _refusal(name):
-        raise fault(reason)
+        raise fault(f'"{name}" is no encoding of texts; write utf-8, utf-16 or cp1252')
     return name
 
 
 class FormModel(FileModel):
     """Keys that state the form of the table's file."""
 
-    encoding: Annotated[str, Field(max_length=40), AfterValidator(_encoding)] | None = None
+    encoding: Annotated[str, Field(max_length=40), AfterValidator(_known_encoding)] | None = None
     decimal: Literal[".", ","] | None = None
     sheet: str | None = None
 
@@ -85,35 +80,18 @@ MOST_SHOWN = 12  # names of a header
 
 
 class Column(NamedTuple):
-    """Column that is asked of a file.
-
-    Attributes
-    ----------
-    name : str
-    unit : str or tuple of str
-        SI unit of the values; of several the one of the column's kind is taken. Empty: the cells are texts.
-    stated : str or None
-        Unit of a column for which the file gives none; None if it may be stated and is not.
-    increasing : bool
-        Whether the values must increase from row to row, as a time does.
-    domain : Domain
-        Values outside are refused.
-    required : bool
-        Whether every cell must hold a number; if not, an empty one is NaN, and without a domain also the word "nan".
-    otherwise : str
-        Unit of a column that has none and for which none is stated; empty refuses it.
-    stating : str
-        Where a unit can be stated: words of a sentence, such as an option's; empty if nowhere but in the file.
-    """
+    """Column that is asked of a file."""
 
     name: str
+    # SI unit of the values; of several the one of the column's kind is taken. Empty: the cells are texts
     unit: str | tuple[str, ...] = ""
-    stated: str | None = ""
-    increasing: bool = False
-    domain: Domain = Domain.ANY
+    stated: str | None = ""  # unit where the file gives none; None if it may be stated and is not
+    increasing: bool = False  # whether the values must increase from row to row, as a time does
+    domain: Domain = Domain.ANY  # values outside are refused
+    # whether every cell must hold a number; if not, an empty one is NaN, and without a domain also the word "nan"
     required: bool = True
-    otherwise: str = ""
-    stating: str = "the study"
+    otherwise: str = ""  # unit where the file has none and none is stated; empty refuses it
+    stating: str = "the study"  # where a unit can be stated, as an option; empty if nowhere but in the file
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -123,38 +101,17 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of a file.
-
-    Attributes
-    ----------
-    path : Path
-    columns : dict of str to (rows,) array
-        Numbers: in the units of the file from a `Sheet`, SI values from `read_columns`.
-    texts : dict of str to list of str
-        Columns without a unit.
-    given : dict of str to str
-        Unit of each column as the file or whoever reads it states it, empty if nobody does.
-    rows : (rows,) array of int
-        Line in the file of each row.
-    comments : tuple of str
-        Comment lines without their sign.
-    row : str
-        Word for a row in messages.
-    units : dict of str to str
-        SI unit of each column, where several kinds were allowed.
-    headings : dict of str to str
-        Names in the file of columns that are called otherwise there.
-    """
+    """Columns of a file."""
 
     path: Path
-    columns: dict[str, Floats]
-    texts: dict[str, list[str]]
-    given: dict[str, str]
-    rows: IndexArray
-    comments: tuple[str, ...] = ()
-    row: str = "line"
-    units: dict[str, str] = field(default_factory=dict)
-    headings: dict[str, str] = field(default_factory=dict)
+    columns: dict[str, Floats]  # numbers (rows,): in the units of the file from a `Sheet`, in SI from `read_columns`
+    texts: dict[str, list[str]]  # columns without a unit
+    given: dict[str, str]  # unit of each column as the file or whoever reads it states it, empty if nobody does
+    rows: IndexArray  # (rows,): line in the file
+    comments: tuple[str, ...] = ()  # without their sign
+    row: str = "line"  # word for a row in messages
+    units: dict[str, str] = field(default_factory=dict)  # SI units, where several kinds were allowed
+    headings: dict[str, str] = field(default_factory=dict)  # names in the file of columns that are called otherwise
 
     def place(self, column: str, row: int) -> Place:
         """Place of a value, for a message."""
@@ -162,17 +119,10 @@ class Table:
 
 
 class Sheet(Protocol):
-    """File with named columns, of whatever format.
-
-    Attributes
-    ----------
-    path : Path
-    apart : bool
-        Whether columns have times of their own: then each is taken with the time alone, any number of times.
-    """
+    """File with named columns, of whatever format."""
 
     path: Path
-    apart: bool
+    apart: bool  # whether columns have times of their own: each is taken with the time alone, any number of times
 
     @property
     def names(self) -> Sequence[str]:
@@ -356,7 +306,11 @@ class ChannelSheet:
 
     def __init__(self, path: Path, channels: Sequence[Channel]) -> None:
         self.path = path
-        self._channels = _named(channels)
+        counts = Counter(channel.name for channel in channels)
+        self._channels: dict[str, Channel] = {}
+        for number, channel in enumerate(channels, start=1):
+            whole = channel.name if counts[channel.name] == 1 else f"{channel.group}/{channel.name}"
+            self._channels[whole if whole not in self._channels else f"{whole}, channel {number}"] = channel
         self.names = list(self._channels)
 
     def unit(self, name: str) -> str:
@@ -372,8 +326,7 @@ class ChannelSheet:
         channels = [column for column in columns if not column.increasing]
         if len(channels) != 1:
             raise InputError(f"{self.path}: each channel of this record has its own times; name files one by one.")
-        (wanted,) = channels
-        name = self.names[find_column(self.path, self.names, wanted.name)]
+        name = self.names[find_column(self.path, self.names, channels[0].name)]
         channel = self._channels[name]
         for column in columns:
             if column.increasing and column.name not in (TIME, channel.master):
@@ -387,13 +340,3 @@ class ChannelSheet:
         given = {c.name: "s" if c.increasing else channel.unit for c in columns}
         table = Table(self.path, numbers, {}, given, np.arange(1, len(channel.time) + 1), row="sample")
         return finite(table, [column._replace(required=True) for column in columns], "the value is not a finite number")
-
-
-def _named(channels: Sequence[Channel]) -> dict[str, Channel]:
-    """Channels by name, with their groups where a name is not the only one."""
-    counts = Counter(channel.name for channel in channels)
-    found: dict[str, Channel] = {}
-    for number, channel in enumerate(channels, start=1):
-        whole = channel.name if counts[channel.name] == 1 else f"{channel.group}/{channel.name}"
-        found[whole if whole not in found else f"{whole}, channel {number}"] = channel
-    return found

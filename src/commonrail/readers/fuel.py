@@ -13,7 +13,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import ConfigDict, GetCoreSchemaHandler, PlainValidator, model_validator
+from pydantic import ConfigDict, Field, GetCoreSchemaHandler, PlainValidator, model_validator
 from pydantic_core import CoreSchema, core_schema
 
 from commonrail.base.arguments import file_path, plain_text
@@ -125,11 +125,17 @@ class _Polynomials:
         origin = Origin(table["mark"], table["source"], table["error"])
         return Law(tuple(table[name] for name in self.names), origin, table["unit"] == self.logarithm)
 
+    def table(self, law: Law) -> dict[str, Any]:
+        """Table of a law."""
+        origin = {"mark": law.origin.mark, "source": law.origin.source, "error": law.origin.error}
+        numbers = {name: list(k) for name, k in zip(self.names, law.coefficients, strict=True)}
+        return {"unit": self.logarithm if law.logarithmic else self.unit} | origin | numbers
 
-_DENSITIES = {
-    "eq2": Annotated[Law, _Polynomials("kg/m3")],
-    "integrated": Annotated[Law, _Polynomials("kg/m3", ("at_zero_pressure",))],
-}
+
+_DENSITIES = {"eq2": _Polynomials("kg/m3"), "integrated": _Polynomials("kg/m3", ("at_zero_pressure",))}
+_VISCOSITY = _Polynomials("mm2/s", ("k1", "k2", "k3"), "ln(mm2/s)")
+_VAPOUR, _MODULUS = _Polynomials("ln(Pa)", ("ln_pressure",)), _Polynomials("MPa")
+_HEAT = _Polynomials("J/(kg K)", ("isobaric",))
 
 
 class _Ranges(FileModel):
@@ -147,12 +153,14 @@ class FuelModel(FileModel):
     title: str
     source: str
     range: _Ranges
-    density: Annotated[Law, OneOf("kind", _DENSITIES)]
-    bulk_modulus: Annotated[Law, _Polynomials("MPa")] | None = None
-    isentropic_bulk_modulus: Annotated[Law, _Polynomials("MPa")] | None = None
-    kinematic_viscosity: Annotated[Law, _Polynomials("mm2/s", ("k1", "k2", "k3"), "ln(mm2/s)")]
-    vapour_pressure: Annotated[Law, _Polynomials("ln(Pa)", ("ln_pressure",))]
-    heat_capacity: Annotated[Law, _Polynomials("J/(kg K)", ("isobaric",))] | None = None
+    density_law: Annotated[Law, OneOf("kind", {k: Annotated[Law, form] for k, form in _DENSITIES.items()})] = Field(
+        alias="density"
+    )
+    viscosity_law: Annotated[Law, _VISCOSITY] = Field(alias="kinematic_viscosity")
+    vapour_law: Annotated[Law, _VAPOUR] = Field(alias="vapour_pressure")
+    bulk_modulus_law: Annotated[Law, _MODULUS] | None = Field(None, alias="bulk_modulus")
+    isentropic_law: Annotated[Law, _MODULUS] | None = Field(None, alias="isentropic_bulk_modulus")
+    heat_capacity_law: Annotated[Law, _HEAT] | None = Field(None, alias="heat_capacity")
 
     @model_validator(mode="before")
     @classmethod
@@ -170,20 +178,30 @@ class FuelModel(FileModel):
 
     def fuel(self, name: str) -> Fuel:
         """The fuel under a name."""
-        laws = (self.density, self.bulk_modulus, self.isentropic_bulk_modulus, self.kinematic_viscosity)
-        marks = [law.origin.mark for law in (*laws, self.vapour_pressure) if law is not None]  # what is simulated
+        laws: dict[str, Any] = {key: getattr(self, key) for key in _LAWS}
+        simulated = (law for key, law in laws.items() if law is not None and key != "heat_capacity_law")
         low, high = self.range.pressure_MPa
         return Fuel(
             name=name,
             title=self.title,
-            density_law=self.density,
-            bulk_modulus_law=self.bulk_modulus,
-            isentropic_law=self.isentropic_bulk_modulus,
-            viscosity_law=self.kinematic_viscosity,
-            vapour_law=self.vapour_pressure,
             pressure_range=(low * 1e6, high * 1e6),
             temperature_range=self.range.temperature_K,
-            mark=max(marks, key=MARKS.index),
+            mark=max((law.origin.mark for law in simulated), key=MARKS.index),
             source=self.source,
-            heat_capacity_law=self.heat_capacity,
+            **laws,
         )
+
+
+_LAWS = {key: str(field.alias) for key, field in FuelModel.model_fields.items() if field.alias}
+
+
+def fuel_document(fuel: Fuel) -> dict[str, Any]:
+    """Table that `parse_fuel` reads, and the name."""
+    forms = {"viscosity_law": _VISCOSITY, "vapour_law": _VAPOUR, "heat_capacity_law": _HEAT}
+    forms["density_law"] = _DENSITIES[fuel.density_kind]
+    laws = {key: law for key in _LAWS if (law := getattr(fuel, key)) is not None}
+    tables = {_LAWS[key]: forms.get(key, _MODULUS).table(law) for key, law in laws.items()}
+    low, high = (pressure / 1e6 for pressure in fuel.pressure_range)
+    head = {"name": fuel.name, "title": fuel.title, "source": fuel.source}
+    ranges = {"pressure_MPa": [low, high], "temperature_K": list(fuel.temperature_range)}
+    return head | {"range": ranges} | tables | {"density": {"kind": fuel.density_kind} | tables["density"]}

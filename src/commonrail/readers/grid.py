@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
 from itertools import islice
@@ -32,6 +33,7 @@ from commonrail.readers.text import (
 )
 
 MOST_COMMENTS = 1000  # that are kept
+KEPT = 1_000_000  # text whose rows are kept, because several blocks and columns may be read of it [bytes]
 
 _COMMENT = re.compile(r"^[^\S\n]*#([^\n]*)", re.M)
 _SIGNS = {";": "semicolons", "\t": "tabs", ",": "commas"}
@@ -41,41 +43,25 @@ class TooManyCells(InputError):
     """Row of a text that holds more cells than its table has columns."""
 
 
+@dataclass(eq=False)
 class Grid:
-    """Cells of a table without comment lines and empty ones.
+    """Cells of a table without comment lines and empty ones."""
 
-    Attributes
-    ----------
-    path : Path
-    said : tuple of str
-        What was taken for encoding, separator, decimal sign and sheet.
-    comma : bool
-        Whether numbers that are texts have decimal commas.
-    comments : tuple of str
-        Comment lines without their sign.
-    word : str
-        Word for a row in messages.
-    """
-
-    def __init__(
-        self,
-        path: Path,
-        each: Callable[[], NumberedRows],
-        said: tuple[str, ...],
-        comma: bool,
-        comments: tuple[str, ...] = (),
-        word: str = "line",
-    ) -> None:
-        self.path, self._read, self.said, self.comma, self.comments, self.word = path, each, said, comma, comments, word
+    path: Path
+    read: Callable[[], NumberedRows]  # goes through the rows
+    said: tuple[str, ...]  # what was taken for encoding, separator, decimal sign and sheet
+    comma: bool  # whether numbers that are texts have decimal commas
+    comments: tuple[str, ...] = ()  # without their sign
+    word: str = "line"  # for a row in messages
 
     def each(self) -> NumberedRows:
         """Line in the file, or row of the sheet, and cells of each row as they are in the file; texts are stripped."""
-        return iter(self._cells) if "_cells" in self.__dict__ else self._read()
+        return iter(self._cells) if "_cells" in self.__dict__ else self.read()
 
     @cached_property
     def _cells(self) -> list[tuple[int, Sequence[Cell]]]:
         shape, rows = Shape(self.path, self.word), []
-        for line, row in self._read():
+        for line, row in self.read():
             shape.add(len(row), line)
             rows.append((line, row))
         return rows
@@ -112,10 +98,25 @@ def read_grid(path: Path, form: FileForm = PLAIN) -> Grid:
     def each() -> NumberedRows:
         return split_lines(path, filled(), separator)
 
+    each = _kept(each) if len(data) <= KEPT else each
     comma = find_decimal_comma(path, each(), form.decimal, separator)
     said = f"encoding {encoding}", f"separated by {_SIGNS[separator]}", f"decimal {'comma' if comma else 'point'}"
     comments = tuple(found[1].strip() for found in islice(_COMMENT.finditer(data.decode("utf-8")), MOST_COMMENTS))
     return Grid(path, each, said, comma, comments)
+
+
+def _kept(each: Callable[[], NumberedRows]) -> Callable[[], NumberedRows]:
+    """Function that goes through rows as another one does, which it calls no more once it has come to the end."""
+    whole: list[list[tuple[int, Sequence[Cell]]]] = []
+
+    def rows() -> NumberedRows:
+        passed = []
+        for row in whole[0] if whole else each():
+            passed.append(row)
+            yield row
+        whole[:] = [passed]
+
+    return rows
 
 
 def read_sheet(path: Path, form: FileForm = PLAIN) -> Grid:

@@ -59,22 +59,9 @@ class Content(NamedTuple):
 def read_apart(reader: str, path: Path, data: bytes, **options: Any) -> Content:
     """Content of a file, read in a child process.
 
-    Parameters
-    ----------
-    reader : str
-        Module whose function ``read`` takes a name for messages, the data, a function that saves an array under a name,
-        and the options; it returns the description.
-    path : Path
-        For messages.
-    data : bytes
-        Of the file.
-    **options
-        They go through JSON.
-
-    Raises
-    ------
-    InputError
-        If the reader refuses the file, a limit is hit, or the library ends the child.
+    `reader`: module whose function ``read`` takes a name for messages, the data, a function that saves an array under a
+    name, and the options; it returns the description. `path`: for messages. `data`: of the file. `options` go through
+    JSON. Raises `InputError` if the reader refuses the file, a limit is hit, or the library ends the child.
     """
     read = _cached if len(data) <= LARGEST_FILE else _content
     memory, seconds = MEMORY + MEMORY_PER_BYTE * len(data), max(1, int(TIME + TIME_PER_BYTE * len(data)))
@@ -142,14 +129,14 @@ def main(reader: str, options: str, memory: str, seconds: str) -> None:
     with suppress(ImportError, ValueError):  # beyond POSIX, or what a system does not limit: the parent limits the time
         _limit(int(memory), int(seconds))
     with output:
-        write(output, module.read, sys.stdin.buffer.read(), json.loads(options), int(memory))
+        write(output, module, sys.stdin.buffer.read(), json.loads(options), int(memory))
     os._exit(0)  # a fault of a library at its end does no harm
 
 
-def write(stream: IO[bytes], read: Callable[..., dict[str, Any]], data: bytes, options: Any, most: int) -> None:
-    """Write the content of a file, array by array.
+def write(stream: IO[bytes], module: Any, data: bytes, options: Any, most: int) -> None:
+    """Write the content of a file, array by array, or the sentence of a refusal.
 
-    `read`: of the reader's module, see `read_apart`. All arrays together have at most `most` bytes.
+    `module`: reader, see `read_apart`, whose `WHAT`, if any, names a file of its kind. `most` [bytes]: of all arrays.
     """
     left = most
     with ZipFile(stream, "w") as archive:
@@ -163,11 +150,14 @@ def write(stream: IO[bytes], read: Callable[..., dict[str, Any]], data: bytes, o
                 np.lib.format.write_array(part, array, allow_pickle=False)
 
         try:
-            about = read(Path(NAME), data, save, **options)
+            about = module.read(Path(NAME), data, save, **options)
         except InputError as error:
             about = {"refused": str(error)}
         except MemoryError:
             about = {"limit": "memory"}
+        except Exception as error:  # libraries raise a dozen types for damaged files, whose texts name their objects
+            what = getattr(module, "WHAT", "file")
+            about = {"refused": f"{NAME}: this is no {what} that can be read ({type(error).__name__})."}
         archive.writestr("about.json", json.dumps(about))
 
 

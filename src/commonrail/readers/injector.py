@@ -25,9 +25,8 @@ from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, para
 from commonrail.physics.law import Q
 from commonrail.physics.variants import INSTALLED_LAWS, Variant, model_of, reader_of, unread_parameters, varied
 from commonrail.readers.fuel import FuelModel, catalogue_fuel, parse_fuel
-from commonrail.readers.location import Place, Reach, located, read_text
+from commonrail.readers.location import Place, Reach, located
 from commonrail.readers.toml import (
-    LARGEST_TOML,
     FileModel,
     Given,
     Number,
@@ -61,18 +60,18 @@ _DRAWN = Source("F", "Eq. (8) from the drawing")
 _Length = Annotated[Number, Stated(Q("m", "length"))]
 
 
+_EXAMPLE = '{ diameter = "4.3 mm", length = "20 mm" }'
+
+
 def _table(item: Any) -> Any:
     if not isinstance(item, dict):
-        raise fault('write the cylinder as { diameter = "4.3 mm", length = "20 mm" }')
+        raise fault(f"write the cylinder as {_EXAMPLE}")
     return item
 
 
 def _seven(items: Any) -> Any:
     if not isinstance(items, list) or len(items) != CYLINDERS:
-        raise fault(
-            f'give {CYLINDERS} cylinders {{ diameter = "4.3 mm", length = "20 mm" }}, five of the plunger and two of '
-            "the needle"
-        )
+        raise fault(f"give {CYLINDERS} cylinders {_EXAMPLE}, five of the plunger and two of the needle")
     return items
 
 
@@ -198,21 +197,6 @@ def _refuse_foreign(document: Mapping[str, Any], actuation: Actuation, at: Place
             )
 
 
-def meters_of(document: Mapping[str, Any], at: Place) -> tuple[Meter, ...]:
-    """Meters of a parsed file.
-
-    Raises `InputError` and `ConfigurationError` as `load_meters`.
-    """
-    from commonrail.readers.meters import MeterHead, meters_of_tables
-
-    tables: Mapping[str, MeterHead] = _checked(document, at).meters
-    for name, table in tables.items():
-        for key, amount in table.amounts():
-            if amount.free:
-                raise (at / "meters" / name / key).error("bounds belong in a study; give a value here")
-    return tuple(meters_of_tables(tables, at / "meters").values())
-
-
 def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach | None) -> Injector:
     """Injector of a parsed file.
 
@@ -318,7 +302,7 @@ def _incomplete(missing: Mapping[str, Q], has_fuel: bool, actuation: Actuation, 
 
 
 # Keys of a variant, and what it calls them.
-_VARIANT = {
+VARIANT_KEYS = {
     "variant": "body",
     "rail_boundary": "boundary",
     "drive_kind": "drive",
@@ -346,7 +330,7 @@ def _refuse_unread(model: Any, variant: Variant, components: Collection[str], at
 
 def _variant(model: Any, base: Injector | None, at: Place) -> Variant:
     """Variant of a file; what it does not state is that of the base."""
-    stated = {field: getattr(model, key) for key, field in _VARIANT.items() if key in model.model_fields_set}
+    stated = {field: getattr(model, key) for key, field in VARIANT_KEYS.items() if key in model.model_fields_set}
     words = (base.variant if base else Variant())._asdict() | stated
     if base and words["actuation"] is not base.variant.actuation:
         raise (at / "base").error(
@@ -463,7 +447,7 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     source = source_of(source, "source of an injector")
     if isinstance(source, Path):
         check_sum(source)
-        return _read(read_text(source, LARGEST_TOML), str(source), source.stem, reach)
+        return injector_of(read_toml(source)[0], Place(str(source)), source.stem, reach)
     name, at, words = source.rpartition("@")
     if at and reach is None:
         injector = load_injector(name)
@@ -475,11 +459,12 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
             "injector file and name that."
         )
     file = f"{source}.toml"
-    return _read(CATALOGUE.text(source, _similar(file, reach)), file, source, Reach(Path(file), False))
-
-
-def _read(text: str, file: str, stem: str, reach: Reach | None) -> Injector:
-    return injector_of(parse_toml(text, file), Place(file), stem, reach)
+    try:
+        there = ((reach.file.parent if reach else Path()) / file).is_file()
+    except (OSError, ValueError):  # a name that no file can have
+        there = False
+    text = CATALOGUE.text(source, f' (did you mean the file "{file}"?)' if there else "")
+    return injector_of(parse_toml(text, file), Place(file), source, Reach(Path(file), False))
 
 
 def load_meters(path: str | Path) -> tuple[Meter, ...]:
@@ -502,14 +487,13 @@ def load_meters(path: str | Path) -> tuple[Meter, ...]:
     ConfigurationError
         If `path` is no path, or a meter makes no sense.
     """
+    from commonrail.readers.meters import MeterHead, meters_of_tables
+
     file = file_path(path, "path of an injector")
-    return meters_of(read_toml(file)[0], Place(str(file)))
-
-
-def _similar(file: str, reach: Reach | None) -> str:
-    """Suggestion of a file of that name, if there is one."""
-    try:
-        there = ((reach.file.parent if reach else Path()) / file).is_file()
-    except (OSError, ValueError):  # a name that no file can have
-        there = False
-    return f' (did you mean the file "{file}"?)' if there else ""
+    at = Place(str(file))
+    tables: Mapping[str, MeterHead] = _checked(read_toml(file)[0], at).meters
+    for name, table in tables.items():
+        for key, amount in table.amounts():
+            if amount.free:
+                raise (at / "meters" / name / key).error("bounds belong in a study; give a value here")
+    return tuple(meters_of_tables(tables, at / "meters").values())

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from commonrail.base.arguments import file_path, instance, instances, known_names, mapping, plain_text
-from commonrail.base.choices import Actuation
 from commonrail.base.output import write_text
 from commonrail.base.units import to_text
-from commonrail.physics.fuel import Fuel, Law
+from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source
 from commonrail.physics.law import Q
-from commonrail.physics.variants import INSTALLED_LAWS
-from commonrail.readers.fuel import load_fuel, shipped_fuels
+from commonrail.physics.variants import INSTALLED_LAWS, Variant
+from commonrail.readers.fuel import fuel_document, load_fuel, shipped_fuels
+from commonrail.readers.injector import VARIANT_KEYS
 from commonrail.readers.toml import UNSTATED, inline_table, key_text, table_lines, value_text
 
 if TYPE_CHECKING:
@@ -91,19 +91,12 @@ def _meter_lines(meter: Meter) -> Iterator[str]:
 
 
 def _identity(injector: Injector) -> dict[str, str]:
-    variant = injector.variant
-    identity = {
-        "format": FORMAT,
-        "name": injector.name,
-        "title": injector.title,
-        "variant": variant.body.value,
-        "rail_boundary": variant.boundary.value,
-        "drive_kind": variant.drive.value,
-    }
-    if variant.actuation is not Actuation.SERVO:
-        identity["actuation"] = variant.actuation.value
-    identity |= {key: name for key in INSTALLED_LAWS if (name := getattr(variant, key))}
-    return identity | ({"synthetic": injector.synthetic} if injector.synthetic else {})
+    named = {"format": FORMAT, "name": injector.name, "title": injector.title}
+    for key, field in VARIANT_KEYS.items():
+        value = getattr(injector.variant, field)
+        if key not in ("actuation", *INSTALLED_LAWS) or value != getattr(Variant(), field):
+            named[key] = value if isinstance(value, str) else value.value
+    return named | ({"synthetic": injector.synthetic} if injector.synthetic else {})
 
 
 def _entry(value: float, q: Q, source: Source) -> str:
@@ -121,30 +114,4 @@ def _fuel_lines(fuel: Fuel, table: str) -> Iterator[str]:
     if fuel.name in shipped_fuels() and load_fuel(fuel.name) == replace(fuel, adiabatic=False):
         yield f"name = {value_text(fuel.name)}"
     else:
-        yield from table_lines(f"{table}.definition", _fuel_document(fuel))
-
-
-def _fuel_document(fuel: Fuel) -> dict[str, Any]:
-    """Table that `parse_fuel` reads, and the name."""
-    eq2 = ("k1", "k2", "k3", "k4")
-    density = eq2 if fuel.density_kind == "eq2" else ("at_zero_pressure",)
-    low, high = (pressure / 1e6 for pressure in fuel.pressure_range)
-    viscosity = "ln(mm2/s)" if fuel.viscosity_law.logarithmic else "mm2/s"
-    document = {
-        "name": fuel.name,
-        "title": fuel.title,
-        "source": fuel.source,
-        "range": {"pressure_MPa": [low, high], "temperature_K": list(fuel.temperature_range)},
-        "density": {"kind": fuel.density_kind} | _law(fuel.density_law, "kg/m3", density),
-        "kinematic_viscosity": _law(fuel.viscosity_law, viscosity, eq2[:3]),
-        "vapour_pressure": _law(fuel.vapour_law, "ln(Pa)", ("ln_pressure",)),
-    }
-    optional = {"bulk_modulus": fuel.bulk_modulus_law, "isentropic_bulk_modulus": fuel.isentropic_law}
-    document |= {key: _law(law, "MPa", eq2) for key, law in optional.items() if law is not None}
-    heat = fuel.heat_capacity_law
-    return document if heat is None else document | {"heat_capacity": _law(heat, "J/(kg K)", ("isobaric",))}
-
-
-def _law(law: Law, unit: str, names: tuple[str, ...]) -> dict[str, Any]:
-    origin = {"mark": law.origin.mark, "source": law.origin.source, "error": law.origin.error}
-    return {"unit": unit} | origin | {n: list(k) for n, k in zip(names, law.coefficients, strict=True)}
+        yield from table_lines(f"{table}.definition", fuel_document(fuel))

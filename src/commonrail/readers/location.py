@@ -92,6 +92,7 @@ class Reach:
     file: Path
     outside: bool
     announced: bool = False
+    opened: tuple[Any, ...] = ()  # path, form and content of the file with columns that was read last
 
     def path(self, folder: Path, name: str, at: Place) -> Path:
         """Path of a file named in a file of `folder`.
@@ -100,24 +101,20 @@ class Reach:
         if there is none.
         """
         path = folder / name
-        inside = self._inside(path)
-        if self.outside and not (inside or self.announced):
+        # both with their links followed: a folder that is itself a link stays the folder that was meant
+        inside = Path(os.path.realpath(path)).is_relative_to(os.path.realpath(self.file.parent))
+        if not (self.outside or inside):
+            shown = name if len(name) <= 80 else f"{name[:77]}..."
+            raise at.error(
+                f'"{shown}" lies outside the folder of {self.file.name}; move it there, or write {ALLOW} = true at the '
+                f"top of {self.file.name} if you know where it comes from"
+            )
+        if not (inside or self.announced):
             note(f"{self.file}: {ALLOW} = true, so files elsewhere are read, such as {path}.")
             self.announced = True
-        if self.outside or inside:
-            if not os.path.lexists(path) and name.isprintable():  # a name that no file can have is told when it is read
-                raise at.error(f"{path}: there is no such file{similar_names(path)}")
-            return path
-        shown = name if len(name) <= 80 else f"{name[:77]}..."
-        raise at.error(
-            f'"{shown}" lies outside the folder of {self.file.name}; move it there, or write {ALLOW} = true at the top '
-            f"of {self.file.name} if you know where it comes from"
-        )
-
-    def _inside(self, path: Path) -> bool:
-        # both with their links followed: a folder that is itself a link stays the folder that was meant
-        root = os.path.realpath(self.file.parent)
-        return Path(os.path.realpath(path)).is_relative_to(root)
+        if not os.path.lexists(path) and name.isprintable():  # a name that no file can have is told when it is read
+            raise at.error(f"{path}: there is no such file{similar_names(path)}")
+        return path
 
 
 # Limits of tables, checked row by row before anything is built of them.
@@ -170,10 +167,7 @@ _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 def read_text(path: Path, largest: int) -> str:
     """Text of a UTF-8 file of at most `largest` bytes, line ends as ``"\\n"``.
 
-    Raises
-    ------
-    InputError
-        As `read_bytes`, or if it is not UTF-8 text.
+    Raises `InputError` as `read_bytes`, or if it is not UTF-8 text.
     """
     return decode_line(path, read_bytes(path, largest), 1)
 
@@ -181,16 +175,18 @@ def read_text(path: Path, largest: int) -> str:
 def read_bytes(path: Path, largest: int) -> bytes:
     """Bytes of a text file, without byte order mark and with line ends as ``"\\n"``.
 
-    Raises
-    ------
-    InputError
-        As `read_plain`, or if it is not text.
+    Raises `InputError` as `read_plain`, or if it is not text.
     """
     data = read_plain(path, largest)
     if data.startswith(_UTF16):
         raise InputError(f"{path}: this is UTF-16 text; save it as UTF-8.")
     if b"\0" in data:
         raise InputError(f"{path}: this is not a text file; save it as UTF-8 text.")
+    return plain_lines(data)
+
+
+def plain_lines(data: bytes) -> bytes:
+    """Bytes of a text without byte order mark and with line ends as ``"\\n"``."""
     return data.removeprefix(_BYTE_ORDER_MARK).replace(b"\r\n", b"\n").replace(b"\r", b"\n")
 
 

@@ -76,12 +76,11 @@ class ColumnPattern:
         if found is None:
             return None
         texts = dict(zip(self._kinds, found.groups(), strict=True))
-        numbers = {
-            kind: convert(float(text.replace(",", ".")), self._units[kind], kind)
-            for kind, text in texts.items()
-            if kind
-        }
-        return NamedPoint(name, numbers.get("Pa"), numbers.get("s"), texts.get("", ""))
+        rail, time = (
+            convert(float(texts[kind].replace(",", ".")), self._units[kind], kind) if kind in texts else None
+            for kind in ("Pa", "s")
+        )
+        return NamedPoint(name, rail, time, texts.get("", ""))
 
 
 def _unit(behind: str, kind: str, stated: str, at: Place) -> str:
@@ -118,7 +117,7 @@ def point_of_name(text: str) -> dict[str, str]:
     """Rail pressure and energising time with their units by the keys of a study, where a text states one of each."""
     found: dict[str, list[str]] = {"rail_pressure": [], "energising_time": []}
     for match in _POINT.finditer(text):
-        found["energising_time" if _placeholder(match) == "{et}" else "rail_pressure"].append(f"{match[1]} {match[3]}")
+        found["rail_pressure" if _placeholder(match) == "{p}" else "energising_time"].append(f"{match[1]} {match[3]}")
     return {key: values[0].replace(",", ".") for key, values in found.items() if len(set(values)) == 1}
 
 
@@ -151,7 +150,6 @@ def _placeholder(found: re.Match[str]) -> str:
     return "{et}" if found[3] in ("us", "µs", "ms") else "{p}"
 
 
-_COLUMN_KINDS = ("rail pressure", "energising time")
 _SI = {"rail pressure": "Pa", "energising time": "s"}
 
 
@@ -208,9 +206,9 @@ def _points(grid: Grid, stated: dict[str, str]) -> tuple[dict[str, Floats], int]
         if numbers is None or not np.isfinite(numbers).any():
             continue
         units = unit_in(head)
-        named = (one for one in _COLUMN_KINDS if stated.get(one) and is_heading(head, one.replace(" ", "_")))
+        named = (one for one in _SI if stated.get(one) and is_heading(head, one.replace(" ", "_")))
         kind = kind_of(units[0]) if units else next(named, "")
-        if kind in _COLUMN_KINDS and kind not in found:
+        if kind in _SI and kind not in found:
             values = np.array(numbers)
             if not np.isfinite(values).all():
                 raise InputError(f"{grid.path}, line {grid.lines[i]}: a {kind} is missing; give one for each trace.")

@@ -14,9 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from commonrail.base import registry
+from commonrail.base.arguments import file_path
 from commonrail.base.errors import InputError
 from commonrail.base.units import convert, fits, to_text
 from commonrail.readers.columns import PLAIN, TIME, ChannelSheet, Column, FileForm, Sheet, find_headings, unit_of
+from commonrail.readers.formats import format_of
 from commonrail.readers.grid import Grid, TooManyCells, read_grid
 from commonrail.readers.operating_points import find_traces, pattern_of, point_of_name, unit_of_name
 from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, HoldsOnlyMaps, NearMap, find_map, map_in
@@ -141,7 +144,10 @@ def block_of(path: Path, channels: Sequence[Channel], own_times: bool) -> tuple[
             base |= {"time": time.name} if time.name != TIME else {}
     base |= {"time_unit": time.unit} if time.unit_by_name and not own_times and not taken else {}
     base |= {"rate_unit": rates[0].unit} if rates[0].unit_by_name else {}
-    zero = {"time_zero": UNKNOWN} if taken else zero_of(_times(time), rates[0].size)
+    zero = {"time_zero": UNKNOWN}
+    if not taken:
+        low, high = time.times or convert(np.array([time.low, time.high]), time.unit, "s").tolist()
+        zero = zero_of((low, high), rates[0].size)
     stated = point_of_name(path.stem if len(rates) > 1 else f"{path.stem} {rates[0].name}")
     point = {key: stated.get(key, UNKNOWN) for key in ("rail_pressure", "energising_time")}
     pattern = pattern_of([c.name for c in rates])
@@ -159,14 +165,6 @@ def block_of(path: Path, channels: Sequence[Channel], own_times: bool) -> tuple[
         base |= {"shots": shots, "window": ["-0.1 ms", "3 ms"]} | point
         return f'a record of shots, found by the trigger "{shots["trigger"]}"', base
     return f"a trace{taken}", base | zero | point
-
-
-def _times(channel: Channel) -> tuple[float, float]:
-    """First and last time [s] of a channel: its own times, or its values where it is one of times."""
-    if channel.times is not None:
-        return channel.times
-    low, high = convert(np.array([channel.low, channel.high]), channel.unit, "s").tolist()
-    return low, high
 
 
 def zero_of(times: tuple[float, float], size: int) -> dict[str, str]:
@@ -215,6 +213,34 @@ class Survey:
         """Why the file is no data of a study, in one sentence."""
         why = self.facts.get("reason") or self.facts.get("no map")
         return f"taken for {self.taken_for}{f' ({why.removesuffix(chr(46))})' if why else ''}"
+
+
+def inspect(path: str | Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits()) -> Survey:
+    """List what a data file holds and what it is taken for.
+
+    Parameters
+    ----------
+    path : str or path
+        CSV, Excel, MDF, TDMS, LabVIEW, MAT, Parquet, DCM file, or one of a format that an installed package inspects.
+    form : FileForm
+        Encoding, decimal sign and sheet, where they are stated.
+    given : GivenUnits
+        Units of a map that its file does not give.
+
+    Returns
+    -------
+    Survey
+        Of a format that an installed package inspects, its facts alone.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    path = file_path(path, "data file")
+    if part := registry.find("inspectors", format_of(path)):
+        return Survey(path, "", dict(part.call(path)))
+    return survey(path, form, given)
 
 
 def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits()) -> Survey:

@@ -200,7 +200,8 @@ def _axis(grid: Grid) -> _Axis:
         return _Axis(places, [i + 1 for i in indices], first, start, texts + above, heads[1], said)
     if _heads(names[2:]):
         raise NearMap(f'{grid.path}: the column "{names[0]}" is before that of the axis; remove columns of labels.')
-    start = next((i for i, row in enumerate(grid.rows) if _is_numeric(row)), -1)
+    numbers = (numbers_of(row[1:]) or [] for row in grid.rows)
+    start = next((i for i, own in enumerate(numbers) if int(np.isfinite(own).sum()) >= 2), -1)
     if start < 0:
         raise InputError(f"{grid.path}: there are no rows of numbers.")
     above_axis = [str(cell) for cell in grid.rows[start - 1][1:] if cell != ""] if start else []
@@ -233,12 +234,6 @@ def _texts(rows: Sequence[Sequence[str | float]]) -> list[str]:
     """Texts above a matrix, without the notes on the bench."""
     lines = [row for row in rows if not any(re.search(words, str(row), re.I) for words, _ in _NOTES.values())]
     return [cell for row in lines for cell in row if isinstance(cell, str)]
-
-
-def _is_numeric(row: Sequence[str | float]) -> bool:
-    """At least two numbers and no text behind the first cell."""
-    numbers = numbers_of(row[1:])
-    return numbers is not None and int(np.isfinite(numbers).sum()) >= 2
 
 
 def _matrix(grid: Grid, given: GivenUnits) -> FoundMap:
@@ -291,26 +286,10 @@ def map_of_matrix(
 ) -> FoundMap:
     """Map of a matrix of quantities or of energising times.
 
-    Parameters
-    ----------
-    path : Path
-        For messages.
-    matrix : Matrix
-    units : dict of str to str
-        By the names of `KINDS`.
-    orders : sequence of Order
-        Those of `ORDERS` that the file admits; of several, the numbers must make sense of one alone.
-    said : sequence of str
-        What was detected of the file.
-    texts : iterable of str
-        Texts of the file, which may state the longest simulated energising time.
-    likely : sequence of Order
-        The order that is taken where the numbers tell none.
-
-    Raises
-    ------
-    InputError
-        If it is open which axis is which, or no cell has a number.
+    `units` are by the names of `KINDS`. `orders`: those of `ORDERS` that the file admits; of several, the numbers must
+    make sense of one alone, else the `likely` one is taken. `said`: what was detected of the file, whose `texts` may
+    state the longest simulated energising time. Raises `InputError` if it is open which axis is which, or no cell has
+    a number; `path` is for messages.
     """
     if len(orders) > 1:
         sensible = [order for order in orders if _is_sensible(matrix, units, order)]
@@ -483,8 +462,10 @@ def find_column_map(file: Sheet, given: GivenUnits = GivenUnits()) -> FoundMap:
     for column, kind in zip(COLUMNS, KINDS, strict=True):
         if column.name not in names:
             fitting = [name for name in file.names if BAND not in name and kind_of(unit_of(file, name)) == kind]
+            named = " and ".join(f'"{name}"' for name in fitting[:4])
+            those = f"the columns {named} have" if fitting else "no column has"
             raise InputError(
-                f"{file.path}: {_shown(fitting)} the unit of a {kind}, and one column must have it; name columns as in "
+                f"{file.path}: {those} the unit of a {kind}, and one column must have it; name columns as in "
                 '"rail_pressure [MPa]", "energising_time [us]" and "quantity [mm3]".'
             )
     stated = given.by_kind().values()
@@ -520,9 +501,3 @@ def _is_grid_of_quantities(values: dict[str, Floats]) -> bool:
         return min(sizes) > 1 and len(np.unique(pairs, axis=1).T) == pairs.shape[1] == sizes[0] * sizes[1]
 
     return is_product("quantity") and not is_product("energising time")
-
-
-def _shown(names: Sequence[str]) -> str:
-    if not names:
-        return "no column has"
-    return "the columns " + " and ".join(f'"{name}"' for name in names[:4]) + " have"

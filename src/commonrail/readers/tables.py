@@ -5,10 +5,10 @@ The unit of a column stands in the file, or is stated by whoever reads it; it is
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -33,22 +33,9 @@ _READ_BY = {"encoding": "texts", "decimal": "texts and workbooks (.xlsx)", "shee
 
 
 def read_columns(path: Path, wanted: Sequence[Column], least: int = LEAST_SAMPLES, form: FileForm = PLAIN) -> Table:
-    """Read named columns of a file.
+    """Columns of a file that has `least` rows; `form`: encoding, decimal sign and sheet.
 
-    Parameters
-    ----------
-    path : Path
-        Its first bytes tell the format, see `open_sheet`.
-    wanted : sequence of Column
-    least : int
-        Rows that the file must have.
-    form : FileForm
-        Encoding, decimal sign and sheet.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, a column or unit is missing, or a cell is not a finite number.
+    Raises `InputError` if the file cannot be read, a column or unit is missing, or a cell is not a finite number.
     """
     return take_columns(open_sheet(path, form), wanted, least)
 
@@ -57,9 +44,11 @@ def take_columns(sheet: Sheet, wanted: Sequence[Column], least: int = LEAST_SAMP
     """Named columns of an open file in SI units; see `read_columns`."""
     path, headings = sheet.path, find_headings(sheet, wanted)
     table = sheet.take([column._replace(name=headings.get(column.name, column.name)) for column in wanted])
-    others = {name: heading for name, heading in headings.items() if heading != name}
-    if others:
-        table = _renamed(table, {heading: name for name, heading in others.items()})
+    if others := {name: heading for name, heading in headings.items() if heading != name}:
+        names = {heading: name for name, heading in others.items()}
+        contents: list[dict[str, Any]] = [table.columns, table.texts, table.given]
+        columns, texts, given = ({names.get(key, key): item for key, item in of.items()} for of in contents)
+        table = replace(table, columns=columns, texts=texts, given=given, headings=others)
         shown = (f'"{heading}" as {name}' for name, heading in others.items())
         note(f"{path}: columns are read by their usual names or units: {', '.join(shown)}.")
     if len(table.rows) < least:
@@ -69,10 +58,14 @@ def take_columns(sheet: Sheet, wanted: Sequence[Column], least: int = LEAST_SAMP
         name, at = column.name, Place(str(path), f'column "{headings.get(column.name, column.name)}"')
         table.given[name] = _unit(column, table.given[name], at)
         table.units[name] = _kind(column, table.given[name], at)
-        with np.errstate(over="ignore"):  # _check names the line
+        with np.errstate(over="ignore"):  # the check below names the line
             table.columns[name] = convert(table.columns[name], table.given[name], table.units[name], str(at))
     for column in numeric:
-        _check(table, column)
+        values = table.columns[column.name]
+        if column.domain is not Domain.ANY:
+            outside = np.flatnonzero(~(column.domain.admits(values) | np.isnan(values)))
+            if len(outside):
+                raise table.place(column.name, int(outside[0])).error(f"the value must be {column.domain.value}")
     for column in numeric:
         if column.increasing:
             _check_increasing(table, column.name)
@@ -93,17 +86,6 @@ def has_columns(sheet: Sheet, columns: Sequence[Column]) -> list[Column]:
     """Those of some columns that an open file has, by whatever usual heading."""
     headings = find_headings(sheet, columns)
     return [column for column in columns if column.name in headings]
-
-
-def _renamed(table: Table, names: Mapping[str, str]) -> Table:
-    """The table with columns by other names; `names` are these by the headings of the file."""
-    return replace(
-        table,
-        columns={names.get(key, key): value for key, value in table.columns.items()},
-        texts={names.get(key, key): value for key, value in table.texts.items()},
-        given={names.get(key, key): value for key, value in table.given.items()},
-        headings={name: heading for heading, name in names.items()},
-    )
 
 
 def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
@@ -135,10 +117,9 @@ def is_grid(path: Path) -> bool:
 
 def idle_key(form: FileForm, files: Sequence[Path]) -> tuple[str, str] | None:
     """Stated field of a form by which none of the files is read, and a clause on it; None if there is none."""
-    read = {key for file in files for key in form_keys(file)}
-    for key, words in _READ_BY.items():
-        if getattr(form, key) and key not in read:
-            return key, f"it is for {words}, and does nothing for {files[0]}; omit it"
+    for key in (key for key in _READ_BY if getattr(form, key)):
+        if not any(key in form_keys(file) for file in files):
+            return key, f"it is for {_READ_BY[key]}, and does nothing for {files[0]}; omit it"
     return None
 
 
@@ -186,29 +167,15 @@ def _kind(column: Column, given: str, at: Place) -> str:
     return fitting[0]
 
 
-def _check(table: Table, column: Column) -> None:
-    """Refuse what lies outside the domain of its column."""
-    values = table.columns[column.name]
-    if column.domain is not Domain.ANY:
-        outside = np.flatnonzero(~(column.domain.admits(values) | np.isnan(values)))
-        if len(outside):
-            raise table.place(column.name, int(outside[0])).error(f"the value must be {column.domain.value}")
-
-
 def _check_increasing(table: Table, column: str) -> None:
     steps = np.diff(table.columns[column])
     if np.all(steps > 0.0):
         return
     row = int(np.argmax(steps <= 0.0)) + 1
     what = "repeats" if steps[row - 1] == 0.0 else "runs back behind"
-    raise table.place(column, row).error(
-        f"this {column} {what} the one on {table.row} {table.rows[row - 1]}; it must increase from row to row"
-        f"{_exchanged(table, column)}"
-    )
-
-
-def _exchanged(table: Table, column: str) -> str:
-    """Cure where another column increases as this one should."""
     others = (name for name, values in table.columns.items() if name != column and np.all(np.diff(values) > 0.0))
     other = next(others, "")
-    return f', as the column "{other}" does: the two may be exchanged in the header' if other else ""
+    raise table.place(column, row).error(
+        f"this {column} {what} the one on {table.row} {table.rows[row - 1]}; it must increase from row to row"
+        + (f', as the column "{other}" does: the two may be exchanged in the header' if other else "")
+    )

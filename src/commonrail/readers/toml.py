@@ -19,6 +19,7 @@ from pydantic import (
     GetCoreSchemaHandler,
     PlainValidator,
     SkipValidation,
+    TypeAdapter,
     ValidationError,
     ValidatorFunctionWrapHandler,
     WrapValidator,
@@ -215,48 +216,28 @@ class OneOf:
     more: Callable[[str], type[BaseModel] | None] = lambda _: None
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        return core_schema.tagged_union_schema(
-            {
-                f"<{name}>": core_schema.no_info_before_validator_function(self._known, handler.generate_schema(form))
-                for name, form in self.forms.items()
-                if form is not None
-            }
-            | {"<>": core_schema.no_info_plain_validator_function(self._other)},
-            self._tag,
-            custom_error_type="sentence",
-            custom_error_message=self._wanted(),
-        )
+        return core_schema.no_info_plain_validator_function(self.read)
 
-    def _known(self, item: Any) -> Any:
-        """The table itself; a key that only other forms have is refused with those forms."""
-        if not isinstance(item, Mapping):
+    def read(self, item: Any) -> Any:
+        """The table in its form; a key that only other forms have is refused with those forms."""
+        if isinstance(item, BaseModel):
             return item
-        for key in set(item).difference(getattr(self._form(item[self.key]), "model_fields", ())):
-            having = [name for name in self.forms if key in getattr(self._form(name), "model_fields", ())]
+        name = item.get(self.key) if isinstance(item, Mapping) else None
+        *others, last = (f'"{known}"' for known in self.forms)
+        wanted = f"{self.key} must be {', '.join(others)} or {last}"
+        if not isinstance(name, str):
+            raise fault(wanted)
+        if (form := self._form(name)) is None:
+            raise fault(f'{wanted}, not "{name}"{nearest(name, self.forms)}')
+        for key in set(item).difference(getattr(form, "model_fields", ())):
+            having = [known for known in self.forms if key in getattr(self._form(known), "model_fields", ())]
             if having:
-                others = " or ".join(f'"{name}"' for name in having)
-                raise fault(f'{self.key} = "{item[self.key]}" has no key "{key}", but {self.key} = {others} has it')
-        return item
+                those = " or ".join(f'"{known}"' for known in having)
+                raise fault(f'{self.key} = "{name}" has no key "{key}", but {self.key} = {those} has it')
+        return TypeAdapter(form).validate_python(item)
 
     def _form(self, name: str) -> Any:
         return self.forms.get(name) or self.more(name)
-
-    def _tag(self, item: Any) -> str | None:
-        found = item.get(self.key) if isinstance(item, Mapping) else getattr(item, self.key, None)
-        if not isinstance(found, str):
-            return None
-        return f"<{found}>" if self.forms.get(found) is not None else "<>"
-
-    def _other(self, item: Any) -> BaseModel:
-        if isinstance(item, BaseModel):
-            return item
-        if (form := self.more(name := item[self.key])) is None:
-            raise fault(f'{self._wanted()}, not "{name}"{nearest(name, self.forms)}')
-        return form.model_validate(self._known(item))
-
-    def _wanted(self) -> str:
-        *others, last = (f'"{name}"' for name in self.forms)
-        return f"{self.key} must be {', '.join(others)} or {last}"
 
 
 # Checking the tables of a file: the first fault as one sentence with its dotted key.
@@ -274,16 +255,26 @@ def read_model(kind: type[_Model], document: Mapping[str, Any], at: Place) -> _M
     try:
         return kind.model_validate(document)
     except ValidationError as error:
-        raise _translated(error.errors(include_url=False)[0], at) from error
+        raise _translated(kind, error.errors(include_url=False)[0], at) from error
 
 
-def _translated(found: ErrorDetails, at: Place) -> InputError:
+def _translated(kind: type[BaseModel], found: ErrorDetails, at: Place) -> InputError:
+    if found["type"] == "list_type" and not at.key and found["loc"] in _lists_of_tables(kind):
+        key = found["loc"][0]
+        return (at / str(key)).error(f"this must be a list, and a list of tables is written [[{key}]]")
     for part in found["loc"]:
         if isinstance(part, int):
             at = at[part]
         elif not part.startswith("<"):  # a tag: which form of a key was tried
             at = at / part
     return at.error(_sentence(found, at.key))
+
+
+def _lists_of_tables(kind: type[BaseModel]) -> list[tuple[str]]:
+    """Keys of a file that hold lists of tables."""
+    items = {key: get_args(field.annotation) for key, field in kind.model_fields.items()}
+    kinds = {key: (get_args(of[0]) or of)[0] for key, of in items.items() if of}  # of Annotated[…] the first
+    return [(key,) for key, item in kinds.items() if isinstance(item, type) and issubclass(item, BaseModel)]
 
 
 def _sentence(found: ErrorDetails, key: str) -> str:
@@ -296,8 +287,6 @@ def _sentence(found: ErrorDetails, key: str) -> str:
     if kind in ("model_type", "dict_type"):
         return "this must be a table" + ("" if not key or key.endswith("]") else f", written [{key}]")
     if kind == "list_type":
-        if last in _LISTS_OF_TABLES:
-            return f"this must be a list, and a list of tables is written [[{last}]]"
         return f"this must be a list in brackets{_LISTS.get(last, '')}"
     if kind in ("too_short", "too_long"):
         limit = found["ctx"].get("min_length") or found["ctx"].get("max_length")
@@ -308,7 +297,6 @@ def _sentence(found: ErrorDetails, key: str) -> str:
 
 
 _MISSING = {"injector": 'injector = "virtual-lino-2016"', "temperature": 'temperature = "80 degC"'}
-_LISTS_OF_TABLES = ("data", "parameter", "dimension", "point", "correlation")
 _LISTS = {
     "window": ', such as ["0 us", "1600 us"]',
     "energisings": ', such as [{ start = "0 us", duration = "700 us" }]',

@@ -15,6 +15,8 @@ from commonrail.base.errors import InputError, nearest
 from commonrail.readers.guarded import Save
 from commonrail.readers.location import MOST_COLUMNS, Shape
 
+WHAT = "workbook"
+
 MOST_ROWS = 1_048_576  # of a sheet, by the format
 MOST_TEXT = 20_000_000  # characters of all cells
 UNCOMPUTED = "formula never computed: save in Excel"  # in place of the value that the workbook lacks
@@ -23,12 +25,7 @@ MOST_MERGED = 10_000  # ranges of merged cells that are filled
 
 def read(path: Path, data: bytes, save: Save, sheet: str | None) -> dict[str, Any]:
     """Rows, their numbers and the name of a sheet, by default the first that is not empty."""
-    try:
-        book = load_workbook(BytesIO(data), read_only=True, data_only=True)
-    except MemoryError:
-        raise
-    except Exception as error:  # openpyxl raises a dozen types for damaged workbooks
-        raise InputError(f"{path}: this is no workbook that can be read ({type(error).__name__}).") from error
+    book = load_workbook(BytesIO(data), read_only=True, data_only=True)
     if sheet is not None and sheet not in book.sheetnames:
         known = ", ".join(book.sheetnames)
         raise InputError(f'{path}: there is no sheet "{sheet}"{nearest(sheet, book.sheetnames)}; it has {known}.')

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from commonrail.base.chart import Bars, Chart
 from commonrail.base.csv_output import write_csv
 from commonrail.base.output import summed, write_text
+from commonrail.base.record import Interval
 from commonrail.base.table import Table
 from commonrail.base.text import MISSING, command, duration, listed, significant
 from commonrail.calibration.study import Study
@@ -118,10 +119,11 @@ def result_html(
     )
 
 
-def interval_bars(label: str, look: str, rows: Sequence[Record], key: str, scale: float, slot: int = 0) -> Bars:
-    """Bars from zero with their intervals: of each row the value, low and high of a key, times a scale."""
-    value, low, high = (tuple(scale * row[key][end] for row in rows) for end in ("value", "low", "high"))
-    return Bars(label, look, (0.0,) * len(rows), value, low, high, slot=slot)
+def interval_bars(label: str, look: str, intervals: Iterable[Interval | None], scale: float, slot: int = 0) -> Bars:
+    """Bars from zero to estimates with their intervals, times a scale; a missing one is left out."""
+    scaled = [(scale * i.value, scale * i.low, scale * i.high) for i in intervals if i is not None]
+    value, low, high = zip(*scaled, strict=True)
+    return Bars(label, look, (0.0,) * len(scaled), value, low, high, slot=slot)
 
 
 def bar_height(rows: int) -> int:

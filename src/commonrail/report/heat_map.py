@@ -12,8 +12,8 @@ from commonrail.base.text import significant
 from commonrail.report.axis import FONT, INK, LONGEST, SIZE, WIDE, cut, text_width, upright
 
 # Light enough throughout for dark numbers; they differ in lightness, so that they are told apart in grey too.
-_SEQUENTIAL = ("#f7fbff", "#a6cde4", "#5b9fcd")
-_DIVERGING = ("#5b9fcd", "#ffffff", "#e0907a")
+SEQUENTIAL = ("#f7fbff", "#a6cde4", "#5b9fcd")
+DIVERGING = ("#5b9fcd", "#ffffff", "#e0907a")
 NUMBERS = 9.5  # size of the numbers in the cells [px]
 NARROWEST, BROADEST = 31.0, 84.0  # columns: narrower ones show no numbers [px]
 LOWEST = 84.0  # map, whatever its rows: its vertical title is not cut [px]
@@ -164,7 +164,7 @@ def _ends(figure: HeatMap) -> tuple[float, float]:
 def _colour(figure: HeatMap, value: float) -> str:
     low, high = _ends(figure)
     place = 2.0 * min(max((value - low) / (high - low), 0.0), 1.0)
-    stops = _DIVERGING if figure.diverging else _SEQUENTIAL
+    stops = DIVERGING if figure.diverging else SEQUENTIAL
     first = min(int(place), 1)
     pair = [[int(stop[k : k + 2], 16) for k in (1, 3, 5)] for stop in stops[first : first + 2]]
     return "#" + "".join(f"{round(a + (place - first) * (b - a)):02x}" for a, b in zip(*pair, strict=True))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import functools
 import re
-from typing import Any
+import tomllib
+from importlib.resources import files
+from typing import Any, NamedTuple
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, select_autoescape
 from markupsafe import Markup, escape
@@ -17,6 +19,20 @@ from commonrail.report.figure import dark_rules
 TELEPHONE, PAPER = 50.0, 930.0
 KEPT = 18  # letters of a cell that stay on one line
 NEVER_BROKEN = 14  # letters below which the whole cell does, as macros.html has it
+
+
+class Term(NamedTuple):
+    """Term of the reports: its meaning, and the page of the documentation that says more."""
+
+    name: str
+    meaning: str
+    page: str
+
+
+def glossary() -> list[Term]:
+    """Terms of the reports; every page explains them at its end."""
+    text = (files(CORE) / "glossary.toml").read_text(encoding="utf-8")
+    return [Term(**term) for term in tomllib.loads(text)["term"]]
 
 
 CORE = "commonrail.report"  # package whose folder ``templates`` has the templates that others extend
@@ -33,6 +49,7 @@ def _environment(package: str = CORE) -> Environment:
         lstrip_blocks=True,
     )
     environment.filters.update({f.__name__: f for f in (breakable, unbroken, print_size, is_long, css_text)})
+    environment.globals["glossary"] = glossary()
     environment.globals["dark_figures"] = Markup(dark_rules())
     environment.globals["dark_theme_figures"] = Markup(dark_rules(':root[data-theme="dark"]'))  # chosen in the page
     return environment

@@ -10,11 +10,13 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from commonrail.base import registry
-from commonrail.base.arguments import instance
+from commonrail.base.arguments import instance, whole
 from commonrail.base.chart import Chart
+from commonrail.base.display import load_library
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import counted, fixed, quantity, significant
+from commonrail.calibration.record import CalibrationRecord, read_as
 from commonrail.calibration.result import result_record
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.study import Study
@@ -87,20 +89,17 @@ def _calibration_lines(c: Calibration) -> list[str]:
 
 
 def _calibration_tables(c: Calibration) -> list[Table]:
-    record = result_record(c, {})
-    return [parameter_table(record["parameters"]), *tables_of(record["data"], record["labels"])]
+    record = read_as(CalibrationRecord, result_record(c, {}))
+    return [parameter_table(record.parameters), *tables_of(record.data, record.labels)]
 
 
 def _calibration_figures(c: Calibration) -> Iterator[Chart]:
-    record = result_record(c, {})
-    traces = {
-        curve.data: {"time_s": 0.5 * (curve.bounds[1:] + curve.bounds[:-1]), **curve.rates}
-        for curve in rate_curves(c.study.data, c.scores)
-    }
-    yield from error_maps(record)
-    yield from figures_of(record, traces)
-    if len(record["generations"]) > 1:
-        yield convergence_figure(record["generations"])
+    record = read_as(CalibrationRecord, result_record(c, {}))
+    traces = {curve.data: curve.trace for curve in rate_curves(c.study.data, c.scores)}
+    yield from error_maps(record.data)
+    yield from figures_of(record.data, record.labels, traces)
+    if len(record.generations) > 1:
+        yield convergence_figure(record.generations)
 
 
 _CHANNELS = {"lift": "m", "pressure": "Pa", "current": "A", "force": "N", "coefficient": "1"}
@@ -210,24 +209,41 @@ def html_of(result: Any) -> str:
     return f'<div class="commonrail">{lines}{"".join(map(_table_html, shown.tables(result)))}</div>'
 
 
-def plot_of(result: Any, point: OperatingPoint | None = None) -> Picture:
+def charts_of(result: Any, point: OperatingPoint | None = None) -> list[Chart]:
+    """Figures of a result as plain numbers; errors are those of `picture_of`."""
+    if isinstance(result, Solution):
+        point = instance(point, OperatingPoint | None, "point") or result.point
+        return [registry.needed("simulations", "figure").call(result, point)]
+    if point is not None:
+        raise ConfigurationError(f"A {type(result).__name__} has no point; omit it.")
+    if not (figures := list(presenter_of(result).figures(result))):
+        raise ConfigurationError(
+            f"A {type(result).__name__} of this kind has nothing to draw; its tables are its HTML."
+        )
+    return figures
+
+
+def draw_of(result: Any, ax: Any = None, figure: int = 0, point: OperatingPoint | None = None) -> Any:
+    """Axes with one figure of a result, drawn by matplotlib; errors are those of `Shown.plot`."""
+    charts = charts_of(result, point)
+    number = whole(figure, "figure", 0)
+    if number >= len(charts):
+        titles = ", ".join(f"{i} (“{chart.title}”)" for i, chart in enumerate(charts))
+        raise ConfigurationError(f"This {type(result).__name__} has no figure {number}; it has {titles}.")
+    load_library("matplotlib")
+    from commonrail.report.plot import draw
+
+    return draw(charts[number], ax)
+
+
+def picture_of(result: Any, point: OperatingPoint | None = None) -> Picture:
     """Figures of a result; of a simulation, at its own point unless another is given, beside a section of the injector.
 
     ConfigurationError if there are none, or another result has a point.
     """
-    beside = ""
+    figures, beside = charts_of(result, point), ""
     if isinstance(result, Solution):
-        point = instance(point, OperatingPoint | None, "point") or result.point
-        figures: list[Chart] = [registry.needed("simulations", "figure").call(result, point)]
-        beside = registry.needed("simulations", "section").call(result, point)
-    elif point is not None:
-        raise ConfigurationError(f"A {type(result).__name__} has no point; omit it.")
-    else:
-        figures = list(presenter_of(result).figures(result))
-    if not figures:
-        raise ConfigurationError(
-            f"A {type(result).__name__} of this kind has nothing to draw; its tables are its HTML."
-        )
+        beside = registry.needed("simulations", "section").call(result, point or result.point)
     shown = figures[:MOST_FIGURES]
     more = f", the first {MOST_FIGURES} of {len(figures)}" if len(figures) > MOST_FIGURES else ""
     return Picture(f"{next(iter(presenter_of(result).lines(result)))[:LONGEST]}{more}", shown, beside)
@@ -239,7 +255,7 @@ def frame_of(result: Any) -> Any:
     A result that makes rows of its own has those, in SI units. ConfigurationError if pandas is missing, or there are no
     values.
     """
-    pandas = _library("pandas")
+    pandas = load_library("pandas")
     if hasattr(result, "rows"):
         return pandas.DataFrame(result.rows())
     arrays = _arrays(result)
@@ -257,7 +273,7 @@ def dataset_of(result: Any) -> Any:
 
     ConfigurationError if xarray is missing, or there are no values.
     """
-    xarray, arrays = _library("xarray"), _arrays(result)
+    xarray, arrays = load_library("xarray"), _arrays(result)
     made = {
         name: (array.axes, array.values, {"units": array.unit} if array.unit else {})
         for name, array in {**arrays.axes, **arrays.values}.items()
@@ -277,17 +293,6 @@ def _arrays(result: Any) -> Arrays:
             f"A {type(result).__name__} has no table of values; read its attributes or its record()."
         )
     return make(result)
-
-
-def _library(name: str) -> Any:
-    from importlib import import_module
-
-    try:
-        return import_module(name)
-    except ImportError as error:
-        raise ConfigurationError(
-            f"This needs {name}, which is not installed: install it with pip install 'commonrail[notebook]'."
-        ) from error
 
 
 def _figure_html(figure: Chart) -> str:

@@ -16,6 +16,7 @@ from commonrail.base.errors import InputError, PluginError, StudyError
 from commonrail.base.hooks import note
 from commonrail.base.output import write_text
 from commonrail.base.text import significant
+from commonrail.calibration.record import CalibrationRecord, read_as
 from commonrail.data.records import Record, Traces
 from commonrail.report.figure import drawings, figure_html, small_drawings
 from commonrail.report.fit.certainty import certainty_lines, likelihood_tables
@@ -37,13 +38,11 @@ from commonrail.report.fit.verdict import (
     synthetic_notes,
     tiles,
     verdict,
-    warning_lines,
 )
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind, kind_of
-from commonrail.runs.folder import DRAWS, RESULT, TRACES, final_text, read_draws
+from commonrail.runs.folder import RESULT, Results, final_text, read_results
 from commonrail.runs.journal import JOURNAL, best_course, held_run
-from commonrail.runs.traces import read_traces
 
 BENCH = "bench.html"  # page with sliders, which a report links where it lies beside
 MAIN_HEIGHT = 420  # of the chart on the first screen [px]
@@ -86,6 +85,15 @@ def write_report(folder: str | Path, live: bool = True) -> Path:
     with kind.refusing_broken(folder):
         make = kind.still if kind.still and not live else kind.page
         page = make(kind.read(folder), folder)
+    return _write(folder, page)
+
+
+def write_report_of(results: Results, folder: Path, live: bool = True) -> Path:
+    """Write ``report.html`` of a calibration from the results that were just written into its folder."""
+    return _write(folder, _results_page(results, folder, live))
+
+
+def _write(folder: Path, page: str) -> Path:
     path = folder / "report.html"
     with held_run(folder) if (folder / JOURNAL).is_file() else nullcontext():
         write_text(path, final_text(page, folder))
@@ -93,13 +101,18 @@ def write_report(folder: str | Path, live: bool = True) -> Path:
 
 
 def _page(record: Record, folder: Path, live: bool = True) -> str:
+    return _results_page(read_results(folder, record), folder, live)
+
+
+def _results_page(results: Results, folder: Path, live: bool) -> str:
+    record = results.record
     return report_html(
         record,
-        read_traces(folder / TRACES),
+        results.traces,
         folder.as_posix() or "RUN",
         bench=(folder / BENCH).is_file(),
         course=_course(folder),
-        draws=_draws(folder, record),
+        draws=results.draws,
         live=_live(record, folder) if live else "",
         openings=[
             part.call(folder) for name, part in registry.entries("openings").items() if (folder / name).is_file()
@@ -125,14 +138,6 @@ def _course(folder: Path) -> Floats | None:
     return None
 
 
-def _draws(folder: Path, record: Record) -> dict[str, Floats]:
-    """Draws of the posterior by parameter [SI]; none without a file."""
-    if not (folder / DRAWS).is_file():
-        return {}
-    names = [str(parameter["name"]) for parameter in record["parameters"]]
-    return dict(zip(names, read_draws(folder, names).T, strict=True))
-
-
 KEYS = ("title", "seed", "status", "injector", "parameters", "objective", "data", "generations")
 CALIBRATION = ResultKind(RESULT, "calibration", "calibrate", _page, KEYS, still=partial(_page, live=False))
 
@@ -155,27 +160,28 @@ def report_html(
     parameter, both in SI. `live` is HTML that the page ends with, which lets its main chart simulate. `openings` are
     titles and sentences that the page begins with.
     """
-    figures, heats = figures_of(record, traces), error_maps(record)
-    checks = filter(None, [parity_figure(record), autocorrelation_figure(record, traces)])
-    found = enumerate(tables_of(record["data"], record["labels"]))
-    tables = [(table, i < OPEN and len(table.rows) <= LONG) for i, table in found]
-    certainty = record.get("certainty")
-    rows = parameter_rows(by_effect(record), certainty)
+    fit = read_as(CalibrationRecord, record)
+    data, parameters, certainty = fit.data, fit.parameters, fit.certainty
+    figures, heats = figures_of(data, fit.labels, traces), error_maps(data)
+    checks = filter(None, [parity_figure(data), autocorrelation_figure(data, traces)])
+    numbered = enumerate(tables_of(data, fit.labels))
+    tables = [(table, i < OPEN and len(table.rows) <= LONG) for i, table in numbered]
+    rows = parameter_rows(by_effect(parameters), certainty)
     return render(
         "report.html",
         kind="Calibration",
         record=record,
-        dated=str(record["clock"]["ended"])[:16].replace("T", " ") + " UTC",
-        verdict=verdict(record, run),
-        tiles=tiles(record),
+        dated=fit.clock.ended[:16].replace("T", " ") + " UTC",
+        verdict=verdict(fit, run),
+        tiles=tiles(fit),
         main=[(figure, figure_html(figure, "figure-0", MAIN_HEIGHT)) for figure in figures[:1]],
         forest=rows[:FOREST],
         interval_head=interval_head(certainty),
-        synthetic=synthetic_notes(record),
-        warnings=warning_lines(record),
+        synthetic=synthetic_notes(fit.synthetic, data),
+        warnings=[warning.sentence for warning in fit.warnings],
         bench=BENCH if bench else "",
         live=live,
-        lines=headline(record),
+        lines=headline(fit),
         openings=openings,
         tables=[table for table, is_open in tables if is_open],
         folded=[table for table, is_open in tables if not is_open],
@@ -184,19 +190,19 @@ def report_html(
         heats=drawings([h for h in heats if len(h.x) > FEW], name="error"),
         small_heats=small_drawings([h for h in heats if len(h.x) <= FEW], "error-small"),
         parameters=rows,
-        cures={p["name"]: p["cure"] for p in (certainty or {}).get("parameters", ()) if p.get("cure")},
-        loadings=drawings(filter(None, [loading_matrix(record)]), name="loading"),
-        pairs=small_drawings(pair_figures(record, draws), "pair"),
-        judgement_lines=judgement_lines(record),
-        judgement_tables=[*judgement_tables(record), *likelihood_tables(record)],
-        certainty_lines=certainty_lines(record),
-        convergence=convergence_section(record, course),
-        commands=rerun_lines(record, run),
-        facts=_facts(record),
+        cures={p.name: p.cure for p in (certainty.parameters if certainty else ()) if p.cure},
+        loadings=drawings(filter(None, [loading_matrix(fit)]), name="loading"),
+        pairs=small_drawings(pair_figures(parameters, draws), "pair"),
+        judgement_lines=judgement_lines(fit),
+        judgement_tables=[*judgement_tables(fit), *likelihood_tables(certainty)],
+        certainty_lines=certainty_lines(certainty),
+        convergence=convergence_section(fit.generations, parameters, course),
+        commands=rerun_lines(fit, run),
+        facts=_facts(fit),
     )
 
 
-def _facts(record: Record) -> list[tuple[str, str]]:
-    bits = ", the same bits on every x86-64 processor" if record["same_bits"] else ""
-    step = f"{significant(record['time_step'], 4, 1e6)} µs, {record['precision']}{bits}"
+def _facts(record: CalibrationRecord) -> list[tuple[str, str]]:
+    bits = ", the same bits on every x86-64 processor" if record.same_bits else ""
+    step = f"{significant(record.time_step, 4, 1e6)} µs, {record.precision}{bits}"
     return search_facts(record, more=[("Time step", step)])

@@ -17,10 +17,11 @@ from commonrail.base.chart import BOTH, MARKERS, Figure, Panel, Series, points
 from commonrail.base.errors import CommonrailError
 from commonrail.base.table import Table, tabulated
 from commonrail.base.text import MISSING, duration, listed, quantity_range, significant
-from commonrail.data.curves.page import RATE
-from commonrail.data.records import MICROSECOND, MM3_PER_MS, Record, Traces
+from commonrail.calibration.record import CalibrationRecord, read_as
+from commonrail.data.records import MICROSECOND, MM3_PER_MS, Traces
+from commonrail.report.data.curves import RATE
 from commonrail.report.figure import drawings
-from commonrail.report.fit.record import short_names
+from commonrail.report.fit.record import of_role, short_names
 from commonrail.report.fit.verdict import merits
 from commonrail.report.html import render
 from commonrail.runs.folder import RESULT, read_run
@@ -34,7 +35,7 @@ class _Read(NamedTuple):
     """Run with its record and curves."""
 
     run: Run
-    record: Record
+    record: CalibrationRecord
     traces: Traces
 
 
@@ -71,14 +72,15 @@ def _drawn(shown: Sequence[_Read]) -> list[Any]:
 def _read(run: Run) -> _Read | str:
     """Record and curves of a finished calibration; why it is none, or cannot be read, in a sentence."""
     try:
-        one = _Read(run, *read_run(run.folder))
+        record, traces = read_run(run.folder)
+        one = _Read(run, read_as(CalibrationRecord, record), traces)
         _row(run, one, run.folder)  # what the page shows of it, tried alone: a fault in it loses no other run
         _drawn([one, one])
         _differences([one])
-    except CommonrailError as error:
-        return str(error)
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):  # a record that was changed
         return f"{run.folder / RESULT} is not as a calibration writes it; make it again with `commonrail resume`."
+    except CommonrailError as error:
+        return str(error)
     return one
 
 
@@ -95,24 +97,24 @@ def _row(run: Run, read: _Read | None, path: Path, fault: str = "") -> dict[str,
     report = run.folder / "report.html"
     # with "./" in front no name of a folder is taken for a scheme
     link = f"./{quote(Path(os.path.relpath(report, path.parent)).as_posix())}" if report.is_file() else ""
-    tiles = [] if record is None else merits(record["data"])
+    tiles = [] if record is None else merits(record.data)
     return {
         "folder": str(run.folder),
         "link": link,
         "state": run.state,
         "generation": f"{run.generation}/{run.generations}",
         "best": significant(run.best, 5) if math.isfinite(run.best) else MISSING,
-        "course": _sparkline([g["best"] for g in record["generations"]] if record else []),
+        "course": _sparkline([g.best for g in record.generations] if record else []),
         "errors": [next((t.figure for t in tiles if t.head == head), MISSING) for head in ("fit", "unseen")],
-        "parameters": len(record["parameters"]) if record else MISSING,
+        "parameters": len(record.parameters) if record else MISSING,
         "time": duration(run.seconds),
         "title": fault or run.title or run.reason,
     }
 
 
-def _sparkline(values: Sequence[Any]) -> Markup:
+def _sparkline(values: Sequence[float | None]) -> Markup:
     """Course of the best J, logarithmic, from the left to the right."""
-    logs = [math.log10(v) for v in values if isinstance(v, int | float) and math.isfinite(v) and v > 0.0]
+    logs = [math.log10(v) for v in values if v is not None and math.isfinite(v) and v > 0.0]
     if len(logs) < 2:
         return Markup("")
     low, span = min(logs), (max(logs) - min(logs)) or 1.0
@@ -128,13 +130,13 @@ def _sparkline(values: Sequence[Any]) -> Markup:
 
 def _coordinates(read: Sequence[_Read]) -> Figure | None:
     """Place between the bounds of each parameter that several runs have, a line for each run."""
-    counts = Counter(p["name"] for one in read for p in one.record["parameters"])
+    counts = Counter(p.name for one in read for p in one.record.parameters)
     names = [name for name, count in counts.items() if count > 1]
     if not names:
         return None
     series = []
     for i, one in enumerate(read):
-        places = {p["name"]: 100.0 * p["position"] for p in one.record["parameters"]}
+        places = {p.name: 100.0 * p.position for p in one.record.parameters}
         if not places.keys() & set(names):
             continue
         x = tuple(float(n) for n in range(len(names)))
@@ -183,14 +185,14 @@ def _differences(read: Sequence[_Read]) -> Table | None:
     return tabulated("What the studies differ in", keys, columns, "Of parameters their bounds.")
 
 
-def _settings(record: Record) -> Iterator[tuple[str, str]]:
-    yield "injector", f"{record['injector']['name']}, {record['injector']['variant']}"
-    yield "time step", f"{significant(record['time_step'], 4, MICROSECOND)} µs"
-    for key in ("seed", "precision"):
-        yield key, str(record[key])
-    for key, value in (record["optimiser"] or {}).items():
+def _settings(record: CalibrationRecord) -> Iterator[tuple[str, str]]:
+    yield "injector", f"{record.injector.name}, {record.injector.variant}"
+    yield "time step", f"{significant(record.time_step, 4, MICROSECOND)} µs"
+    yield "seed", str(record.seed)
+    yield "precision", record.precision
+    for key, value in record.optimiser.items():
         yield f"optimiser: {key}", str(value)
-    yield "data to fit", ", ".join(d["name"] for d in record["data"] if d["role"] == "fit")
-    yield "data unseen", ", ".join(d["name"] for d in record["data"] if d["role"] == "validation")
-    for p in record["parameters"]:
-        yield p["name"], quantity_range(p["lower"], p["upper"], p["unit"], 3)
+    yield "data to fit", ", ".join(d["name"] for d in of_role(record.data, "fit"))
+    yield "data unseen", ", ".join(d["name"] for d in of_role(record.data, "validation"))
+    for p in record.parameters:
+        yield p.name, quantity_range(p.lower, p.upper, p.unit, 3)

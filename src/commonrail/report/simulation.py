@@ -11,10 +11,10 @@ from commonrail.base import registry
 from commonrail.base.arguments import array, instance, mapping, plain_text
 from commonrail.base.chart import Figure, Panel, Series, points
 from commonrail.base.errors import ConfigurationError
-from commonrail.data.curves.page import RATE
 from commonrail.data.records import MICROSECOND, MM3_PER_MS
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Solution
+from commonrail.report.data.curves import RATE
 from commonrail.report.figure import figure_html
 from commonrail.report.html import render
 

@@ -1,1 +1,5 @@
 """Run folders, journal, resume."""
+
+from commonrail.base.public import attach
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

@@ -14,6 +14,7 @@ from commonrail.base.errors import CommonrailError, InputError, StudyError
 from commonrail.base.input import SUMS, listed, read_plain, sha256
 from commonrail.base.output import replacing, writing
 from commonrail.base.registry import shipped
+from commonrail.readers.location import plain_lines
 from commonrail.runs.folder import DRAWS, MEMBER, RESULT, STUDY, TRACES
 from commonrail.runs.journal import JOURNAL, LOCK, Input, read_about, read_inputs
 
@@ -52,20 +53,24 @@ def _is_result(place: Path, results: Sequence[str]) -> bool:
     return _is_reserved(name) or any(fnmatchcase(name, pattern) for pattern in (MEMBER.format("*"), *results))
 
 
-def copy_files(sources: Mapping[Path, str], folder: Path, places: Mapping[Path, Path], text: str = "") -> list[Input]:
+def copy_files(
+    sources: Mapping[Path, str], folder: Path, places: Mapping[Path, Path], text: str
+) -> tuple[list[Input], str]:
     """Copy files of known SHA-256 to their places; where one names another that has a new path, the copy names that.
 
-    The first one has the content `text`, if that is stated. `StudyError` if a file has changed since it was read,
-    `OutputError` if a copy cannot be written.
+    The first one has the content `text`; the text of its copy is returned too. `StudyError` if a file has changed since
+    it was read, `OutputError` if a copy cannot be written.
     """
     copied: list[Input] = []
     for source, digest in sources.items():
         content = read_plain(source)
         if sha256(content) != digest:
             raise StudyError(f"{source}: the file was changed while the study was read; start again.")
-        content = text.encode() if text and not copied else content
+        if not copied and text != plain_lines(content).decode():
+            content = text.encode()
         if source.suffix == ".toml":
             content = _relocated(content, source, places)
+        text = text if copied else plain_lines(content).decode()
         path = folder / places[source]
         with writing(path):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -73,7 +78,7 @@ def copy_files(sources: Mapping[Path, str], folder: Path, places: Mapping[Path, 
             stream.write(content)
         origin = os.fsencode(source).decode("utf-8", "backslashreplace")
         copied.append(Input(places[source].as_posix(), origin, digest, sha256(content)))
-    return copied
+    return copied, text
 
 
 def _relocated(content: bytes, source: Path, places: Mapping[Path, Path]) -> bytes:

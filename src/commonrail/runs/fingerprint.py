@@ -27,7 +27,9 @@ from commonrail.runs.journal import Input, Journal
 
 # Fingerprint of a study: equal fingerprints mean identical searches.
 
-_TOLD = frozenset({"text", "files", "author", "logo"})  # fields of a study that reports tell, and that decide nothing
+_TOLD = frozenset(
+    {"text", "files", "as_read", "author", "logo"}
+)  # fields of a study that reports tell, and that decide nothing
 
 
 def content_of(study: Study) -> str:

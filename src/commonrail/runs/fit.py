@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from commonrail.base.arguments import file_path, flag, instance, thread_count, whole
 from commonrail.base.errors import CommonrailError, ConfigurationError, StudyError
-from commonrail.base.hooks import held_interrupts, quiet
+from commonrail.base.hooks import held_interrupts
 from commonrail.base.input import SUMS, sha256
 from commonrail.base.output import PART, summed, write_text, writing
 from commonrail.base.text import command
@@ -26,15 +26,9 @@ from commonrail.calibration.run import Calibration, at_values, calibrate
 from commonrail.calibration.search import Checkpoint, CheckpointError, Progress, Searched
 from commonrail.calibration.study import Study, objective_of
 from commonrail.calibration.study_file import load_study
-from commonrail.readers.location import read_text
-from commonrail.readers.toml import LARGEST_TOML
 from commonrail.runs.copies import copy_files, copy_paths, set_in_text
 from commonrail.runs.fingerprint import check_files, content_of, other_targets
-from commonrail.runs.folder import (
-    STUDY,
-    refuse_used,
-    write_results,
-)
+from commonrail.runs.folder import STUDY, Results, refuse_used, write_results
 from commonrail.runs.journal import ESTIMATED, JOURNAL, LOCK, STARTS, Input, Journal, State, read_about
 
 if TYPE_CHECKING:
@@ -65,6 +59,10 @@ class Settings(Searched, Protocol):
     @property
     def text(self) -> str:
         """Its file as given."""
+
+    @property
+    def as_read(self) -> Any:
+        """Settings of the same class as the files state them; None if they were made in Python."""
 
 
 _Study = TypeVar("_Study", bound=Settings)
@@ -158,35 +156,29 @@ class FitKind(Generic[_Study, _Fit]):
         return [place.as_posix() for place in copy_paths(study.files, self.file, self.results).values()]
 
     def copy(self, study: _Study, folder: Path) -> tuple[list[Input], _Study, str]:
-        """Copy the files of settings into a run folder and read them from there; with the fingerprint.
+        """Copy the files of settings into a run folder; with the settings as the copies state them and the fingerprint.
 
         There are no copies, and the settings are those given, if they were made or changed in Python beyond what
         options may change and the number of generations. `StudyError` if a file has changed since it was read.
         """
-        content = self.content(study)
-        if not study.files:
+        content, as_read = self.content(study), study.as_read
+        if as_read is None:
             return [], study, content
-        with summed(folder):
-            edited = study.text if study.text != read_text(next(iter(study.files)), LARGEST_TOML) else ""
-            inputs = copy_files(study.files, folder, copy_paths(study.files, self.file, self.results), edited)
-        with quiet():
-            own = self.load(folder / self.file)
-        wanted: dict[str, Any] = {name: getattr(study, name) for name in self.chosen}
-        text = own.text
-        for name, value in wanted.items():
-            if value != getattr(own, name):
+        options: dict[str, Any] = {name: getattr(study, name) for name in self.chosen}
+        total, text = _generations(study), study.text
+        own: _Study = _with_generations(_changed(as_read, **options), total)
+        if text != as_read.text or self.content(own) != content:
+            return [], study, content
+        for name, value in options.items():
+            if value != getattr(as_read, name):
                 text = set_in_text(text, (name,), value)
-        if (total := _generations(study)) != _generations(own):
+        if total != _generations(as_read):
             text = set_in_text(text, ("optimiser", "generations"), total)
-        if text != own.text:
-            with summed(folder):
-                write_text(folder / self.file, text)
-            inputs[0] = inputs[0]._replace(copy=sha256(text.encode()))
-            own = _with_generations(_changed(own, **wanted, text=text), total)
-        if self.content(own) == content:
-            return inputs, own, content
-        with summed(folder, *(item.name for item in inputs)):
-            return [], study, content
+        with summed(folder):
+            places = copy_paths(study.files, self.file, self.results)
+            inputs, text = copy_files(study.files, folder, places, text)
+        files = {folder.absolute() / item.name: item.copy for item in inputs}
+        return inputs, _changed(own, files=files, text=text), content
 
     def _nothing_to_resume(self, folder: Path) -> str:
         if not folder.is_dir():
@@ -301,10 +293,14 @@ def _extended(journal: Journal, study: _Study, more: int) -> _Study:
 
 @dataclass(frozen=True)
 class Listener:
-    """Functions called after every generation and refinement, and with sentences for the user."""
+    """Functions called after every generation and refinement, with sentences for the user, and with what was written.
+
+    `written` is called with the results of the finished run of a study.
+    """
 
     progress: Callable[[Progress], None] = lambda _: None
     note: Callable[[str], None] = lambda _: None
+    written: Callable[[Results], None] = lambda _: None
 
 
 def calibrate_into(
@@ -416,7 +412,7 @@ def estimate_again(
 def _work(
     listener: Listener, threads: int | None, workers: Workers | None, *, strict: bool = False, starts: int = 0
 ) -> Work[Study, Calibration]:
-    """Calibrate, write the fit, then judge it; wrong settings are refused before anything is written.
+    """Calibrate, judge the fit and write both; wrong settings are refused before anything is written.
 
     `starts`: of the search for the most likely values, 0 for those of the run. Ctrl-C in the judgement raises
     `KeyboardInterrupt`: the fit is kept, and `resume` judges it.
@@ -442,22 +438,26 @@ def _work(
         )
         calibration = replace(calibration, warnings=before + calibration.warnings)
         journal.check_place()
-        write_results(journal.folder, calibration, Identified())  # the fit is kept whatever happens to its judgement
         listener.note("judging how well the data determine each parameter ...")
         many = starts or int(journal.about.get(STARTS) or 1)
-        with held_interrupts() as stop:
-            if calibration.status == State.INTERRUPTED:
-                stop.asked = False  # that was the search; its best values are judged
-            identified = identify(calibration, threads, starts=many)
-            refits = refits_of(calibration, threads=threads, workers=workers, note=listener.note)
-        if identified.estimate:
-            found = at_values(calibration, identified.estimate, threads)
-            calibration = replace(found, warnings=before + found.warnings)
+        try:
+            with held_interrupts() as stop:
+                if calibration.status == State.INTERRUPTED:
+                    stop.asked = False  # that was the search; its best values are judged
+                identified = identify(calibration, threads, starts=many)
+                refits = refits_of(calibration, threads=threads, workers=workers, note=listener.note)
+            if identified.estimate:
+                found = at_values(calibration, identified.estimate, threads)
+                calibration = replace(found, warnings=before + found.warnings)
+        except BaseException:
+            journal.check_place()
+            write_results(journal.folder, calibration, Identified())  # the fit is kept without its judgement
+            raise
         identified.sections |= {"refits": refits} if refits else {}
         journal.check_place()
         facts = {STARTS: str(many)} if starts else {}
         journal.describe(facts | {ESTIMATED: repr(calibration.cost) if identified.estimate else ""})
-        write_results(journal.folder, calibration, identified)
+        listener.written(write_results(journal.folder, calibration, identified))
         if refits.get("interrupted"):
             raise KeyboardInterrupt
         return calibration

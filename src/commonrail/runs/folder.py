@@ -9,7 +9,7 @@ import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -68,10 +68,12 @@ def _refuse_constant(text: str) -> None:
     raise ValueError(f"{text} is no number of JSON")
 
 
-def write_record(path: Path, record: Mapping[str, Any]) -> None:
-    """Write a record whole or not at all; `OutputError` if it cannot be written."""
+def write_record(path: Path, record: Mapping[str, Any]) -> dict[str, Any]:
+    """Write a record whole or not at all, and return it as a reader gets it; `OutputError` if it cannot be written."""
     text = json.dumps(record, indent=1, allow_nan=False) + "\n"
-    write_text(path, _ESCAPES.sub(lambda escape: " " if escape.lastindex else escape[0], text))
+    text = _ESCAPES.sub(lambda escape: " " if escape.lastindex else escape[0], text)
+    write_text(path, text)
+    return dict(json.loads(text))
 
 
 def without_result(folder: Path) -> InputError | None:
@@ -221,11 +223,15 @@ def write_run(folder: str | Path, calibration: Calibration, identified: Mapping[
         write_results(folder, calibration, identified)
 
 
-def write_results(
-    folder: Path,
-    calibration: Calibration,
-    identified: Mapping[str, Mapping[str, Any]],
-) -> None:
+class Results(NamedTuple):
+    """Content of a run folder that its report shows: record, courses in time, and draws of parameters [SI] by name."""
+
+    record: dict[str, Any]
+    traces: Traces
+    draws: dict[str, Floats]
+
+
+def write_results(folder: Path, calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> Results:
     """Write calibrated.toml, the other members, result.json, traces.csv and draws.npz, and their checksums."""
     title = calibration.study.title
     notes = {name: f'calibrated by "{title}"' for name in calibration.best if not is_of_meter(name)}
@@ -235,13 +241,22 @@ def write_results(
         dump_injector(calibration.injector, folder / CALIBRATED, notes, meters=calibration.meters)
         for name, injector in others.items():
             dump_injector(injector, folder / name, notes)
-        write_record(folder / RESULT, result_record(calibration, identified))
-        _write_traces(folder / TRACES, calibration)
-        draws = getattr(identified, "draws", None)
+        record = write_record(folder / RESULT, result_record(calibration, identified))
+        curves = list(rate_curves(calibration.study.data, calibration.scores))
+        _write_traces(folder / TRACES, calibration.study, curves)
+        names, draws = calibration.study.space.names, getattr(identified, "draws", None)
         if draws is not None:
-            names = np.array(calibration.study.space.names)
             with replacing(folder / DRAWS, "wb") as stream:
-                np.savez(stream, points=draws, names=names)
+                np.savez(stream, points=draws, names=np.array(names))
+    by_name = {} if draws is None else dict(zip(names, draws.T, strict=True))
+    return Results(record, {curve.data: curve.trace for curve in curves}, by_name)
+
+
+def read_results(folder: Path, record: Mapping[str, Any]) -> Results:
+    """Content of a run folder whose `record` is read; raises as `read_run`."""
+    names = [str(parameter["name"]) for parameter in record["parameters"]]
+    draws = dict(zip(names, read_draws(folder, names).T, strict=True)) if (folder / DRAWS).is_file() else {}
+    return Results(dict(record), read_traces(folder / TRACES), draws)
 
 
 def read_draws(folder: str | Path, names: Sequence[str], most: int | None = None) -> Floats:
@@ -299,13 +314,9 @@ def read_fit(folder: str | Path) -> tuple[Study, dict[str, float]]:
     return study, best
 
 
-def _write_traces(path: Path, calibration: Calibration) -> None:
-    synthetic = calibration.study.synthetic
-    notes = (
-        f"Injection curves of: {calibration.study.title}",
-        f"SYNTHETIC: {synthetic}" if synthetic else "measured data",
-    )
-    write_traces(path, notes, _COLUMNS, rate_curves(calibration.study.data, calibration.scores))
+def _write_traces(path: Path, study: Study, curves: Sequence[Curve]) -> None:
+    synthetic = f"SYNTHETIC: {study.synthetic}" if study.synthetic else "measured data"
+    write_traces(path, (f"Injection curves of: {study.title}", synthetic), _COLUMNS, curves)
 
 
 def rate_curves(data: Sequence[DataSet], scores: Mapping[str, Sequence[Score]]) -> Iterator[Curve]:

@@ -40,6 +40,11 @@ class Curve(NamedTuple):
     rates: Mapping[str, Floats]
     before: Sequence[str] = ()
 
+    @property
+    def trace(self) -> Trace:
+        """The curve as `read_traces` returns it, at the middles of the samples."""
+        return {TIME: 0.5 * (self.bounds[1:] + self.bounds[:-1]), **self.rates}
+
 
 def write_traces(
     path: Path, notes: Iterable[str], labels: Sequence[str], curves: Iterable[Curve], before: Sequence[str] = ()

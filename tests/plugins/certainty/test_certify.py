@@ -35,16 +35,16 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> cr.Study:
 
 
 @pytest.fixture(scope="module")
-def found(study: cr.Study) -> cr.Certainty:
+def found(study: cr.Study) -> cr.fit.Certainty:
     """Certainty near its truth."""
-    return cr.certify(study, TRUTH, threads=1, combinations=["nozzle.discharge_maximum"])
+    return cr.certainty(study, TRUTH, threads=1, combinations=["nozzle.discharge_maximum"])
 
 
 def with_noise(study: cr.Study, noise: Noise) -> cr.Study:
     return replace(study, data=tuple(one.changed(noise=noise) for one in study.data))
 
 
-def test_the_example_is_known_to_the_size_of_its_noise(found: cr.Certainty) -> None:
+def test_the_example_is_known_to_the_size_of_its_noise(found: cr.fit.Certainty) -> None:
     sigma = found.estimate.likelihood.noises[0].sigma
     assert sigma == pytest.approx(0.3, rel=0.2)
     assert ((found.low <= list(TRUTH.values())) & (found.high >= list(TRUTH.values()))).all()
@@ -55,13 +55,13 @@ def test_the_example_is_known_to_the_size_of_its_noise(found: cr.Certainty) -> N
     assert bench["meter.unnamed.gain"]["value"] == pytest.approx(1.0, abs=0.02)
 
 
-def test_a_single_parameter_is_a_combination_too(found: cr.Certainty) -> None:
+def test_a_single_parameter_is_a_combination_too(found: cr.fit.Certainty) -> None:
     value, low, high = found.combinations["nozzle.discharge_maximum"]
     assert value == pytest.approx(found.point[2])
     assert (min(low, value), max(high, value)) == pytest.approx((found.low[2], found.high[2]))
 
 
-def test_the_record_is_json_and_every_interval_holds_its_value(found: cr.Certainty) -> None:
+def test_the_record_is_json_and_every_interval_holds_its_value(found: cr.fit.Certainty) -> None:
     record = json.loads(json.dumps(found.record(), allow_nan=False))
     assert all(one["lower"] <= one["value"] <= one["upper"] for one in record["parameters"])
     assert all(one["sentence"] for one in record["parameters"])
@@ -87,7 +87,7 @@ def test_repeated_shots_give_the_noise(study: cr.Study, quiet: int) -> None:
         noisy = curve.measured + 5e-7 * rng.standard_normal(len(curve.measured))
         noisy[:quiet] = 0.0
         shots.append(replace(curve, name=f"shot {i}", rate=noisy, noise=Noise(shots="all")))  # type: ignore[call-arg]
-    noise = cr.Likelihood.of(replace(study, data=tuple(shots)), 1).blocks[0].shots
+    noise = cr.fit.Likelihood.of(replace(study, data=tuple(shots)), 1).blocks[0].shots
     assert noise is not None
     assert noise.sigma == pytest.approx(0.5, rel=0.06)  # two standard errors of 900 differences
     assert noise.freedom == pytest.approx(3 * (len(curve.measured) - quiet))
@@ -106,18 +106,18 @@ def test_what_a_filter_leaves_of_zero_is_no_noise(study: cr.Study) -> None:
     assert (shown[:quiet] != 0.0).any()
     noisy[:quiet] = 0.0
     metered = replace(curve, rate=noisy).changed(meter=meter)  # type: ignore[call-arg]
-    errors = cr.Likelihood.of(replace(study, data=(metered,)), 1).residuals(point)[0]
+    errors = cr.fit.Likelihood.of(replace(study, data=(metered,)), 1).residuals(point)[0]
     assert np.count_nonzero(errors) == len(errors) - quiet
     assert (errors[:quiet] == 0.0).all()
 
 
 def test_repeated_shots_need_two(study: cr.Study) -> None:
     with pytest.raises(ConfigurationError, match="repeated shots"):
-        cr.Likelihood.of(with_noise(study, Noise(shots="alone")), 1)
+        cr.fit.Likelihood.of(with_noise(study, Noise(shots="alone")), 1)
 
 
 def test_a_stated_correlation_is_kept(study: cr.Study) -> None:
-    own = cr.Likelihood.of(with_noise(study, Noise(correlation=Correlation.WHITE)), 1)
+    own = cr.fit.Likelihood.of(with_noise(study, Noise(correlation=Correlation.WHITE)), 1)
     point = np.array(list(TRUTH.values()))
     errors = own.residuals(point[None])[0]
     assert own.estimated(errors, [3.0]).noises[0].autoregression.order == 0
@@ -125,7 +125,7 @@ def test_a_stated_correlation_is_kept(study: cr.Study) -> None:
 
 def test_unknown_names_are_refused(study: cr.Study) -> None:
     with pytest.raises(InputError, match="nozzle"):
-        cr.certify(study, TRUTH, combinations=["nozzle.holes"])
+        cr.certainty(study, TRUTH, combinations=["nozzle.holes"])
 
 
 def test_the_verb_writes_result_and_report(study: cr.Study, tmp_path: Path) -> None:
@@ -148,7 +148,7 @@ def test_the_verb_writes_result_and_report(study: cr.Study, tmp_path: Path) -> N
     assert "there is no such folder" in wrong.sentence
 
 
-def test_a_notebook_shows_its_verdicts_and_intervals(found: cr.Certainty) -> None:
+def test_a_notebook_shows_its_verdicts_and_intervals(found: cr.fit.Certainty) -> None:
     line = repr(found)
     assert f"{len(found.verdicts)} parameter" in line
     for verdict, count in Counter(judged.verdict.value for judged in found.verdicts).items():

@@ -38,7 +38,7 @@ def test_intervals_under_autoregressive_noise_hold_the_truth() -> None:
 def test_a_promise_that_is_not_kept_is_told(white: Row) -> None:
     assert misses(white, Promise()) == []
     assert misses(white._replace(every=50.0), Promise(every=(93, 97))) == ["coverage outside 93 to 97"]
-    assert misses(white._replace(wrong=8.0), Promise(wrong=7)) == ["wrongly pinned outside 0 to 7"]
+    assert misses(white._replace(wrong=8.0), Promise(wrong=7)) == ["wrongly determined outside 0 to 7"]
     assert misses(white._replace(each=np.array([95.0, 80.0])), Promise(each=(90, 99)))
     assert line("white", white).count("|") == 12
 

@@ -19,9 +19,9 @@ def study() -> cr.Study:
     injector = cr.load_injector("virtual-lino-2016")
     bounds = np.arange(0.0, 1.5e-3, 3e-6)
     point = cr.OperatingPoint(160e6, 700e-6, horizon=1.56e-3)
-    curve = cr.RateData("curve", cr.Role.FIT, point, bounds, np.zeros(len(bounds) - 1), 1.0, "", "made up")
-    space = cr.Space([cr.Parameter("nozzle.discharge_maximum", 0.8, 0.6, 1.0, "1", mark="E", source="test")])
-    return cr.Study("bench", injector, (curve,), space, cr.Method(), 1, 1e-6)
+    curve = cr.RateData("curve", cr.data.Role.FIT, point, bounds, np.zeros(len(bounds) - 1), 1.0, "", "made up")
+    space = cr.fit.Space([cr.Parameter("nozzle.discharge_maximum", 0.8, 0.6, 1.0, "1", mark="E", source="test")])
+    return cr.Study("bench", injector, (curve,), space, cr.fit.Method(), 1, 1e-6)
 
 
 def stated(study: cr.Study, noise: Noise) -> cr.Study:

@@ -43,7 +43,7 @@ def test_the_calibrated_values_are_the_most_likely_ones(run: Path) -> None:
     assert {p["name"]: p["best"] for p in record["parameters"]} == likely
     calibrated = cr.load_injector(run / "calibrated.toml")
     assert all(calibrated.values[name] == pytest.approx(value, rel=1e-12) for name, value in likely.items())
-    (listed,) = cr.list_runs(run)
+    (listed,) = cr.runs.list_runs(run)
     assert listed.best == record["objective"]["best"]
     scored = cr.compare({"best": calibrated}, cr.load_study(run / "study.toml"), threads=1).scores["best"]
     assert [score.j for score in scored] == pytest.approx([d["J"]["best"] for d in record["data"]], rel=1e-9)

@@ -34,9 +34,9 @@ def judged(found: Estimate, limit: float = 0.1) -> list[Assessment]:
 
 def test_a_narrow_interval_pins_and_a_stricter_limit_does_not() -> None:
     found = fitted(likelihood([curve(1)], [design()], [STATED]))
-    assert [one.verdict for one in judged(found)] == [ParameterVerdict.PINNED] * 3
-    assert "pinned to ± " in judged(found)[0].sentence
-    assert all(one.verdict is ParameterVerdict.UNSEEN for one in judged(found, 1e-4))
+    assert [one.verdict for one in judged(found)] == [ParameterVerdict.DETERMINED] * 3
+    assert "determined to ± " in judged(found)[0].sentence
+    assert all(one.verdict is ParameterVerdict.INSENSITIVE for one in judged(found, 1e-4))
     assert all(one.cure for one in judged(found, 1e-4))
 
 
@@ -48,7 +48,7 @@ def test_parameters_that_imitate_each_other_are_named() -> None:
     assert (first.verdict, second.verdict, third.verdict) == (
         ParameterVerdict.COMBINED,
         ParameterVerdict.COMBINED,
-        ParameterVerdict.PINNED,
+        ParameterVerdict.DETERMINED,
     )
     assert "with b" in first.sentence
     assert "with a" in second.sentence
@@ -102,7 +102,7 @@ def test_a_delay_is_found_and_withdraws_the_verdict(correlation: Correlation) ->
     assert test.found
     assert test.suspect == "delay"
     assert withdrawal(found, [test]) == test.sentence
-    assert judged(found, 0.9)[0].verdict is ParameterVerdict.WITHDRAWN
+    assert judged(found, 0.9)[0].verdict is ParameterVerdict.NOT_CONFIRMED
 
 
 def test_the_score_test_is_seldom_alarmed_by_noise() -> None:
@@ -151,7 +151,7 @@ def test_a_search_that_has_not_settled_withdraws() -> None:
     moving = replace(found, agreeing=1)
     assert withdrawal(found, []) == ""
     assert "1 of 4 starts agree" in withdrawal(moving, [])
-    assert judged(moving)[0].verdict is ParameterVerdict.WITHDRAWN
+    assert judged(moving)[0].verdict is ParameterVerdict.NOT_CONFIRMED
 
 
 def test_an_interval_that_is_no_figure_is_given_in_words() -> None:

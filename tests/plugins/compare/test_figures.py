@@ -42,11 +42,11 @@ def test_curves_and_errors_of_a_model_share_a_family_and_a_dash() -> None:
 def test_a_label_that_a_calibration_also_uses_gets_a_family_too(name: str) -> None:
     record = compared_rates()
     record["labels"] = {name: name}
-    assert shown_of(record)[name].family == 0
+    assert shown_of(record["labels"], compared=True)[name].family == 0
 
 
 def test_eight_models_can_be_told_apart_by_colour_and_marker_or_dash() -> None:
-    shown = shown_of({"kind": "comparison", "labels": {str(i): str(i) for i in range(8)}})
+    shown = shown_of({str(i): str(i) for i in range(8)}, compared=True)
     assert len({model.family for model in shown.values()}) == 8
     assert {model.look for model in shown.values()} == {"solid", "dash", "dot", "dashdot"}
 

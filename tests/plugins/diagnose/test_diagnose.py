@@ -33,7 +33,7 @@ from commonrail.plugins.diagnose.run import (
     sound_parts,
 )
 from commonrail.plugins.plans.data import PlanData
-from commonrail.plugins.plans.run import run_plan
+from commonrail.plugins.plans.run import plan as run_plan
 from commonrail.plugins.plans.study import Measure, PlanTest, TestPlan
 from commonrail.readers.injector import load_injector
 from tests.cli.conftest import Command

@@ -42,7 +42,7 @@ def table() -> FaultTable:
 def results(injector: Injector, *shares: float, band: float = 0.1) -> TestPlan:
     """Tests whose nominal quantities are the injector's, and a part that delivers shares of them."""
     tests = [PlanTest(name, p * 1e6, (Energising(0.0, t * 1e-6),), upper=1.0) for name, p, t in TESTS]
-    drawn = cr.run_plan(injector, TestPlan("plan", tuple(tests)), threads=1).score.values.tolist()
+    drawn = cr.parts.plan(injector, TestPlan("plan", tuple(tests)), threads=1).score.values.tolist()
     rows = zip(tests, drawn, shares, strict=True)
     return TestPlan(
         "plan",
@@ -55,11 +55,11 @@ def results(injector: Injector, *shares: float, band: float = 0.1) -> TestPlan:
 
 def test_the_three_results_are_those_of_plan_diagnose_and_trim(injector: Injector, table: FaultTable) -> None:
     plan = results(injector, 1.12, 1.25, 1.35)
-    judged = cr.judge_part(injector, plan, faults=table, nominal=True, threads=1)
-    diagnosis = cr.diagnose(injector, plan, faults=table, nominal=True, threads=1)
+    judged = cr.parts.judge(injector, plan, faults=table, nominal=True, threads=1)
+    diagnosis = cr.parts.diagnose(injector, plan, faults=table, nominal=True, threads=1)
     assert judged.diagnosis.probabilities == diagnosis.probabilities
     assert judged.trim is not None
-    same = cr.trim(injector, plan, faults=table, nominal=True, noise="workshop", threads=1)
+    same = cr.parts.trim(injector, plan, faults=table, nominal=True, noise="workshop", threads=1)
     assert judged.trim.code == same.code
     record = judged.record()
     assert record["verdict"] == record["plan"]["verdict"] == "fail"
@@ -67,14 +67,14 @@ def test_the_three_results_are_those_of_plan_diagnose_and_trim(injector: Injecto
     assert lines[0] == "FAIL"
     places = [page.index(text) for text in (">FAIL<", SPRING, same.code, "Tolerance fields", "Probabilities<")]
     assert places == sorted(places)
-    sound = cr.judge_part(injector, results(injector, 1.0, 1.0, 1.0), faults=table, threads=1)
+    sound = cr.parts.judge(injector, results(injector, 1.0, 1.0, 1.0), faults=table, threads=1)
     assert sound.record()["verdict"] == "pass"
 
 
 def test_a_failure_within_makers_scatter_is_said_so(injector: Injector, table: FaultTable) -> None:
     """A band of 2 % is narrower than the scatter of sound parts on a workshop's bench; 40 % are not within it."""
     plan = results(injector, 1.03, 1.0, 1.4, band=0.02)
-    record = cr.diagnose(injector, plan, faults=table, threads=1).record()
+    record = cr.parts.diagnose(injector, plan, faults=table, threads=1).record()
     assert [row["usual"] for row in record["tests"]] == [True, True, False]
     shown = [" ".join(cell.plain for cell in row) for row in diagnosis_tables(record)[0].rows]
     assert [FAILS in row for row in shown] == [True, False, True]
@@ -84,7 +84,7 @@ def test_a_failure_within_makers_scatter_is_said_so(injector: Injector, table: F
 def test_a_part_that_cannot_be_trimmed_is_judged_all_the_same(injector: Injector, table: FaultTable) -> None:
     plan = results(injector, 1.0, 1.0, 1.0)
     returns = tuple(replace(t, measure=Measure.RETURN, stroke_rate=20.0, bench=t.nominal) for t in plan.tests[1:])
-    record = cr.judge_part(injector, replace(plan, tests=(plan.tests[0], *returns)), faults=table, threads=1).record()
+    record = cr.parts.judge(injector, replace(plan, tests=(plan.tests[0], *returns)), faults=table, threads=1).record()
     assert record["trim"] is None
     assert record["reason"] in " ".join(judgement_lines(record))
     assert "deliveries" in record["reason"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -51,15 +50,15 @@ def test_a_measured_course_that_is_not_read_is_refused(variant: Variant) -> None
         (RETURN, cr.OperatingPoint("20 MPa", "400 us", 0.1e6, course)),
     ):
         if name in unread_inputs(variant):
-            with pytest.raises(cr.ConfigurationError, match="does not read the measured"):
+            with pytest.raises(cr.errors.ConfigurationError, match="does not read the measured"):
                 check_inputs(injector, point)
         else:
             check_inputs(injector, point)
 
 
 def test_an_export_says_which_courses_other_variants_read() -> None:
-    said = _next(Form.FMU, injector_of(Variant()._replace(boundary=Boundary.VOLUME)), Path("a.fmu"))
+    said = _next(Form.FMU, injector_of(Variant()._replace(boundary=Boundary.VOLUME)))
     assert "a rail pressure over time with" in said
     assert "@ideal" in said
     assert "@current-trace" in said
-    assert "other variants" not in _next(Form.FMU, injector_of(Variant("rigid", "ideal", "current trace")), Path("a"))
+    assert "other variants" not in _next(Form.FMU, injector_of(Variant("rigid", "ideal", "current trace")))

@@ -56,7 +56,7 @@ def test_an_export_that_fails_changes_nothing(
     def fail(*_: object) -> None:
         raise ConfigurationError("The C compiler failed.")
 
-    monkeypatch.setattr(library, "link_shared", fail)  # the last thing that is made of a platform
+    monkeypatch.setattr(library.object_files, "link_shared", fail)  # the last thing that is made of a platform
     with pytest.raises(ConfigurationError, match="failed"):
         write_library(load_injector(DRAWN), folder, [target_named(own)])
     assert entries(tmp_path) == before

@@ -22,7 +22,7 @@ def with_flow(factor: float) -> cr.Injector:
 
 @pytest.mark.parametrize("factor", [0.93, 1.08])
 def test_one_exact_quantity_returns_the_flow_factor(factor: float) -> None:
-    adapted = cr.adapt(small_type(), injected(with_flow(factor), (120.0, 700.0)))
+    adapted = cr.parts.adapt(small_type(), injected(with_flow(factor), (120.0, 700.0)))
     # the descent meets one quantity to rounding; the quantity has about one significant digit less than the factor
     assert adapted.flow_factor == pytest.approx(factor, rel=1e-9)
     assert adapted.after == pytest.approx(adapted.points.quantity, rel=1e-9)
@@ -33,7 +33,7 @@ def test_one_exact_quantity_returns_the_flow_factor(factor: float) -> None:
 @pytest.mark.parametrize("count", [2, 3, 4])
 def test_more_than_one_quantity_moves_the_type_too(count: int) -> None:
     truth = with_flow(1.05).with_values({PRELOAD: 1.06 * INJECTOR.values[PRELOAD]})
-    adapted = cr.adapt(small_type(), injected(truth, *FOUR[:count]))
+    adapted = cr.parts.adapt(small_type(), injected(truth, *FOUR[:count]))
     assert set(adapted.calibration.best) == {FLOW, PRELOAD, MASS}
     assert not adapted.limits
     assert adapted.flow_factor > 1.0
@@ -42,8 +42,8 @@ def test_more_than_one_quantity_moves_the_type_too(count: int) -> None:
 
 def test_a_quantity_that_was_not_given_is_nearer_than_by_the_flow_alone() -> None:
     truth = with_flow(1.02).with_values({PRELOAD: 1.1 * INJECTOR.values[PRELOAD]})
-    three = cr.adapt(small_type(), injected(truth, *FOUR[:2], FOUR[3]))
-    one = cr.adapt(small_type(), injected(truth, FOUR[3]))
+    three = cr.parts.adapt(small_type(), injected(truth, *FOUR[:2], FOUR[3]))
+    one = cr.parts.adapt(small_type(), injected(truth, FOUR[3]))
     true, *found = (injected(i, FOUR[2]).quantity[0] for i in (truth, three.injector, one.injector))
     assert abs(found[0] - true) < 0.5 * abs(found[1] - true)  # the tolerance and the priors leave 0.38
 
@@ -52,9 +52,9 @@ def test_what_an_adapted_model_misses_is_announced() -> None:
     """A flow that the stated spread hardly allows."""
     data = injected(with_flow(0.8), *FOUR)
     with pytest.warns(RuntimeWarning, match="misses"):
-        missing = cr.adapt(small_type(1e-3), data, flow_spread="0.5 %")
+        missing = cr.parts.adapt(small_type(1e-3), data, flow_spread="0.5 %")
     assert len(missing.limits) == 1
-    assert not cr.adapt(small_type(), injected(with_flow(1.02), *FOUR)).limits
+    assert not cr.parts.adapt(small_type(), injected(with_flow(1.02), *FOUR)).limits
 
 
 def test_a_point_where_an_adapted_model_injects_nothing_is_announced() -> None:
@@ -62,7 +62,7 @@ def test_a_point_where_an_adapted_model_injects_nothing_is_announced() -> None:
     points = injected(INJECTOR, (80.0, 60.0), (80.0, 1000.0), (160.0, 1000.0))
     points = replace(points, quantity=np.array([0.8e-9, *points.quantity[1:]]))
     with pytest.warns(RuntimeWarning, match="injects nothing"):
-        adapted = cr.adapt(small_type(), points)
+        adapted = cr.parts.adapt(small_type(), points)
     assert adapted.after[0] == 0.0
     assert any("80 MPa and 60 µs" in sentence and "nothing" in sentence for sentence in adapted.limits)
     stiff = adapted.injector.with_values({PRELOAD: 20.0 * adapted.injector.values[PRELOAD]})
@@ -72,7 +72,7 @@ def test_a_point_where_an_adapted_model_injects_nothing_is_announced() -> None:
 
 def test_a_type_without_spread_holds_its_values() -> None:
     truth = with_flow(1.05).with_values({PRELOAD: 1.06 * INJECTOR.values[PRELOAD]})
-    held = cr.adapt(small_type(spread=1e-7), injected(truth, *FOUR))
+    held = cr.parts.adapt(small_type(spread=1e-7), injected(truth, *FOUR))
     # a pull of 0.05 mm3/1.5 % residuals, some ten in size, against spreads of 1e-7
     for name in (PRELOAD, MASS):
         assert held.injector.values[name] == pytest.approx(INJECTOR.values[name], rel=1e-5)
@@ -81,9 +81,13 @@ def test_a_type_without_spread_holds_its_values() -> None:
 def test_values_that_were_measured_on_the_part_stay_and_the_others_are_the_types() -> None:
     own = replace(
         INJECTOR.with_values({PRELOAD: 61.0, MASS: 0.0042}),
-        sources={**INJECTOR.sources, PRELOAD: cr.Source("M", "spring tester"), MASS: cr.Source("E", "guess")},
+        sources={
+            **INJECTOR.sources,
+            PRELOAD: cr.models.Source("M", "spring tester"),
+            MASS: cr.models.Source("E", "guess"),
+        },
     )
-    adapted = cr.adapt(small_type(), injected(with_flow(1.02), (120.0, 700.0)), injector=own)
+    adapted = cr.parts.adapt(small_type(), injected(with_flow(1.02), (120.0, 700.0)), injector=own)
     assert adapted.injector.values[PRELOAD] == 61.0
     assert adapted.injector.values[MASS] == INJECTOR.values[MASS]
     assert adapted.injector.sources[MASS] == ("F", "made up")
@@ -93,27 +97,29 @@ def test_values_that_were_measured_on_the_part_stay_and_the_others_are_the_types
 
 def test_what_is_synthetic_of_injector_and_type_is_stated_once() -> None:
     of_run = f"{INJECTOR.synthetic} The curves are simulated."  # as a type from runs states it
-    adapted = cr.adapt(replace(small_type(), synthetic=of_run), injected(INJECTOR, (120.0, 700.0)))
+    adapted = cr.parts.adapt(replace(small_type(), synthetic=of_run), injected(INJECTOR, (120.0, 700.0)))
     assert adapted.injector.synthetic == of_run
 
 
 def test_quantities_that_no_nozzle_injects_are_refused() -> None:
     far = injected(INJECTOR, (120.0, 700.0))
-    with pytest.raises(cr.InputError, match="flow factor at the end of"):
-        cr.adapt(small_type(), replace(far, quantity=3.0 * far.quantity))
+    with pytest.raises(cr.errors.InputError, match="flow factor at the end of"):
+        cr.parts.adapt(small_type(), replace(far, quantity=3.0 * far.quantity))
 
 
 def test_a_reference_at_which_the_type_stays_shut_is_refused() -> None:
     points = injected(INJECTOR, (80.0, 400.0))
     shut = replace(points, points=(replace(points.points[0], energisings=60e-6),))
-    with pytest.raises(cr.InputError, match=r"measured at 80 MPa and 60 µs, and the adapted type injects 0\.000 mm³"):
-        cr.adapt(small_type(), shut)
+    with pytest.raises(
+        cr.errors.InputError, match=r"measured at 80 MPa and 60 µs, and the adapted type injects 0\.000 mm³"
+    ):
+        cr.parts.adapt(small_type(), shut)
 
 
 def test_a_type_without_an_injector_needs_the_parts(tmp_path: Path) -> None:
     unknown = replace(small_type(), injector=None)
-    with pytest.raises(cr.InputError, match="names no injector; give the part's own"):
-        cr.adapt(unknown, injected(INJECTOR, (120.0, 700.0)))
+    with pytest.raises(cr.errors.InputError, match="names no injector; give the part's own"):
+        cr.parts.adapt(unknown, injected(INJECTOR, (120.0, 700.0)))
 
 
 def test_points_are_read_with_their_units(tmp_path: Path) -> None:
@@ -121,12 +127,12 @@ def test_points_are_read_with_their_units(tmp_path: Path) -> None:
     path = tmp_path / "points.csv"
     head = "rail_pressure [bar],energising_time [ms],quantity [mm3]\n"
     path.write_text(f"{head}1200,0.7,{data.quantity[0] * 1e9!r}\n".replace("np.float64(", "").replace(")", ""))
-    adapted = cr.adapt(small_type(), path, cylinder_pressure="50 bar", return_pressure=0.5e6)
+    adapted = cr.parts.adapt(small_type(), path, cylinder_pressure="50 bar", return_pressure=0.5e6)
     assert adapted.flow_factor == pytest.approx(1.04, rel=1e-6)  # twelve digits of the file, and its units
 
 
 def test_a_sound_part_lies_in_the_band_of_its_type_and_is_not_doubted() -> None:
-    found = cr.adapt(small_type(), injected(with_flow(1.02), *FOUR))
+    found = cr.parts.adapt(small_type(), injected(with_flow(1.02), *FOUR))
     assert found.doubts.sentences == ()
     assert ((found.doubts.low < found.points.quantity) & (found.points.quantity < found.doubts.high)).all()
     assert ((found.doubts.low < found.before) & (found.before < found.doubts.high)).all()
@@ -134,18 +140,18 @@ def test_a_sound_part_lies_in_the_band_of_its_type_and_is_not_doubted() -> None:
 
 def test_the_stated_spread_of_the_flow_decides_whether_a_flow_is_doubted() -> None:
     data = injected(with_flow(0.92), *FOUR)
-    strict, wide = (cr.adapt(small_type(1e-3), data, flow_spread=share) for share in ("1 %", "5 %"))
+    strict, wide = (cr.parts.adapt(small_type(1e-3), data, flow_spread=share) for share in ("1 %", "5 %"))
     assert strict.doubts.sentences
     assert wide.doubts.sentences == ()
     assert abs(wide.flow_factor - 0.92) < abs(strict.flow_factor - 0.92)
     assert wide.doubts.freedom == len(FOUR)
-    with pytest.raises(cr.ConfigurationError, match="flow_spread must lie between 0 and 100 %"):
-        cr.adapt(small_type(), data, flow_spread=3.0)
+    with pytest.raises(cr.errors.ConfigurationError, match="flow_spread must lie between 0 and 100 %"):
+        cr.parts.adapt(small_type(), data, flow_spread=3.0)
 
 
 def test_a_coked_nozzle_is_doubted_and_named() -> None:
     """15 % of the flow are five times the 3 % by which nozzles scatter."""
-    found = cr.adapt(small_type(), injected(with_flow(0.85), *FOUR))
+    found = cr.parts.adapt(small_type(), injected(with_flow(0.85), *FOUR))
     assert -5.0 < found.doubts.pulls[FLOW] < -3.5  # the other parameters take some of it
     assert any(FLOW in sentence for sentence in found.doubts.sentences)
     assert found.doubts.change.startswith("coked nozzle (nozzle.hole_diameter")
@@ -156,9 +162,9 @@ def test_a_coked_nozzle_is_doubted_and_named() -> None:
 def test_a_part_that_no_scatter_of_the_type_explains_is_doubted() -> None:
     """Four fifths of the valve's lift, which the type fixes: springs would have to differ by 8 spreads."""
     lift = INJECTOR.values["valve.lift"]
-    fixed = (cr.FixedValue("valve.lift", lift, "M", "gauge"),)
+    fixed = (cr.parts.FixedValue("valve.lift", lift, "M", "gauge"),)
     known = replace(small_type(), fixed=fixed)
-    found = cr.adapt(known, injected(INJECTOR.with_values({"valve.lift": 0.8 * lift}), *FOUR))
+    found = cr.parts.adapt(known, injected(INJECTOR.with_values({"valve.lift": 0.8 * lift}), *FOUR))
     assert found.doubts.sentences
     change, value, unit, *_ = found.doubts.change.split()
     assert (change, unit) == ("valve.lift", "µm")
@@ -167,19 +173,21 @@ def test_a_part_that_no_scatter_of_the_type_explains_is_doubted() -> None:
 
 def test_a_valve_that_sticks_at_half_lift_is_named_where_the_part_stays_shut() -> None:
     lift = INJECTOR.values["valve.lift"]
-    known = replace(small_type(), fixed=(cr.FixedValue("valve.lift", lift, "E", "estimate"),))
+    known = replace(small_type(), fixed=(cr.parts.FixedValue("valve.lift", lift, "E", "estimate"),))
     points = injected(INJECTOR.with_values({"valve.lift": 0.5 * lift}), (80.0, 700.0), (160.0, 400.0), (160.0, 1000.0))
     assert points.quantity[1] == 0.0
-    with pytest.raises(cr.InputError, match=r"nothing is measured at 160 MPa and 400 µs.*valve\.lift .* \(−50 %\)"):
-        cr.adapt(known, points)
-    with pytest.raises(cr.InputError, match="nothing is measured at 80 MPa") as refused:
-        cr.adapt(known, replace(points, quantity=np.zeros(3)))
+    with pytest.raises(
+        cr.errors.InputError, match=r"nothing is measured at 160 MPa and 400 µs.*valve\.lift .* \(−50 %\)"
+    ):
+        cr.parts.adapt(known, points)
+    with pytest.raises(cr.errors.InputError, match="nothing is measured at 80 MPa") as refused:
+        cr.parts.adapt(known, replace(points, quantity=np.zeros(3)))
     assert "valve.lift" not in str(refused.value)  # whatever keeps a part shut explains it alike
 
 
 def test_one_quantity_beyond_the_band_is_doubted() -> None:
     """A flow factor meets any quantity: only the scatter of the type tells that 20 % more is no sound part."""
-    sound, odd = (cr.adapt(small_type(), injected(with_flow(f), (160.0, 1000.0))) for f in (1.02, 1.2))
+    sound, odd = (cr.parts.adapt(small_type(), injected(with_flow(f), (160.0, 1000.0))) for f in (1.02, 1.2))
     assert sound.doubts.sentences == ()
     assert odd.doubts.sentences
     assert not odd.doubts.low[0] < odd.points.quantity[0] < odd.doubts.high[0]

@@ -16,7 +16,7 @@ from tests.plugins.family.samples import INJECTOR, PRELOAD, injected, small_type
 POINTS = tuple(cr.OperatingPoint(160e6, time * 1e-6, horizon=time * 1e-6 + 3e-3) for time in (300, 500, 700, 900))
 
 
-def exact_type() -> cr.InjectorType:
+def exact_type() -> cr.parts.InjectorType:
     """A type whose parts differ in nothing but their flow, to a millionth."""
     return small_type(spread=1e-6)
 
@@ -43,7 +43,7 @@ def test_the_expected_error_is_that_of_adapt_on_parts_drawn_alike() -> None:
         truth = INJECTOR.with_values(values | {FLOW: INJECTOR.values[FLOW] * (1.0 + 0.015 * flow)})
         wanted = injected(truth, *((160.0, 1e6 * p.pulses[0].duration) for p in POINTS))
         one = injected(truth, (160.0, 900.0))
-        adapted = cr.adapt(known, one)
+        adapted = cr.parts.adapt(known, one)
         found = cr.simulate_batch(adapted.injector, POINTS, time_step=1e-6).injected_volume[0]
         errors.append(np.sqrt(np.mean((found - wanted.quantity)[:3] ** 2)))
     # six parts tell a standard deviation to about 30 %; a wrong unit or reference is off by far more
@@ -71,7 +71,7 @@ def test_a_point_at_which_drawn_parts_stay_shut_is_not_advised() -> None:
 
 
 def test_one_candidate_is_refused() -> None:
-    with pytest.raises(cr.InputError, match="at least two points"):
+    with pytest.raises(cr.errors.InputError, match="at least two points"):
         advise(small_type(), POINTS[:1])
 
 

@@ -56,7 +56,7 @@ def test_a_family_is_read_with_what_its_parts_share(family_file: Edit) -> None:
     assert family.shared == {FLOW: Shared(Share.PER_PART), C_D: Shared(Share.PER_PART), Z: Shared(Share.AROUND, 2e-6)}
     single = [f"{name} of part {part}" for part in ("one", "two") for name in (Z, C_D, FLOW)]
     assert set(family.space.names) == {*own, *single} - {C_D, FLOW}
-    assert family.method.evolution == cr.StagedSettings()
+    assert family.method.evolution == cr.fit.StagedSettings()
 
 
 def test_a_joint_point_gives_each_part_its_own(family_file: Edit) -> None:
@@ -125,7 +125,9 @@ def test_a_known_type_gives_starts_and_priors(family_file: Edit, tmp_path: Path)
     alone = load_family(family_file())
     lower, upper = (next(p for p in alone.space.parameters if p.name == A).__dict__[key] for key in ("lower", "upper"))
     value, spread = 0.5 * (lower + upper), 0.1 * (upper - lower)
-    known = cr.InjectorType("lino", "made up", (cr.TypeParameter(A, value, spread, lower, upper, "F", "made up"),))
+    known = cr.parts.InjectorType(
+        "lino", "made up", (cr.parts.TypeParameter(A, value, spread, lower, upper, "F", "made up"),)
+    )
     dump_type(known, tmp_path / "known.toml")
     family = load_family(family_file(('name = "lino"', 'name = "lino"\ntype = "known.toml"')))
     for space in (family.space, *(study.space for study in family.parts.values())):

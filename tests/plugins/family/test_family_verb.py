@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import commonrail as cr
-from commonrail.plugins.family.run import fit_into, resume_family
+from commonrail.plugins.family.run import fit_type, resume_family
 from commonrail.plugins.family.study import load_family
 from commonrail.plugins.new.study import write_new
 from tests.cli.conftest import Command
@@ -32,7 +32,7 @@ def test_a_run_becomes_a_type_a_study_and_a_model(command: Command, study: Path,
     assert done.status == 0
     assert "SYNTHETIC" in done.out
     assert "90 % of parts" in done.out
-    known = cr.load_type(file)
+    known = cr.parts.load_type(file)
     calibrated = cr.load_injector(run / "calibrated.toml")
     assert {p.name: p.value for p in known.parameters} == {p.name: calibrated.values[p.name] for p in known.parameters}
     assert "data/evi.csv" in known.parts[0].files
@@ -165,7 +165,7 @@ def test_a_family_file_fits_its_parts_together(command: Command, tmp_path: Path)
     file, run, models = two_parts(tmp_path), tmp_path / "run", tmp_path / "models"
     done = command("type", file, "--out", tmp_path / "type.toml", "--run", run, "--models", models, "--json")
     record = done.record
-    known = cr.load_type(tmp_path / "type.toml")
+    known = cr.parts.load_type(tmp_path / "type.toml")
     assert [part.name for part in known.parts] == ["a", "b"]
     assert "evi.csv" in known.parts[0].files
     for part in ("a", "b"):
@@ -194,7 +194,7 @@ def test_a_joint_fit_that_was_killed_is_resumed_to_the_same_bits(command: Comman
     own = ("--run", whole, "--seed", "5", "--threads", "1")
     assert command("type", file, "--out", tmp_path / "whole.toml", *own).status == 0
     with pytest.raises(Stopped):
-        fit_into(killed, replace(load_family(file), seed=5), threads=1, listener=stop_after(2))
+        fit_type(killed, replace(load_family(file), seed=5), threads=1, listener=stop_after(2))
     moved = killed.rename(tmp_path / "moved")
     done = command("resume", moved)
     assert done.status == 0, done.err
@@ -218,7 +218,7 @@ def test_workers_find_the_same_bits_in_a_joint_fit(command: Command, tmp_path: P
 def test_a_family_that_was_changed_is_not_resumed(command: Command, tmp_path: Path) -> None:
     file, run = two_parts(tmp_path / "family"), tmp_path / "run"
     with pytest.raises(Stopped):
-        fit_into(run, load_family(file), threads=1, listener=stop_after(1))
+        fit_type(run, load_family(file), threads=1, listener=stop_after(1))
     study = file.parent / "a" / "study.toml"
     study.write_text(study.read_text(encoding="utf-8").replace("seed = 1", "seed = 2"), encoding="utf-8")
     done = command("resume", run)
@@ -231,10 +231,10 @@ def test_a_family_that_was_changed_is_not_resumed(command: Command, tmp_path: Pa
 def test_a_joint_fit_is_extended_to_that_of_a_longer_family(command: Command, tmp_path: Path) -> None:
     file, run = two_parts(tmp_path / "family"), tmp_path / "run"
     with pytest.raises(Stopped):
-        fit_into(run, load_family(file), threads=1, listener=stop_after(2))
+        fit_type(run, load_family(file), threads=1, listener=stop_after(2))
     assert command("resume", run, "--generations", "1").status == 0
     edited(file, "generations = 2", "generations = 3")
-    fit_into(tmp_path / "longer", load_family(file), threads=1)
+    fit_type(tmp_path / "longer", load_family(file), threads=1)
     assert timeless(run, "family.json") == timeless(tmp_path / "longer", "family.json")
 
 
@@ -242,7 +242,7 @@ def test_a_family_that_was_made_in_python_is_asked_for_again(tmp_path: Path) -> 
     family, run = load_family(two_parts(tmp_path / "family")), tmp_path / "run"
     changed = replace(family, title="Two parts, renamed")  # which no option does
     with pytest.raises(Stopped):
-        fit_into(run, changed, threads=1, listener=stop_after(1))
-    with pytest.raises(cr.StudyError, match=r"the family of this run was made in Python.*family=family"):
+        fit_type(run, changed, threads=1, listener=stop_after(1))
+    with pytest.raises(cr.errors.StudyError, match=r"the family of this run was made in Python.*family=family"):
         resume_family(run)
     assert resume_family(run, family=changed, threads=1).status == "finished"

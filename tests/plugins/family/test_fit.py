@@ -27,10 +27,10 @@ def part(preload: float, flow: float = 1.0, *names: str) -> cr.Study:
 
 def fitted(parts: Mapping[str, cr.Study], shared: Mapping[str, Shared], starts: int = 1) -> FamilyFit:
     space, sharing = joint_space({name: study.space for name, study in parts.items()}, shared)
-    settings = cr.StagedSettings(
+    settings = cr.fit.StagedSettings(
         members=16, generations=18, starts=starts, trial_iterations=0, finalists=starts, stage_iterations=6
     )
-    return fit_family(Family("lino", "three parts", parts, space, sharing, shared, cr.Method(settings), 1))
+    return fit_family(Family("lino", "three parts", parts, space, sharing, shared, cr.fit.Method(settings), 1))
 
 
 def test_the_common_value_and_each_parts_own_are_found() -> None:
@@ -103,7 +103,7 @@ def test_a_prior_of_a_common_parameter_counts_once() -> None:
     studies = []
     for study in (part(1.0), part(1.0)):
         held = replace(study.space.parameters[0], prior=cr.Prior(OWN, 0.1 * OWN, "made up"))
-        studies.append(replace(study, space=cr.Space([held])))
+        studies.append(replace(study, space=cr.fit.Space([held])))
     space, sharing = joint_space({"a": studies[0].space, "b": studies[1].space}, {})
     objective = FamilyObjective(studies, sharing, space)
     values = np.array([[OWN], [1.2 * OWN]])
@@ -125,7 +125,7 @@ def test_a_prior_of_a_common_parameter_counts_once() -> None:
 def test_constraints_of_each_part_hold_for_the_joint_points() -> None:
     names = ("control_chamber.z_hole_diameter", "control_chamber.a_hole_diameter")
     study = study_of(INJECTOR, POINTS[:1], *names)
-    ordered = cr.Space(study.space.parameters, (f"{names[0]} < {names[1]}",))
+    ordered = cr.fit.Space(study.space.parameters, (f"{names[0]} < {names[1]}",))
     space, sharing = joint_space({"a": ordered, "b": ordered}, {names[0]: Shared(Share.PER_PART)})
     z, a = (INJECTOR.values[name] for name in names)
     good, bad = dict.fromkeys(space.names, z), dict.fromkeys(space.names, z)
@@ -138,7 +138,7 @@ def test_constraints_of_each_part_hold_for_the_joint_points() -> None:
 
 def test_a_relation_of_what_is_not_free_is_refused() -> None:
     space = part(1.0).space
-    with pytest.raises(cr.ConfigurationError, match=r"No part has the free parameter valve\.mass"):
+    with pytest.raises(cr.errors.ConfigurationError, match=r"No part has the free parameter valve\.mass"):
         joint_space({"a": space, "b": space}, {"valve.mass": Shared(Share.PER_PART)})
 
 
@@ -148,5 +148,5 @@ def test_reference_quantities_of_a_fourth_part_need_only_its_flow() -> None:
         {name: part(1.1, flow, PRELOAD, FLOW) for name, flow in flows.items()}, {FLOW: Shared(Share.PER_PART)}
     )
     truth = INJECTOR.with_values({PRELOAD: 1.1 * OWN, FLOW: 1.03**0.5 * INJECTOR.values[FLOW]})
-    adapted = cr.adapt(found.injector_type, injected(truth, POINTS[1]), injector=INJECTOR)
+    adapted = cr.parts.adapt(found.injector_type, injected(truth, POINTS[1]), injector=INJECTOR)
     assert adapted.flow_factor == pytest.approx(1.03, rel=2e-3)

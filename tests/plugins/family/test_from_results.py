@@ -28,15 +28,15 @@ def run_folder(path: Path, best: float, error: float | None, **more: Any) -> Pat
 
 def test_one_part_has_the_spread_of_its_prior(tmp_path: Path) -> None:
     prior = {"value": 60.0, "sigma": 5.0, "source": "drawing"}
-    found = cr.type_from_runs([run_folder(tmp_path / "a", 65.0, 2.0, prior=prior)], "t").by_name[PRELOAD]
+    found = cr.parts.type_from_runs([run_folder(tmp_path / "a", 65.0, 2.0, prior=prior)], "t").by_name[PRELOAD]
     assert (found.value, found.spread, found.lower, found.upper, found.mark) == (65.0, 5.0, 40.0, 100.0, "F")
     assert found.source == "fitted to a; spread: that of the study's prior"
 
 
 def test_one_part_without_a_prior_has_the_bounds_or_an_assumption(tmp_path: Path) -> None:
     folder = run_folder(tmp_path / "a", 65.0, 2.0)
-    assert cr.type_from_runs([folder], "t").by_name[PRELOAD].spread == pytest.approx(60.0 / math.sqrt(12.0))
-    assumed = cr.type_from_runs([folder], "t", part_spread=0.02).by_name[PRELOAD]
+    assert cr.parts.type_from_runs([folder], "t").by_name[PRELOAD].spread == pytest.approx(60.0 / math.sqrt(12.0))
+    assumed = cr.parts.type_from_runs([folder], "t", part_spread=0.02).by_name[PRELOAD]
     assert assumed.spread == pytest.approx(math.hypot(2.0, 1.3))
     assert "2 % between parts [E, assumed]" in assumed.source
 
@@ -46,14 +46,14 @@ def test_a_length_spreads_by_no_more_than_its_machining_tolerance(tmp_path: Path
     diameter, lift = "plunger_needle.plunger_diameter", "valve.lift"
     for name, value, spread in ((diameter, 4.27e-3, 12e-6), (lift, 42e-6, 1.26e-6)):
         folder = run_folder(tmp_path / name, value, 0.0, name=name, lower=0.5 * value, upper=2.0 * value)
-        assert cr.type_from_runs([folder], "t", part_spread=0.03).by_name[name].between == pytest.approx(
+        assert cr.parts.type_from_runs([folder], "t", part_spread=0.03).by_name[name].between == pytest.approx(
             spread, rel=0.03
         )
 
 
 def test_several_parts_have_their_own_spread(tmp_path: Path) -> None:
     runs = [run_folder(tmp_path / name, best, 0.0) for name, best in (("a", 60.0), ("b", 64.0), ("c", 68.0))]
-    found = cr.type_from_runs(runs, "t")
+    found = cr.parts.type_from_runs(runs, "t")
     assert found.by_name[PRELOAD].value == pytest.approx(64.0)
     assert found.by_name[PRELOAD].spread == pytest.approx(4.0 * math.sqrt(1.0 + 1.0 / 3.0))
     assert [(part.name, part.source) for part in found.parts] == [(name, "bench 3") for name in "abc"]
@@ -61,18 +61,18 @@ def test_several_parts_have_their_own_spread(tmp_path: Path) -> None:
 
 
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(cr.InputError, match=r"result\.json: there is no such file"):
-        cr.type_from_runs([tmp_path], "t")
+    with pytest.raises(cr.errors.InputError, match=r"result\.json: there is no such file"):
+        cr.parts.type_from_runs([tmp_path], "t")
     other = run_folder(tmp_path / "b", 60.0, 1.0, name=MASS)
-    with pytest.raises(cr.InputError, match="no parameter is free in all runs"):
-        cr.type_from_runs([run_folder(tmp_path / "a", 60.0, 1.0), other], "t")
+    with pytest.raises(cr.errors.InputError, match="no parameter is free in all runs"):
+        cr.parts.type_from_runs([run_folder(tmp_path / "a", 60.0, 1.0), other], "t")
 
 
 def fleet_folder(path: Path, *preloads: float) -> Path:
     """Folder of a fleet whose valve preloads [N] were fitted with errors of 1 N; the last injector failed."""
     path.mkdir()
     head = ["injector", "status", f"{PRELOAD} [N]", f"{PRELOAD} standard error [N]", f"{PRELOAD} verdict"]
-    rows = [[f"SN{i}", "finished", repr(x), "1.0", "pinned"] for i, x in enumerate(preloads)]
+    rows = [[f"SN{i}", "finished", repr(x), "1.0", "determined"] for i, x in enumerate(preloads)]
     rows.append(["SN", "failed", "", "", ""])
     with summed(path):
         write_csv(path / "results.csv", ["SYNTHETIC: made up"], head, rows)
@@ -83,7 +83,7 @@ def fleet_folder(path: Path, *preloads: float) -> Path:
 
 
 def test_a_fleet_has_the_spread_over_its_members_beyond_their_errors(tmp_path: Path) -> None:
-    found = cr.type_from_fleet(fleet_folder(tmp_path / "f", 60.0, 64.0, 68.0), "t")
+    found = cr.parts.type_from_fleet(fleet_folder(tmp_path / "f", 60.0, 64.0, 68.0), "t")
     preload = found.by_name[PRELOAD]
     assert preload.value == pytest.approx(64.0)
     assert preload.spread == pytest.approx(math.sqrt(16.0 - 1.0 + 16.0 / 3.0))
@@ -92,14 +92,14 @@ def test_a_fleet_has_the_spread_over_its_members_beyond_their_errors(tmp_path: P
 
 
 def test_a_fleet_needs_two_finished_injectors_and_its_own_table(tmp_path: Path) -> None:
-    with pytest.raises(cr.InputError, match="1 injectors are finished"):
-        cr.type_from_fleet(fleet_folder(tmp_path / "f", 60.0), "t")
+    with pytest.raises(cr.errors.InputError, match="1 injectors are finished"):
+        cr.parts.type_from_fleet(fleet_folder(tmp_path / "f", 60.0), "t")
     folder = fleet_folder(tmp_path / "g", 60.0, 61.0)
     (folder / "results.csv").write_text((folder / "results.csv").read_text().replace("61.0", "62.0"))
-    with pytest.raises(cr.InputError, match=r"results\.csv"):
-        cr.type_from_fleet(folder, "t")
+    with pytest.raises(cr.errors.InputError, match=r"results\.csv"):
+        cr.parts.type_from_fleet(folder, "t")
 
 
 def test_a_type_of_a_fleet_fits_an_injector(tmp_path: Path) -> None:
-    found = cr.type_from_fleet(fleet_folder(tmp_path / "f", 60.0, 64.0, 68.0), "t")
+    found = cr.parts.type_from_fleet(fleet_folder(tmp_path / "f", 60.0, 64.0, 68.0), "t")
     assert found.applied(INJECTOR).values[PRELOAD] == found.by_name[PRELOAD].value

@@ -31,8 +31,8 @@ def type_file(tmp_path: Path) -> Path:
 
 
 def test_a_type_is_read_back_bit_by_bit(tmp_path: Path) -> None:
-    third = cr.TypeParameter("nozzle.shape_1", -1.0 / 3.0, math.pi / 100.0, -0.5, 0.5, "F", 'a "source"')
-    fine = cr.TypeParameter("valve.lift", 4e-5 / 3.0, 1e-6 / 7.0, 1e-5, 8e-5 / 3.0, "F", "of a third", 1e-6 / 9.0)
+    third = cr.parts.TypeParameter("nozzle.shape_1", -1.0 / 3.0, math.pi / 100.0, -0.5, 0.5, "F", 'a "source"')
+    fine = cr.parts.TypeParameter("valve.lift", 4e-5 / 3.0, 1e-6 / 7.0, 1e-5, 8e-5 / 3.0, "F", "of a third", 1e-6 / 9.0)
     own = replace(small_type(), parameters=(*small_type().parameters, third, fine), synthetic="simulated")
     dump_type(own, tmp_path / "t.toml")
     assert load_type(tmp_path / "t.toml") == own
@@ -79,13 +79,13 @@ def test_a_bad_type_is_refused_with_its_place(type_file: Path, old: str, new: st
     ],
 )
 def test_a_parameter_of_a_type_makes_sense(changes: dict[str, object], words: str) -> None:
-    with pytest.raises(cr.ConfigurationError, match=words):
+    with pytest.raises(cr.errors.ConfigurationError, match=words):
         replace(small_type().parameters[1], **changes)  # type: ignore[arg-type]
 
 
 def test_a_parameter_is_given_once() -> None:
     one = small_type().parameters[0]
-    with pytest.raises(cr.ConfigurationError, match="a second time"):
+    with pytest.raises(cr.errors.ConfigurationError, match="a second time"):
         replace(small_type(), parameters=(one, one))
 
 
@@ -115,7 +115,7 @@ def test_what_the_study_states_itself_counts(study_file: Edit, type_file: Path) 
 
 def test_a_value_that_was_measured_on_the_injector_stays(study_file: Edit, type_file: Path, tmp_path: Path) -> None:
     plain = cr.load_study(study_file())
-    measured = replace(plain.injector, sources={**plain.injector.sources, PRELOAD: cr.Source("M", "tester")})
+    measured = replace(plain.injector, sources={**plain.injector.sources, PRELOAD: cr.models.Source("M", "tester")})
     measured = measured.with_values({PRELOAD: 61.0})
     cr.dump_injector(measured, tmp_path / "injector.toml")
     assert cr.load_study(study_file(WITH_TYPE)).injector.values[PRELOAD] == 61.0
@@ -128,7 +128,7 @@ def test_a_study_without_free_parameters_frees_those_of_its_type(study_file: Edi
     path.write_text(f"{head}[optimiser]{rest.rpartition('[optimiser]')[2]}", encoding="utf-8")
     assert cr.load_study(path).space.names == (PRELOAD, MASS)
     path.write_text(path.read_text(encoding="utf-8").replace(WITH_TYPE[1], SEED), encoding="utf-8")
-    with pytest.raises(cr.InputError, match=r"parameter: this key is missing; add \[\[parameter\]\] tables"):
+    with pytest.raises(cr.errors.InputError, match=r"parameter: this key is missing; add \[\[parameter\]\] tables"):
         cr.load_study(path)
 
 
@@ -154,5 +154,5 @@ def test_a_type_from_elsewhere_is_copied_and_the_copy_is_named(study_file: Edit,
 
 def test_a_type_outside_the_studys_folder_is_refused(study_file: Edit, type_file: Path) -> None:
     path = study_file((SEED, f'{SEED}\ntype = "../lino.toml"'))
-    with pytest.raises(cr.InputError, match=r'type: "\.\./lino\.toml" lies outside'):
+    with pytest.raises(cr.errors.InputError, match=r'type: "\.\./lino\.toml" lies outside'):
         cr.load_study(path)

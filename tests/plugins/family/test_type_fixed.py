@@ -19,17 +19,19 @@ from tests.plugins.family.samples import INJECTOR, PRELOAD, injected, small_type
 Edit = Callable[..., Path]
 
 LIFT = "valve.lift"
-FIXED = cr.FixedValue(LIFT, 75e-6, "M", "gauge of part 1")
+FIXED = cr.parts.FixedValue(LIFT, 75e-6, "M", "gauge of part 1")
 FIXED_TABLE = '[[fixed]]\nname = "valve.lift"\nvalue = "{}"\nmark = "M"\nsource = "gauge"\n'
 UPPER = "upper = 0.95\n"
 
 
-def type_with_lift(injector: cr.Injector | None = INJECTOR) -> cr.InjectorType:
+def type_with_lift(injector: cr.Injector | None = INJECTOR) -> cr.parts.InjectorType:
     return replace(small_type(), fixed=(FIXED,), injector=injector)
 
 
 def measured(lift: float, source: str = "gauge of part 2") -> cr.Injector:
-    return replace(INJECTOR.with_values({LIFT: lift}), sources={**INJECTOR.sources, LIFT: cr.Source("M", source)})
+    return replace(
+        INJECTOR.with_values({LIFT: lift}), sources={**INJECTOR.sources, LIFT: cr.models.Source("M", source)}
+    )
 
 
 def run_of(study: Path, folder: Path, best: float = 65.0) -> Path:
@@ -43,14 +45,14 @@ def run_of(study: Path, folder: Path, best: float = 65.0) -> Path:
 
 
 def test_a_type_file_keeps_the_fixed_values(tmp_path: Path) -> None:
-    cr.dump_type(type_with_lift(), tmp_path / "t.toml")
-    assert cr.load_type(tmp_path / "t.toml").fixed == (FIXED,)
+    cr.parts.dump_type(type_with_lift(), tmp_path / "t.toml")
+    assert cr.parts.load_type(tmp_path / "t.toml").fixed == (FIXED,)
 
 
 def test_the_fixed_value_of_a_run_is_in_its_type(study_file: Edit, tmp_path: Path) -> None:
     run = run_of(study_file((UPPER, UPPER + FIXED_TABLE.format("75 um"))), tmp_path / "run")
-    found = cr.type_from_runs([run], "t")
-    assert cr.FixedValue(LIFT, 75e-6, "M", "gauge") in found.fixed
+    found = cr.parts.type_from_runs([run], "t")
+    assert cr.parts.FixedValue(LIFT, 75e-6, "M", "gauge") in found.fixed
 
 
 def test_parts_that_differ_give_their_mean_and_a_note(study_file: Edit, tmp_path: Path) -> None:
@@ -59,7 +61,7 @@ def test_parts_that_differ_give_their_mean_and_a_note(study_file: Edit, tmp_path
         run = run_of(study_file((UPPER, UPPER + FIXED_TABLE.format(lift))), tmp_path / f"run-{number}")
         runs.append(run)
     with pytest.warns(RuntimeWarning, match=r"valve\.lift is not the same in all parts: 70 um \(run-0\), 80 um"):
-        (found,) = (v for v in cr.type_from_runs(runs, "t").fixed if v.name == LIFT)
+        (found,) = (v for v in cr.parts.type_from_runs(runs, "t").fixed if v.name == LIFT)
     assert found.value == pytest.approx(75e-6, rel=1e-12)  # rounding
     assert found.mark == "F"
 
@@ -70,9 +72,9 @@ def test_the_model_of_the_types_own_part_is_exact() -> None:
     points = injected(truth, (160.0, 300.0), (80.0, 700.0))
     catalogue = measured(INJECTOR.values[LIFT], "drawing")  # as the catalogue's own lift is marked: it is no part's
     for adapted in (
-        cr.adapt(type_with_lift(), points),
-        cr.adapt(type_with_lift(), points, injector=INJECTOR),
-        cr.adapt(type_with_lift(catalogue), points),
+        cr.parts.adapt(type_with_lift(), points),
+        cr.parts.adapt(type_with_lift(), points, injector=INJECTOR),
+        cr.parts.adapt(type_with_lift(catalogue), points),
     ):
         assert np.asarray(adapted.before) == pytest.approx(points.quantity, rel=1e-9)  # the same simulation
         assert adapted.injector.values[LIFT] == 75e-6
@@ -82,12 +84,12 @@ def test_the_model_of_the_types_own_part_is_exact() -> None:
 def test_a_measured_value_of_the_part_stays_and_is_reported() -> None:
     points = injected(measured(60e-6), (120.0, 700.0))
     with pytest.warns(RuntimeWarning, match=r"valve\.lift stays 60 um, .* learnt with 75 um"):
-        adapted = cr.adapt(type_with_lift(), points, injector=measured(60e-6))
+        adapted = cr.parts.adapt(type_with_lift(), points, injector=measured(60e-6))
     assert adapted.injector.values[LIFT] == 60e-6
 
 
 def test_a_study_with_the_type_has_the_fixed_value_unless_it_states_its_own(study_file: Edit, tmp_path: Path) -> None:
-    cr.dump_type(type_with_lift(), tmp_path / "t.toml")
+    cr.parts.dump_type(type_with_lift(), tmp_path / "t.toml")
     named = ("seed = 1", 'seed = 1\ntype = "t.toml"')
     study = cr.load_study(study_file(named))
     assert study.injector.values[LIFT] == 75e-6
@@ -110,13 +112,13 @@ def test_a_joint_fit_keeps_the_fixed_value_of_its_parts(study_file: Edit, tmp_pa
 def test_an_injector_that_is_not_the_catalogues_is_not_named_so(tmp_path: Path) -> None:
     """A changed value under a name of the catalogue would be lost in the file."""
     changed = replace(small_type(), injector=INJECTOR.with_values({LIFT: 70e-6}))
-    cr.dump_type(changed, tmp_path / "t.toml")
-    assert cr.load_type(tmp_path / "t.toml").injector is None
+    cr.parts.dump_type(changed, tmp_path / "t.toml")
+    assert cr.parts.load_type(tmp_path / "t.toml").injector is None
 
 
 @pytest.mark.parametrize("table", ["fixed", "parameter"])
 def test_a_parameter_that_the_variant_does_not_read_is_refused(study_file: Edit, table: str) -> None:
     stated = f'[[{table}]]\nname = "rail.volume"\n'
     stated += 'value = "20 cm3"\n' if table == "fixed" else 'lower = "10 cm3"\nupper = "30 cm3"\n'
-    with pytest.raises(cr.ConfigurationError, match=r"name: .* does not read rail\.volume; .*@volume"):
+    with pytest.raises(cr.errors.ConfigurationError, match=r"name: .* does not read rail\.volume; .*@volume"):
         cr.load_study(study_file((UPPER, UPPER + stated)))

@@ -21,7 +21,7 @@ from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
 from commonrail.physics.meters import Meter
 from commonrail.plugins.features import targets as module
-from commonrail.plugins.features.run import features
+from commonrail.plugins.features.run import find_features
 from commonrail.plugins.features.table import find_feature
 from commonrail.plugins.features.targets import FeatureData
 from commonrail.readers.injector_writer import dump_injector
@@ -94,15 +94,15 @@ def test_measured_and_simulated_features_come_from_one_function(
 
     def noted(source: Any, **more: Any) -> Any:
         taken.append((type(source).__name__, more["settings"], more.get("levels")))
-        return features(source, **more)
+        return find_features(source, **more)
 
-    monkeypatch.setattr(module, "features", noted)
+    monkeypatch.setattr(module, "find_features", noted)
     data = read(regulated, tmp_path, ALL, pulses())
     data.simulated(Simulator(regulated, ("valve.mass",), STEP, 1), np.array([[3e-3], [6e-3]]))
     assert [name for name, *_ in taken] == ["RateData", "RateTrace", "RateTrace"]
     assert all(settings == data.settings for _, settings, _ in taken)
     assert [levels for *_, levels in taken] == [None, data.levels, data.levels]
-    assert data.levels == features(data.curve).levels
+    assert data.levels == find_features(data.curve).levels
 
 
 def test_features_relate_to_the_figures_of_the_engine(regulated: Injector, tmp_path: Path) -> None:
@@ -113,7 +113,7 @@ def test_features_relate_to_the_figures_of_the_engine(regulated: Injector, tmp_p
     whole = read(regulated, tmp_path, ALL, pulses()).curve.point
     point = replace(whole, energisings=whole.pulses[:1])
     solution = simulate(regulated, point, time_step=STEP)
-    found = features(solution)
+    found = find_features(solution)
     assert found.value("opening_delay") == found.value("opening") - point.pulses[0].start
     assert 0.0 < found.value("opening") - solution.opening < 10e-6
     assert abs(found.value("closing") - solution.first_closing) < 10e-6

@@ -11,7 +11,7 @@ import pytest
 from commonrail.base.errors import ConfigurationError
 from commonrail.plugins.features.rate_trace import RateTrace
 from commonrail.plugins.features.result import Features
-from commonrail.plugins.features.run import features
+from commonrail.plugins.features.run import find_features
 from commonrail.plugins.features.shot_statistics import ShotStatistic, shot_statistics
 from tests.plugins.features.analytic import PEAK, noisy, trapezoid
 
@@ -34,7 +34,7 @@ def scaled(factor: float) -> RateTrace:
     return RateTrace(trace.bounds, factor * trace.rate, energisings=trace.energisings)
 
 
-BASE = features(scaled(1.0))
+BASE = find_features(scaled(1.0))
 
 
 def of(name: str, found: tuple[ShotStatistic, ...]) -> ShotStatistic:
@@ -68,7 +68,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
 
 def test_a_shot_that_stands_apart_is_named_and_kept() -> None:
     taken = shots(12, 2)
-    taken[6] = features(scaled(1.3))
+    taken[6] = find_features(scaled(1.3))
     found = shot_statistics(taken)
     assert of("quantity", found).outliers == (7,)
     assert of("quantity", found).count == 12
@@ -78,9 +78,9 @@ def test_a_shot_that_stands_apart_is_named_and_kept() -> None:
 
 def test_a_shot_without_an_injection_is_counted_as_missing() -> None:
     nothing = noisy(scaled(0.0), 0.001, 1)
-    found = of("quantity", shot_statistics([*shots(4, 3), features(nothing)]))
+    found = of("quantity", shot_statistics([*shots(4, 3), find_features(nothing)]))
     assert (found.count, found.missing) == (4, 1)
-    assert shot_statistics([features(nothing)]) == ()
+    assert shot_statistics([find_features(nothing)]) == ()
 
 
 def test_one_shot_has_no_scatter() -> None:
@@ -92,6 +92,6 @@ def test_one_shot_has_no_scatter() -> None:
 def test_shots_of_two_units_are_refused() -> None:
     by_mass = RateTrace(trapezoid().bounds, trapezoid().rate, "kg/s")
     with pytest.raises(ConfigurationError, match="one unit"):
-        shot_statistics([features(trapezoid()), features(by_mass)])
+        shot_statistics([find_features(trapezoid()), find_features(by_mass)])
     with pytest.raises(ConfigurationError, match="between 0 and 1"):
-        shot_statistics([features(trapezoid())], 95.0)
+        shot_statistics([find_features(trapezoid())], 95.0)

@@ -7,7 +7,7 @@ import pytest
 
 from commonrail.engine.operating_point import Energising
 from commonrail.plugins.features.rate_trace import RateTrace
-from commonrail.plugins.features.run import features
+from commonrail.plugins.features.run import find_features
 from commonrail.plugins.features.settings import FeatureSettings
 
 NAMES = ("opening", "closing", "duration", "rise_time", "fall_time", "quantity", "separation")
@@ -68,7 +68,7 @@ def ratios(share: float, threshold: str | float, count: int) -> dict[tuple[str, 
         rng = np.random.default_rng([7, seed])
         time, rate = corners(rng)
         trace = sampled(time, rate, share * rate[1] * rng.standard_normal(840))
-        found = features(trace, settings=FeatureSettings(threshold=threshold))
+        found = find_features(trace, settings=FeatureSettings(threshold=threshold))
         if len(found.injections) != 2:
             continue
         for i, expected in enumerate(truth(time, rate, found.levels.threshold)):

@@ -9,7 +9,7 @@ import pytest
 
 from commonrail.plugins.features.injections import FeatureStatus, averaged
 from commonrail.plugins.features.rate_trace import RateTrace
-from commonrail.plugins.features.run import features
+from commonrail.plugins.features.run import find_features
 from commonrail.plugins.features.settings import FeatureSettings
 from tests.plugins.features.analytic import PEAK, SAMPLE, noisy, straight
 
@@ -28,7 +28,7 @@ def train(valley: float = 0.0, end: float = 2.5e-3) -> RateTrace:
 
 
 def test_a_pilot_and_a_main_are_two_injections_with_their_quantities() -> None:
-    found = features(straight(*APART, energisings=ENERGISED))
+    found = find_features(straight(*APART, energisings=ENERGISED))
     assert [one.energising for one in found.injections] == [1, 2]
     assert [one["quantity"] for one in found.injections] == pytest.approx(QUANTITIES, rel=1e-9)
     assert [one["total_quantity"] for one in found.injections] == pytest.approx(QUANTITIES, rel=1e-9)
@@ -43,7 +43,7 @@ def test_a_pilot_and_a_main_are_two_injections_with_their_quantities() -> None:
 @pytest.mark.parametrize("seed", range(10))
 def test_noise_makes_no_false_injections(seed: int) -> None:
     """2 % of the peak on a threshold of 10 %: four standard deviations of the averaged rate within its hysteresis."""
-    found = features(noisy(straight(*APART, energisings=ENERGISED), 0.02, seed))
+    found = find_features(noisy(straight(*APART, energisings=ENERGISED), 0.02, seed))
     assert [one.energising for one in found.injections] == [1, 2]
 
 
@@ -53,7 +53,7 @@ def test_on_a_slow_ramp_the_rate_passes_the_threshold_many_times_and_there_is_on
     passes = []
     for seed in range(5):
         ramp = noisy(slow, 0.02, seed)
-        found = features(ramp)
+        found = find_features(ramp)
         course = averaged(ramp, found.levels.width)
         passes.append(np.count_nonzero(np.diff(course.rate > found.levels.threshold)))
         assert len(found.injections) == 1
@@ -61,9 +61,9 @@ def test_on_a_slow_ramp_the_rate_passes_the_threshold_many_times_and_there_is_on
 
 
 def test_noise_that_reaches_over_the_hysteresis_is_told_apart_from_injections() -> None:
-    found = features(noisy(straight(*APART, energisings=ENERGISED), 0.1, 1))
+    found = find_features(noisy(straight(*APART, energisings=ENERGISED), 0.1, 1))
     assert (found.status, found.injections) == (FeatureStatus.HIDDEN_IN_NOISE, ())
-    assert features(
+    assert find_features(
         noisy(straight(*APART, energisings=ENERGISED), 0.1, 1), settings=FeatureSettings(averaging="300 us")
     ).injections
 
@@ -72,12 +72,12 @@ def test_ripple_on_a_plateau_divides_nothing() -> None:
     trace = straight((300e-6, 400e-6, 1500e-6, 1600e-6), (0.0, PEAK, PEAK, 0.0))
     middles = 0.5 * (trace.bounds[1:] + trace.bounds[:-1])
     wave = np.where(trace.rate > 0.9 * PEAK, 1.0 + 0.3 * np.sin(2.0 * np.pi * middles / 200e-6), 1.0)
-    assert len(features(RateTrace(trace.bounds, trace.rate * wave)).injections) == 1
+    assert len(find_features(RateTrace(trace.bounds, trace.rate * wave)).injections) == 1
 
 
 def test_fused_injections_are_divided_where_the_rate_is_smallest() -> None:
     """The valley, 0.3 of the pilot, lies above the threshold: no closing and no opening there."""
-    found = features(train(0.3))
+    found = find_features(train(0.3))
     first, second = found.injections
     assert FeatureStatus.FUSED in first.statuses
     assert FeatureStatus.FUSED in second.statuses
@@ -91,26 +91,26 @@ def test_fused_injections_are_divided_where_the_rate_is_smallest() -> None:
 
 @pytest.mark.parametrize(("valley", "count"), [(0.45, 2), (0.55, 1)])
 def test_the_stated_share_decides_whether_they_are_two(valley: float, count: int) -> None:
-    assert len(features(train(valley)).injections) == count
-    assert len(features(train(valley), settings=FeatureSettings(split=0.8)).injections) == 2
+    assert len(find_features(train(valley)).injections) == count
+    assert len(find_features(train(valley), settings=FeatureSettings(split=0.8)).injections) == 2
 
 
 def test_a_valley_between_threshold_and_release_has_instants() -> None:
     """The rate falls to 0.2 of the pilot, 0.08 of the peak: below the threshold, not below its hysteresis."""
-    first, second = features(train(0.2)).injections
+    first, second = find_features(train(0.2)).injections
     assert FeatureStatus.FUSED not in (*first.statuses, *second.statuses)
     assert first["closing"] < second["opening"]
 
 
 def test_an_energising_without_an_injection_is_named() -> None:
-    found = features(straight(APART[0][3:], APART[1][3:], energisings=ENERGISED))
+    found = find_features(straight(APART[0][3:], APART[1][3:], energisings=ENERGISED))
     assert found.silent == (1,)
     assert math.isnan(found.value("quantity", 1))
     assert found.value("quantity", 2) == pytest.approx(QUANTITIES[1], rel=1e-9)
 
 
 def test_a_second_opening_after_one_energising_is_named() -> None:
-    found = features(straight(*APART, energisings=[(0.0, 200e-6)]))
+    found = find_features(straight(*APART, energisings=[(0.0, 200e-6)]))
     assert [one.energising for one in found.injections] == [1, None]
     assert FeatureStatus.REOPENED in found.injections[1].statuses
     assert math.isnan(found.injections[1]["opening_delay"])
@@ -120,19 +120,19 @@ def test_a_second_opening_after_one_energising_is_named() -> None:
 
 
 def test_an_injection_before_any_energising_is_named() -> None:
-    found = features(straight(*APART, energisings=[(700e-6, 500e-6)]))
+    found = find_features(straight(*APART, energisings=[(700e-6, 500e-6)]))
     assert [one.energising for one in found.injections] == [None, 1]
     assert FeatureStatus.NO_ENERGISING in found.injections[0].statuses
 
 
 def test_energisings_closer_than_the_hydraulic_delay_keep_their_injections() -> None:
     """The second one starts 30 us before the first injection opens."""
-    found = features(straight(*APART, energisings=[(0.0, 200e-6), (295e-6, 500e-6)]))
+    found = find_features(straight(*APART, energisings=[(0.0, 200e-6), (295e-6, 500e-6)]))
     assert [one.energising for one in found.injections] == [1, 2]
 
 
 def test_without_energisings_injections_count_in_order() -> None:
     trace = straight(*APART)
-    assert features(trace).value("quantity", 2) == pytest.approx(QUANTITIES[1], rel=1e-9)
-    assert math.isnan(features(trace).value("opening_delay", 2))
-    assert features(trace).of(3) is None
+    assert find_features(trace).value("quantity", 2) == pytest.approx(QUANTITIES[1], rel=1e-9)
+    assert math.isnan(find_features(trace).value("opening_delay", 2))
+    assert find_features(trace).of(3) is None

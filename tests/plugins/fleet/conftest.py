@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.plugins.fleet.run import FleetRun, run_fleet
+from commonrail.plugins.fleet.run import FleetRun
+from commonrail.plugins.fleet.run import fleet as run_fleet
 from commonrail.plugins.fleet.study import load_fleet
 from tests.cli.conftest import command  # noqa: F401
 from tests.workers.forked import forked

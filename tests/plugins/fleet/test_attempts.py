@@ -15,7 +15,8 @@ from commonrail.base.errors import StudyError
 from commonrail.calibration.study import Study
 from commonrail.plugins.fleet import run as run_module
 from commonrail.plugins.fleet.member import Attempt, Calibrations, write_study
-from commonrail.plugins.fleet.run import FleetRun, run_fleet
+from commonrail.plugins.fleet.run import FleetRun
+from commonrail.plugins.fleet.run import fleet as run_fleet
 from commonrail.plugins.fleet.study import load_fleet
 from commonrail.workers.workers import Workers
 from tests.plugins.fleet.conftest import COUNT, edited, results

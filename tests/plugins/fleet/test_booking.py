@@ -11,7 +11,8 @@ import pytest
 from commonrail.base.errors import InputError, StudyError
 from commonrail.plugins.fleet.journal import Booking
 from commonrail.plugins.fleet.member import Attempt, read_shared, write_study
-from commonrail.plugins.fleet.run import FleetProgress, run_fleet
+from commonrail.plugins.fleet.run import FleetProgress
+from commonrail.plugins.fleet.run import fleet as run_fleet
 from commonrail.plugins.fleet.study import load_fleet
 from tests.plugins.fleet.conftest import COUNT, edited, small_fleet
 

@@ -29,7 +29,7 @@ def parameter(name: str, at_bound: int) -> dict[str, Any]:
         "best": spread(50.0, 60.0, 80.0, 100.0, 120.0),
         "position": spread(0.0, 0.25, 0.5, 0.75, 1.0),
         "at_bound": at_bound,
-        "verdicts": {"pinned": 2, "not seen by these data": 1},
+        "verdicts": {"determined": 2, "insensitive": 1},
     }
 
 
@@ -103,7 +103,7 @@ def test_the_tables(record: dict[str, Any]) -> None:
         *("50.0", "2"),
     ]
     assert tables["Error of each data set over the fleet"][0][3:] == ["3", "100", *"–––––"]
-    assert tables["What the data pin down"] == [
+    assert tables["What the data determine"] == [
         ["valve.spring_preload", "2", "1"],
         ["plunger_needle.spring_preload", "2", "1"],
     ]

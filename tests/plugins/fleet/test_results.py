@@ -13,7 +13,8 @@ from commonrail.base.errors import OutputError
 from commonrail.plugins.fleet.file import fleet_record, result_columns, spread_of, write_results
 from commonrail.plugins.fleet.journal import FAILED, Entry
 from commonrail.plugins.fleet.page import fleet_warnings
-from commonrail.plugins.fleet.run import FleetRun, run_fleet
+from commonrail.plugins.fleet.run import FleetRun
+from commonrail.plugins.fleet.run import fleet as run_fleet
 from commonrail.plugins.fleet.study import load_fleet
 from tests.plugins.fleet.conftest import COUNT, results, small_fleet
 
@@ -138,4 +139,6 @@ def test_a_type_of_a_fleet_has_the_fixed_values_of_its_template(tmp_path: Path) 
     text = template.read_text(encoding="utf-8").replace("[[parameter]]", fixed + "[[parameter]]", 1)
     template.write_text(text, encoding="utf-8")
     run_fleet(load_fleet(file), tmp_path / "run", workers=1)
-    assert cr.type_from_fleet(tmp_path / "run", "t").fixed == (cr.FixedValue("valve.lift", 45e-6, "M", "gauge"),)
+    assert cr.parts.type_from_fleet(tmp_path / "run", "t").fixed == (
+        cr.parts.FixedValue("valve.lift", 45e-6, "M", "gauge"),
+    )

@@ -21,7 +21,8 @@ from commonrail.calibration.study_file import load_study
 from commonrail.compiler.target import describe
 from commonrail.plugins.fleet import journal as begun_module
 from commonrail.plugins.fleet.journal import FAILED, JOURNAL, Journal
-from commonrail.plugins.fleet.run import FleetProgress, FleetRun, run_fleet
+from commonrail.plugins.fleet.run import FleetProgress, FleetRun
+from commonrail.plugins.fleet.run import fleet as run_fleet
 from commonrail.plugins.fleet.study import load_fleet
 from tests.cli.conftest import run_command
 from tests.plugins.fleet.conftest import COUNT, edited, results

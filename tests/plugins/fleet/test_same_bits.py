@@ -12,7 +12,7 @@ from commonrail.base.errors import StudyError
 from commonrail.calibration.study_file import load_study
 from commonrail.physics.variants import Variant
 from commonrail.plugins.fleet.member import calibrate_study, write_study
-from commonrail.plugins.fleet.run import run_fleet
+from commonrail.plugins.fleet.run import fleet as run_fleet
 from commonrail.plugins.fleet.study import load_fleet
 from commonrail.readers.injector_writer import dump_injector
 from tests.conftest import wired

@@ -22,7 +22,7 @@ from tests.plugins.foreign_fmu.samples import TIMES, TRUTH, decay_data
 
 pytestmark = pytest.mark.process
 
-SHORT = cr.Method(EvolutionSettings(members=10, generations=6), 2)
+SHORT = cr.fit.Method(EvolutionSettings(members=10, generations=6), 2)
 FREE = {"k": (0.2, 4.0)}
 
 

@@ -29,10 +29,10 @@ def test_a_parameter_of_an_exported_injector_is_found_again(version, tmp_path):
     truth = injector.with_values({PRELOAD: TRUTH * drawn})
     measured = cr.simulate_batch(truth, points, time_step=1e-6).injected_mass[0]
     rows = [{"boundary.rail_pressure": rail, "energising[1].duration": time} for rail, time in POINTS]
-    data = cr.fmu_rows("quantities", rows, {"injected": measured}, STOP, tolerance=1e-8, synthetic="simulated")
-    method = cr.Method(MultiStartSettings(members=6, starts=2))
-    study = cr.fmu_study(path, data, free={PRELOAD: (0.8 * drawn, 1.2 * drawn)}, step=1e-4, method=method)
-    fit = cr.calibrate_fmu(study, processes=1)
+    data = cr.fmu.fmu_rows("quantities", rows, {"injected": measured}, STOP, tolerance=1e-8, synthetic="simulated")
+    method = cr.fit.Method(MultiStartSettings(members=6, starts=2))
+    study = cr.fmu.fmu_study(path, data, free={PRELOAD: (0.8 * drawn, 1.2 * drawn)}, step=1e-4, method=method)
+    fit = cr.fmu.calibrate_fmu(study, processes=1)
     # FMU and engine differ by rounding alone; the descent ends where a step gains nothing any more
     assert fit.best[PRELOAD] == pytest.approx(TRUTH * drawn, rel=1e-4)
     assert fit.simulated["best"]["quantities"] == pytest.approx(np.array(measured), rel=1e-4)

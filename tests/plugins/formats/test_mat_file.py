@@ -11,7 +11,7 @@ from scipy.io import savemat
 
 from commonrail.base.errors import InputError
 from commonrail.plugins.formats import mat_child as mat
-from commonrail.plugins.formats.mat import MatFile, find_mat_map
+from commonrail.plugins.formats.mat import MatFile
 from commonrail.plugins.maps.file import write_map_file
 from commonrail.readers.columns import Column
 from commonrail.readers.overview import survey
@@ -106,17 +106,17 @@ def test_columns_beyond_the_limit_are_refused_before_they_are_looked_at(tmp_path
 def test_a_map_is_found_by_names_or_units_either_way_round(tmp_path: Path, turned: bool) -> None:
     cells = np.arange(6.0).reshape(2, 3)
     savemat(tmp_path / "m.mat", {"p": [80.0, 120.0], "et": [300.0, 500.0, 700.0], "q": cells.T if turned else cells})
-    found = find_mat_map(MatFile(tmp_path / "m.mat"), GivenUnits("MPa", "us", "mm3"))
+    found = MatFile(tmp_path / "m.mat").quantity_map(GivenUnits("MPa", "us", "mm3"))
     assert found.rail_pressure.tolist() == [80.0] * 3 + [120.0] * 3
     assert found.quantity.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
     with pytest.raises(InputError, match=r'no unit of the rail pressure \("p"\) and the energising time'):
-        find_mat_map(MatFile(tmp_path / "m.mat"), GivenUnits(quantity="mm3"))
+        MatFile(tmp_path / "m.mat").quantity_map(GivenUnits(quantity="mm3"))
 
 
 def test_two_variables_that_fit_are_named(tmp_path: Path) -> None:
     savemat(tmp_path / "m.mat", {"a": [8.0, 12.0], "b": [3.0, 5.0], "q": np.ones((2, 2))})
     with pytest.raises(InputError, match='it is open which variable holds the rail pressure; of the vectors "a", "b"'):
-        find_mat_map(MatFile(tmp_path / "m.mat"))
+        MatFile(tmp_path / "m.mat").quantity_map(GivenUnits())
 
 
 def test_a_map_that_commonrail_wrote_is_read_back(tmp_path: Path) -> None:

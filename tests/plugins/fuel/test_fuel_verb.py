@@ -89,7 +89,7 @@ def test_an_injector_runs_on_it_and_beyond_the_table_it_is_refused(command: Comm
     assert found.status == 0, found.err
     injected = command("simulate", "virtual-lino-2016", *point).record["injected_mass"]
     assert found.record["injected_mass"] == pytest.approx(injected, rel=1e-2)
-    with pytest.raises(cr.InputError, match=r"is defined from 293\.15 to 393\.15 K"):
+    with pytest.raises(cr.errors.InputError, match=r"is defined from 293\.15 to 393\.15 K"):
         cr.load_fuel(tmp_path / "own.toml").density(80e6, 400.0)
 
 

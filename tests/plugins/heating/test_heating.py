@@ -29,7 +29,7 @@ def solution(cool: cr.Injector) -> cr.Solution:
 
 @pytest.fixture(scope="module")
 def found(cool: cr.Injector, solution: cr.Solution) -> Heating:
-    return cr.heating(cool, POINT, solution)
+    return cr.models.heating(cool, POINT, solution)
 
 
 def rise(injector: cr.Injector, low: float) -> float:
@@ -69,7 +69,7 @@ def test_the_jet_is_that_of_an_isentrope(cool: cr.Injector, solution: cr.Solutio
     steady = {"rail_pressure": rail, "sac_pressure": rail, "discharge_coefficient": share**0.5}
     channels = {**solution.channels, **{key: np.full_like(solution.time, value) for key, value in steady.items()}}
     warm = replace(cool.with_values({"fuel.temperature": start}), fuel=cr.load_fuel("n-dodecane"))
-    found = cr.heating(warm, point, replace(solution, channels=channels), effect=False)
+    found = cr.models.heating(warm, point, replace(solution, channels=channels), effect=False)
     assert found.jet == pytest.approx(state.T(), abs=1.0)
 
 
@@ -92,24 +92,24 @@ def test_effect_is_that_of_other_simulations(cool: cr.Injector, solution: cr.Sol
     assert found.effect.injected == pytest.approx(other.injected_mass / solution.injected_mass - 1.0, abs=1e-9)
     assert found.effect.returned == pytest.approx(other.returned_mass / solution.returned_mass - 1.0, abs=1e-9)
     assert found.effect.returned_by_leak > 0.0
-    assert cr.heating(cool, POINT, solution, effect=False) == replace(found, effect=None)
+    assert cr.models.heating(cool, POINT, solution, effect=False) == replace(found, effect=None)
 
 
 def test_limits_are_named_where_they_are_met(cool: cr.Injector, solution: cr.Solution, found: Heating) -> None:
     assert any("A-hole cavitates" in limit for limit in found.limits)  # contraction 0.60, see the theory
     assert not any("boil" in limit for limit in found.limits)
     light = replace(cool.fuel.vapour_law, coefficients=((float(np.log(2e6)),),))
-    boiling = cr.heating(replace(cool, fuel=replace(cool.fuel, vapour_law=light)), POINT, solution, effect=False)
+    boiling = cr.models.heating(replace(cool, fuel=replace(cool.fuel, vapour_law=light)), POINT, solution, effect=False)
     assert [limit for limit in boiling.limits if "boil" in limit] == [
         "the returned fuel would boil: its vapour pressure is 2 MPa, that of the return 0.5 MPa"
     ]
     wide = cool.with_values({"control_chamber.a_hole_contraction": 1.0})
-    assert not any("A-hole" in limit for limit in cr.heating(wide, POINT, solution, effect=False).limits)
+    assert not any("A-hole" in limit for limit in cr.models.heating(wide, POINT, solution, effect=False).limits)
 
 
 def test_what_does_not_flow_has_no_temperature(cool: cr.Injector) -> None:
     point = cr.OperatingPoint(40e6, 50e-6)
-    nothing = cr.heating(cool, point, cr.simulate(cool, point), effect=False)
+    nothing = cr.models.heating(cool, point, cr.simulate(cool, point), effect=False)
     assert np.isnan([nothing.jet, nothing.injected, nothing.sac]).all()
     assert nothing.returned > T
     assert nothing.record()["jet"] is None
@@ -117,7 +117,7 @@ def test_what_does_not_flow_has_no_temperature(cool: cr.Injector) -> None:
 
 def test_without_a_flow_through_the_valve_there_is_no_effect_of_its_heat(cool: cr.Injector) -> None:
     point = cr.OperatingPoint(40e6, 0.0)
-    closed = cr.heating(cool, point, cr.simulate(cool, point))
+    closed = cr.models.heating(cool, point, cr.simulate(cool, point))
     assert closed.returned > T
     assert closed.effect is None
 
@@ -125,8 +125,8 @@ def test_without_a_flow_through_the_valve_there_is_no_effect_of_its_heat(cool: c
 def test_a_reference_solution_is_estimated_without_its_control_chamber(cool: cr.Injector) -> None:
     """Of the temperatures that its channels give, each is that of a fast solution."""
     point = cr.OperatingPoint(40e6, 20e-6, horizon=60e-6)
-    found = cr.heating(cool, point, simulate_reference(cool, point))
-    fast = cr.heating(cool, point, cr.simulate(cool, point))
+    found = cr.models.heating(cool, point, simulate_reference(cool, point))
+    fast = cr.models.heating(cool, point, cr.simulate(cool, point))
     assert (found.returned, found.leak_factor) == pytest.approx((fast.returned, fast.leak_factor))
     assert np.isnan(found.control_chamber)
     assert found.effect is None
@@ -144,16 +144,16 @@ def test_at_the_ends_of_the_fuels_range(cool: cr.Injector, solution: cr.Solution
     """A jet may be colder than the fuel was; a fuel that would leave its range has no effect that could be stated."""
     low, high = cool.fuel.temperature_range
     fast = cool.with_values({"fuel.temperature": low, "nozzle.discharge_maximum": 0.99, "nozzle.hole_diameter": 90e-6})
-    cold = cr.heating(fast, POINT, cr.simulate(fast, POINT))
+    cold = cr.models.heating(fast, POINT, cr.simulate(fast, POINT))
     assert cold.jet < low < cold.injected
-    hot = cr.heating(cool.with_values({"fuel.temperature": high}), POINT, solution)
+    hot = cr.models.heating(cool.with_values({"fuel.temperature": high}), POINT, solution)
     assert hot.beyond
     assert hot.effect is None
 
 
 def test_an_adiabatic_fuel_is_hotter_in_the_rail(cool: cr.Injector, solution: cr.Solution) -> None:
     fuel = replace(cr.load_fuel("n-dodecane"), adiabatic=True)
-    found = cr.heating(replace(cool, fuel=fuel), POINT, solution, effect=False)
+    found = cr.models.heating(replace(cool, fuel=fuel), POINT, solution, effect=False)
     assert 14.0 < found.rail - T < 19.0  # CoolProp: 14.5 K to 100 MPa, 20.9 K to 160 MPa
 
 
@@ -179,5 +179,5 @@ def test_a_fuel_without_heat_capacity_says_so(cool: cr.Injector, solution: cr.So
 def test_the_solution_of_another_point_is_refused(
     cool: cr.Injector, solution: cr.Solution, other: cr.OperatingPoint
 ) -> None:
-    with pytest.raises(cr.ConfigurationError, match="The solution is of another point"):
-        cr.heating(cool, other, solution, effect=False)
+    with pytest.raises(cr.errors.ConfigurationError, match="The solution is of another point"):
+        cr.models.heating(cool, other, solution, effect=False)

@@ -12,7 +12,6 @@ from scipy.interpolate import RegularGridInterpolator
 
 import commonrail as cr
 from commonrail.base.arrays import Floats
-from commonrail.plugins.maps import run
 from commonrail.plugins.maps.adjust import monotone, smooth
 from commonrail.plugins.maps.ecu_file import read_ecu_maps
 from commonrail.plugins.maps.file import write_map_file
@@ -44,9 +43,9 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Made:
 
     def build(law: Callable[[Floats, Floats], Floats], **options: Any) -> InjectionMap:
         respond = lambda injector, rail, time, conditions: Response(law(rail, time), np.ones(len(time)))  # noqa: E731
-        monkeypatch.setattr(run, "respond", respond)
+        monkeypatch.setattr("commonrail.plugins.maps.response.respond", respond)
         axes: Any = {"pressures": PRESSURES, "times": TIMES, "quantities": QUANTITIES}
-        return cr.map(cr.load_injector("virtual-lino-2016"), **axes | options)
+        return cr.maps.quantity_map(cr.load_injector("virtual-lino-2016"), **axes | options)
 
     return build
 
@@ -148,5 +147,5 @@ def test_quantities_are_interpolated_and_nothing_is_extrapolated(made: Made) -> 
     assert np.isnan(found.quantity([70e6, 130e6, 100e6, 100e6], [5e-4, 5e-4, 1.1e-3, -1e-6])).all()
     assert np.isnan(found.energising_time([70e6, 100e6, 100e6], [1e-9, 1e-6, -1e-9])).all()
     assert found.energising_time(100e6, 0.0) == 0.0
-    with pytest.raises(cr.ConfigurationError):
+    with pytest.raises(cr.errors.ConfigurationError):
         found.quantity([80e6, 90e6], [1e-4, 2e-4, 3e-4])

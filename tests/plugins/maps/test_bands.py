@@ -109,7 +109,7 @@ def test_quantities_at_a_stated_density_have_bands_at_that_of_the_map(run: Path,
 
 def test_another_injector_than_the_calibrated_one_has_no_bands(run: Path, found: InjectionMap) -> None:
     other = replace(found, injector=found.injector.with_values({"control_chamber.a_hole_diameter": 0.2e-3}))
-    with pytest.raises(cr.ConfigurationError, match="omit the changes or the bands"):
+    with pytest.raises(cr.errors.ConfigurationError, match="omit the changes or the bands"):
         with_bands(other, *read_fit(run))
 
 

@@ -16,7 +16,9 @@ def test_axes_and_conditions_are_read_with_their_units(monkeypatch: pytest.Monke
     monkeypatch.setattr(run, "injection_map", lambda *given: asked.append(given))
     injector = cr.load_injector("virtual-lino-2016")
     axes_given = {"pressures": ["80 MPa", 160e6], "times": ["300 us"], "quantities": ["1 mm3"]}
-    cr.map(injector, **axes_given, cylinder_pressure="50 bar", smooth="0.1 mm3", resolution=("0.4 us", None))  # type: ignore[arg-type]
+    cr.maps.quantity_map(
+        injector, **axes_given, cylinder_pressure="50 bar", smooth="0.1 mm3", resolution=("0.4 us", None)
+    )  # type: ignore[arg-type]
     ((model, axes, conditions, rules, progress, adjustment),) = asked
     assert adjustment == (pytest.approx(1e-10), False, pytest.approx(4e-7), None)
     assert model is injector
@@ -24,13 +26,23 @@ def test_axes_and_conditions_are_read_with_their_units(monkeypatch: pytest.Monke
     assert axes.energising_time == pytest.approx([300e-6])
     assert axes.quantity == pytest.approx([1e-9])
     assert conditions.cylinder_pressure == pytest.approx(5e6)
-    assert (rules.several, rules.beyond, progress) == (cr.Several.NEIGHBOURS, cr.Beyond.EXTRAPOLATE, None)
+    assert (rules.several, rules.beyond, progress) == (cr.maps.Several.NEIGHBOURS, cr.maps.Beyond.EXTRAPOLATE, None)
+
+
+def test_a_rule_may_be_its_word(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr(run, "injection_map", lambda *given: asked.append(given[3]))
+    injector = cr.load_injector("virtual-lino-2016")
+    cr.maps.quantity_map(injector, several="shortest", beyond="hold")  # type: ignore[arg-type]
+    assert asked == [(cr.maps.Several.SHORTEST, cr.maps.Beyond.HOLD)]
+    with pytest.raises(cr.errors.ConfigurationError):
+        cr.maps.quantity_map(injector, several="small")  # type: ignore[arg-type]
 
 
 def test_a_sweep_has_variables_and_a_base(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[cr.Injector, list[Variable], Base]] = []
     monkeypatch.setattr(run, "swept", lambda *given: asked.append(given))
-    cr.sweep(
+    cr.maps.sweep(
         cr.load_injector("virtual-lino-2016"),
         {"dwell": ["300 us", "600 us"], "temperature": "40 degC"},
         first_energising_time="350 us",
@@ -45,12 +57,12 @@ def test_a_sweep_has_variables_and_a_base(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_what_cannot_be_used_is_refused() -> None:
     injector = cr.load_injector("virtual-lino-2016")
-    with pytest.raises(cr.ConfigurationError, match="There is no rail of an operating point"):
-        cr.sweep(injector, {"dwell": ["1 ms"]}, rail="1 MPa")
-    with pytest.raises(cr.ConfigurationError, match="must increase strictly"):
-        cr.map(injector, pressures=["160 MPa", "80 MPa"])
+    with pytest.raises(cr.errors.ConfigurationError, match="There is no rail of an operating point"):
+        cr.maps.sweep(injector, {"dwell": ["1 ms"]}, rail="1 MPa")
+    with pytest.raises(cr.errors.ConfigurationError, match="must increase strictly"):
+        cr.maps.quantity_map(injector, pressures=["160 MPa", "80 MPa"])
     for resolution in ("0.4 us", ("0.4 us",), ("0.4 mm3", None), (0.0, None)):
-        with pytest.raises(cr.ConfigurationError):
-            cr.map(injector, resolution=resolution)  # type: ignore[arg-type]
-    with pytest.raises(cr.ConfigurationError, match="model"):
-        cr.map("virtual-lino-2016")  # type: ignore[arg-type]
+        with pytest.raises(cr.errors.ConfigurationError):
+            cr.maps.quantity_map(injector, resolution=resolution)  # type: ignore[arg-type]
+    with pytest.raises(cr.errors.ConfigurationError, match="model"):
+        cr.maps.quantity_map("virtual-lino-2016")  # type: ignore[arg-type]

@@ -14,7 +14,7 @@ from commonrail.plugins.maps.run import InjectionMap, injection_map
 @pytest.fixture(scope="module")
 def found() -> InjectionMap:
     injector = cr.load_injector("virtual-lino-2016")
-    axes = cr.MapAxes(np.array([80e6, 160e6]), np.array([5e-9, 20e-9]), np.array([300e-6, 700e-6, 1000e-6]))
+    axes = cr.maps.MapAxes(np.array([80e6, 160e6]), np.array([5e-9, 20e-9]), np.array([300e-6, 700e-6, 1000e-6]))
     return injection_map(injector, axes)
 
 
@@ -31,9 +31,9 @@ def test_a_line_of_equal_quantity_injects_that_quantity_at_every_rail_pressure(f
 
 
 def test_measured_points_are_sorted_by_their_relative_error(found: InjectionMap) -> None:
-    rail, time, volume = np.full(3, 160e6), np.array([4e-4, 5e-4, 6e-4]), np.full(3, 10e-9)
-    measured = MeasuredMap(rail, time, volume)
-    compared = Comparison(measured, "bench.csv", volume * np.array([1.01, 0.9, 2.0]))
+    rail, time, volume = np.full(4, 160e6), np.array([4e-4, 5e-4, 6e-4, 1e-4]), np.array([1e-8, 1e-8, 1e-8, 0.0])
+    measured = MeasuredMap(rail, time, volume)  # the last has no relative error
+    compared = Comparison(measured, "bench.csv", volume * np.array([1.01, 0.9, 2.0, 1.0]))
     panel = map_figures({"model": found}, compared)[1][0].panels[0]
     marks = {s.label: s.x and s.y for s in panel.series if s.look == "measured"}
     assert marks == {

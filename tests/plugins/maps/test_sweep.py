@@ -29,7 +29,7 @@ from commonrail.plugins.maps.sweep import (
 )
 from commonrail.plugins.maps.sweep_file import sweep_record
 from commonrail.plugins.maps.sweep_page import sweep_lines
-from commonrail.plugins.maps.table import compensation_tables
+from commonrail.plugins.maps.table import held_tables
 
 INJECTOR = cr.load_injector("virtual-lino-2016")
 CONDITIONS = Conditions(threads=1)
@@ -127,7 +127,7 @@ def test_one_bad_point_of_many_is_refused_with_its_sentence(name: str, value: fl
     usual = {"rail_pressure": 80e6, "cylinder_pressure": 5e6, "return_pressure": 5e5, "dwell": 1e-3}
     columns[name] = np.full(5, usual.get(name, 4e-4))
     columns[name][3] = value
-    with pytest.raises(cr.ConfigurationError, match=word):
+    with pytest.raises(cr.errors.ConfigurationError, match=word):
         TWO.points(columns)
 
 
@@ -148,7 +148,7 @@ def test_points_are_simulated_some_at_a_time_to_the_same_bits(monkeypatch: pytes
 def test_a_point_that_the_fuel_does_not_cover_is_refused_wherever_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("commonrail.plugins.maps.response.AT_A_TIME", 1)
     too_high = Variable("rail_pressure", "Pa", np.array([60e6, 80e6, 900e6]))
-    with pytest.raises(cr.ConfigurationError, match="The rail pressure reaches 900 MPa, but the fuel"):
+    with pytest.raises(cr.errors.ConfigurationError, match="The rail pressure reaches 900 MPa, but the fuel"):
         sweep(INJECTOR, [too_high], TWO)
 
 
@@ -195,7 +195,7 @@ def test_a_first_injection_that_failed_alone_is_told() -> None:
 
 
 def test_where_nothing_can_be_simulated_the_most_frequent_reason_is_told() -> None:
-    with pytest.raises(cr.SimulationError, match=r"could be simulated\. The time step is too long"):
+    with pytest.raises(cr.errors.SimulationError, match=r"could be simulated\. The time step is too long"):
         sweep(INJECTOR, [STIFF._replace(values=np.array([1e14, 2e14]))], SINGLE)
     statuses = np.array([[Status.RAN_AWAY, Status.NOT_FINITE, Status.NOT_FINITE]])
     assert most_frequent(statuses) == reason_of(Status.NOT_FINITE)
@@ -206,7 +206,7 @@ def test_where_nothing_can_be_simulated_the_most_frequent_reason_is_told() -> No
 )
 def test_a_value_is_refused_with_the_sentence_that_a_simulation_has(name: str, unit: str, value: float) -> None:
     sound = INJECTOR.values[name]
-    with pytest.raises((cr.ConfigurationError, cr.InputError)) as alone:
+    with pytest.raises((cr.errors.ConfigurationError, cr.errors.InputError)) as alone:
         cr.simulate(INJECTOR.with_values({name: value}), cr.OperatingPoint(160e6, 500e-6))
     with pytest.raises(type(alone.value)) as swept:
         sweep(INJECTOR, [Variable(name, unit, np.array([sound, value]))], SINGLE)
@@ -215,19 +215,19 @@ def test_a_value_is_refused_with_the_sentence_that_a_simulation_has(name: str, u
 
 def test_a_count_is_swept_over_whole_numbers() -> None:
     with pytest.raises(
-        cr.ConfigurationError, match=r"nozzle\.holes counts pieces and must be a whole number, not 6\.5"
+        cr.errors.ConfigurationError, match=r"nozzle\.holes counts pieces and must be a whole number, not 6\.5"
     ):
         sweep(INJECTOR, [Variable("nozzle.holes", "1", np.array([6.0, 6.5, 7.0]))], SINGLE)
 
 
 def test_a_parameter_of_another_kind_of_injector_is_refused() -> None:
-    name = next(n for n in cr.parameter_quantities() if n not in INJECTOR.quantities)
-    with pytest.raises(cr.ConfigurationError, match=f"there is no parameter {name}"):
+    name = next(n for n in cr.models.parameter_quantities() if n not in INJECTOR.quantities)
+    with pytest.raises(cr.errors.ConfigurationError, match=f"there is no parameter {name}"):
         sweep(INJECTOR, [Variable(name, "1", np.array([1.0]))], SINGLE)
 
 
 def test_a_first_injection_of_no_length_is_refused() -> None:
-    with pytest.raises(cr.ConfigurationError, match="must be greater than zero"):
+    with pytest.raises(cr.errors.ConfigurationError, match="must be greater than zero"):
         sweep(INJECTOR, [Variable("first_energising_time", "s", np.array([0.0, 3e-4]))], TWO)
 
 
@@ -272,7 +272,7 @@ def test_compensated_times_hold_the_second_quantity() -> None:
         pulses = [(0.0, 300e-6), (300e-6 + dwell, float(time))]
         second = cr.simulate(INJECTOR, cr.OperatingPoint(160e6, pulses)).injected_volume - first
         assert second == pytest.approx(5e-9, abs=0.02e-9)
-    tables = compensation_tables(found, "tiSecond")
+    tables = held_tables(found, "tiSecond", change=False)
     assert [t.label for t in tables] == ["tiSecond_800us", "tiSecond_2000us"]
     assert tables[0].values[0, 0] == pytest.approx(found.energising_time[0, 0, 0] * 1e6, abs=6e-4)
 
@@ -280,7 +280,7 @@ def test_compensated_times_hold_the_second_quantity() -> None:
 def test_energising_times_over_a_condition_deliver_the_quantity_under_it() -> None:
     """A parameter, and a pressure of the operating point."""
     for name, values in {"fuel.temperature": [300.0, 340.0], "return_pressure": [0.1e6, 1e6]}.items():
-        found = cr.hold(INJECTOR, {name: values, "rail_pressure": [120e6]}, ["2 mm3"], longest="500 us")
+        found = cr.maps.hold(INJECTOR, {name: values, "rail_pressure": [120e6]}, ["2 mm3"], longest="500 us")
         assert found.energising_time.shape == (2, 1, 1)
         for value, time in zip(values, found.energising_time.ravel().tolist(), strict=True):
             of_point: dict[str, Any] = {name: value} if name in OPERATING else {}
@@ -300,7 +300,7 @@ def test_names_of_variables_are_those_of_the_operating_point_and_of_parameters()
     assert unit_of("rail-pressure") == ("rail_pressure", "Pa")
     assert unit_of("temperature") == ("fuel.temperature", "K")
     assert unit_of("valve.spring_preload") == ("valve.spring_preload", "N")
-    with pytest.raises(cr.ConfigurationError, match='did you mean "dwell"'):
+    with pytest.raises(cr.errors.ConfigurationError, match='did you mean "dwell"'):
         unit_of("dwel")
 
 
@@ -314,21 +314,21 @@ def test_names_of_variables_are_those_of_the_operating_point_and_of_parameters()
 )
 def test_a_sweep_that_makes_no_sense_is_refused(names: list[str], base: Base, word: str) -> None:
     variables = [Variable(name, "s", np.array([1e-3])) for name in names]
-    with pytest.raises(cr.ConfigurationError, match=word):
+    with pytest.raises(cr.errors.ConfigurationError, match=word):
         sweep(INJECTOR, variables, base)
 
 
 def test_a_sweep_without_a_sound_simulation_is_refused() -> None:
     base = SINGLE._replace(conditions=CONDITIONS._replace(time_step=50e-6))
-    with pytest.raises(cr.SimulationError, match=r"sweep could be simulated\. The time step is too long"):
+    with pytest.raises(cr.errors.SimulationError, match=r"sweep could be simulated\. The time step is too long"):
         sweep(INJECTOR, [Variable("rail_pressure", "Pa", np.array([160e6]))], base)
 
 
 def test_a_parameter_that_the_variant_does_not_read_is_refused() -> None:
     volume = Variable("rail.volume", "m3", np.array([10e-6, 20e-6]))  # of an ideal rail: both would give the same
-    with pytest.raises(cr.ConfigurationError, match=r"does not read rail\.volume; .*@volume"):
+    with pytest.raises(cr.errors.ConfigurationError, match=r"does not read rail\.volume; .*@volume"):
         sweep(INJECTOR, [volume], SINGLE)
     direct = cr.load_injector("direct-acting-kr")
     back = Variable("return_pressure", "Pa", np.array([0.5e6, 1e6]))
-    with pytest.raises(cr.ConfigurationError, match="has no return"):
+    with pytest.raises(cr.errors.ConfigurationError, match="has no return"):
         sweep(direct, [back], SINGLE)

@@ -62,7 +62,7 @@ def test_a_delay_that_all_curves_share_is_one_free_meter(delay: float, rates: Ra
     assert free.reference == pytest.approx(1e-6 * delay, abs=15e-6)  # three samples of a curve
     assert free.lower < 1e-6 * delay < free.upper
     assert "meters.bench.delay" in record["assumed"]
-    assert cr.check_study(study) == ()
+    assert cr.fit.check_study(study) == ()
 
 
 @pytest.mark.parametrize("late", [lambda rail: 0.0, lambda rail: 500.0 - 0.3 * rail, lambda rail: 60.0])
@@ -101,7 +101,7 @@ def test_a_rate_is_doubted_to_be_a_volume_where_something_says_so(
     words = write(tmp_path, rates, lambda _: 0.0, gain, head) + (write_map(tmp_path, rates) if with_map else [])
     record = new(tmp_path, words)
     assert ("data[1].rate_unit" in record["assumed"]) is doubted
-    codes = [finding.code for finding in cr.check_study(cr.load_study(tmp_path / "s" / "study.toml"))]
+    codes = [finding.code for finding in cr.fit.check_study(cr.load_study(tmp_path / "s" / "study.toml"))]
     assert ("unit" in codes) is (doubted and with_map)
 
 

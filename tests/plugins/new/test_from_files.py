@@ -76,7 +76,7 @@ def test_the_study_that_is_written_reads_all_files_after_a_few_edits(walked: lis
     assert [d.points[0].pulses[0].duration for d in shots] == pytest.approx([1e-6 * t for _, t in SHOT_POINTS])
     assert all("mean of 25 shots" in d.source and d.noise.sigma is not None for d in shots)
     january, march = (d for d in data if d.kind == "quantities")
-    assert [january.role, march.role] == [cr.Role.FIT, cr.Role.VALIDATION]
+    assert [january.role, march.role] == [cr.data.Role.FIT, cr.data.Role.VALIDATION]
     assert january.weight > max(d.weight for d in rates)  # 20 points beside 2400 samples
     # The same injector on both days, a noise of 0.1 mm³: six standard deviations of the difference are allowed.
     assert sorted(march.measured) == pytest.approx(sorted(january.measured), abs=6.0 * 0.1e-9 * 2.0**0.5)
@@ -104,7 +104,7 @@ def test_what_no_file_tells_is_named_and_not_invented(bench: Path, tmp_path: Pat
     assert done.status == 0, done.err
     assert "state in" in done.out
     assert "study.toml: cylinder_pressure, return_pressure\n" in done.out  # once, whatever the number of files
-    with pytest.raises(cr.InputError, match=r'study\.toml, cylinder_pressure: "\?"'):
+    with pytest.raises(cr.errors.InputError, match=r'study\.toml, cylinder_pressure: "\?"'):
         cr.load_study(tmp_path / "s" / "study.toml")
 
 
@@ -115,7 +115,7 @@ def test_the_offset_of_a_trigger_is_to_be_stated(bench: Path, tmp_path: Path) ->
     assert done.status == 0, done.err
     assert f"state in {tmp_path / 's' / 'study.toml'}: data[1].shots.offset" in done.out.splitlines()
     assert "# STATE IT: offset, from the trigger" in (tmp_path / "s" / "study.toml").read_text(encoding="utf-8")
-    with pytest.raises(cr.InputError, match=r'data\[1\]\.shots\.offset: "\?"'):
+    with pytest.raises(cr.errors.InputError, match=r'data\[1\]\.shots\.offset: "\?"'):
         cr.load_study(tmp_path / "s" / "study.toml")
 
 

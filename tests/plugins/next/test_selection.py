@@ -21,20 +21,19 @@ def polynomial(degree: int, criterion: Criterion, places: Floats = GRID, prior: 
     powers = places[:, None] ** np.arange(degree + 1)
     d = degree + 1
     aims = powers if criterion is Criterion.V else np.eye(d)
-    return Problem(criterion, prior * np.eye(d)[None], powers[None, :, None, :], aims[None])
+    return Problem(criterion, prior * np.eye(d), powers[:, None, :], aims)
 
 
 def free(problem: Problem, most: int, *, repeat: bool = True) -> Rules:
-    many = problem.rows.shape[1]
+    many = len(problem.rows)
     blocked = np.zeros((many, many), bool) if repeat else np.eye(many, dtype=bool)
     return Rules(np.ones(many), np.zeros(many, int), 0.0, blocked, most)
 
 
 def random_problem(criterion: Criterion, seed: int = 0) -> Problem:
-    """Three draws of four parameters, nine candidates of two values each."""
+    """Four parameters, nine candidates of two values each."""
     rng = np.random.default_rng(seed)
-    aims = rng.standard_normal((3, 3, 4))
-    return Problem(criterion, np.tile(0.3 * np.eye(4), (3, 1, 1)), rng.standard_normal((3, 9, 2, 4)), aims)
+    return Problem(criterion, 0.3 * np.eye(4), rng.standard_normal((9, 2, 4)), rng.standard_normal((3, 4)))
 
 
 def test_a_straight_line_is_measured_at_its_ends() -> None:
@@ -111,10 +110,9 @@ def test_an_error_that_measurements_share_is_that_of_generalised_least_squares()
     """A column with unit prior information against the inverse of the whole covariance of the values."""
     rng = np.random.default_rng(4)
     slopes, shared = rng.standard_normal((6, 2)), rng.standard_normal((6, 1))
-    rows = np.hstack([slopes, shared])[None, :, None, :]
-    information = np.diag([0.1, 0.1, 1.0])[None]
-    problem = Problem(Criterion.A, information, rows, np.eye(3)[None, :2])
+    rows = np.hstack([slopes, shared])[:, None, :]
+    problem = Problem(Criterion.A, np.diag([0.1, 0.1, 1.0]), rows, np.eye(3)[:2])
     plan = [0, 2, 3, 5]
     whole = np.eye(4) + shared[plan] @ shared[plan].T
     expected = np.linalg.inv(0.1 * np.eye(2) + slopes[plan].T @ np.linalg.solve(whole, slopes[plan]))
-    np.testing.assert_allclose(problem.covariance(plan)[0, :2, :2], expected, rtol=1e-10)
+    np.testing.assert_allclose(problem.covariance(plan)[:2, :2], expected, rtol=1e-10)

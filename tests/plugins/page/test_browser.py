@@ -235,7 +235,7 @@ def test_measured_maps_are_those_of_the_engine(run_folder: Path, browser: Browse
     meter = cr.Meter("balance", {"gain": 1.02, "quantity_offset": "0.1 mm3"})
     dead = np.array([False, False, False, True, False, False])
     data = cr.QuantityData(
-        "map", cr.Role.FIT, points, quantity, 1e-10, 0.02, dead, 1.0, "", "", math.nan, 5e-6, meter=meter
+        "map", cr.data.Role.FIT, points, quantity, 1e-10, 0.02, dead, 1.0, "", "", math.nan, 5e-6, meter=meter
     )
     subject = replace(subject, maps=(data,))
     (tmp_path / "map.html").write_text(page_html(subject), encoding="utf-8")
@@ -286,7 +286,7 @@ def test_the_toml_is_the_injector_of_the_sliders(page: Browser, subject: Subject
     kelvin = page.evaluate("commonrail.model.temperature.nodes[commonrail.state().temperature]")
     moved = {"plunger_needle.k1": 150e6, "fuel.temperature": kelvin}
     assert injector.values == pytest.approx({**subject.injector.values, **moved}, rel=1e-15)
-    assert injector.sources["plunger_needle.k1"] == cr.Source("E", "set on a bench page")
+    assert injector.sources["plunger_needle.k1"] == cr.models.Source("E", "set on a bench page")
     assert injector.sources["plunger_needle.k2"] == cr.load_injector("virtual-lino-2016").sources["plunger_needle.k2"]
 
 
@@ -478,7 +478,7 @@ def test_an_injector_that_follows_a_current_is_that_of_the_engine(browser: Brows
     bounds = np.linspace(0.0, 1.8e-3, 181)
     solution = cr.simulate(injector, point)
     rate = np.diff(np.interp(bounds, solution.time, solution.injected)) / np.diff(bounds) / solution.reference_density
-    data = cr.RateData("traced", cr.Role.FIT, point, bounds, rate, 1.0, "simulated", "simulated, not measured")
+    data = cr.RateData("traced", cr.data.Role.FIT, point, bounds, rate, 1.0, "simulated", "simulated, not measured")
     slider = Slider("valve.spring_preload", 60.0, 80.0)
     subject = Subject("traced", injector, (slider,), 1e-6, {}, (data,), (), None)
     (tmp_path / "traced.html").write_text(page_html(subject), encoding="utf-8")

@@ -157,12 +157,14 @@ def test_a_direct_acting_injector_has_a_page_too(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_read_is_a_sentence(text: str, more: tuple[str, ...], sentence: str) -> None:
-    with pytest.raises(cr.InputError, match=sentence):
+    with pytest.raises(cr.errors.InputError, match=sentence):
         read_subject(text, more)
 
 
 def test_an_injector_that_follows_a_trace_is_refused(tmp_path: Path) -> None:
     injector = replace(cr.load_injector("virtual-lino-2016"), variant=Variant(drive=Drive.CURRENT))
     cr.dump_injector(injector, tmp_path / "traced.toml")
-    with pytest.raises(cr.ConfigurationError, match="follows a measured current trace, which the file does not hold"):
+    with pytest.raises(
+        cr.errors.ConfigurationError, match="follows a measured current trace, which the file does not hold"
+    ):
         read_subject(str(tmp_path / "traced.toml"))

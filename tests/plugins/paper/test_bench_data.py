@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from commonrail.base.errors import InputError
-from commonrail.plugins.paper.bench import Truth, bench_curve
-from commonrail.plugins.paper.bench_file import ENERGISING_TIME, load_truth, write_bench_data
+from commonrail.plugins.paper.bench import ENERGISING_TIME, Truth, bench_curve
+from commonrail.plugins.paper.bench_file import load_truth, virtual_bench
 from commonrail.readers.columns import Column
 from commonrail.readers.injector import load_injector
 from commonrail.readers.tables import read_columns
@@ -27,7 +27,7 @@ def truth() -> Truth:
 
 @pytest.fixture(scope="module")
 def written(truth: Truth, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    return write_bench_data(tmp_path_factory.mktemp("case"), SEED, truth)
+    return virtual_bench(tmp_path_factory.mktemp("case"), SEED, truth)
 
 
 def test_a_case_has_three_curves(written: list[Path]) -> None:
@@ -70,7 +70,7 @@ def test_a_place_that_cannot_be_written_is_refused(
     monkeypatch.setattr("commonrail.plugins.paper.bench_file.bench_curve", lambda *_: curve)
     (tmp_path / "data").write_text("a file")
     with pytest.raises(InputError, match=r"the data cannot be written \(.*\); name another folder"):
-        write_bench_data(tmp_path, SEED, truth)
+        virtual_bench(tmp_path, SEED, truth)
 
 
 def test_a_file_that_the_bench_has_not_made_stays(tmp_path: Path) -> None:
@@ -78,6 +78,6 @@ def test_a_file_that_the_bench_has_not_made_stays(tmp_path: Path) -> None:
     own.parent.mkdir()
     own.write_text("my measurement")
     with pytest.raises(InputError, match=r"evi_120MPa.csv: this file was not made by the virtual test bench"):
-        write_bench_data(tmp_path, 1)
+        virtual_bench(tmp_path, 1)
     assert own.read_text() == "my measurement"
     assert len(list(own.parent.iterdir())) == 1

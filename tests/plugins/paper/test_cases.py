@@ -17,8 +17,8 @@ from commonrail.data.quantities.returned import ReturnData
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.simulate import simulate_batch
 from commonrail.plugins.family.study import load_family
-from commonrail.plugins.paper.bench import bench_curve
-from commonrail.plugins.paper.bench_file import ENERGISING_TIME, load_truth
+from commonrail.plugins.paper.bench import ENERGISING_TIME, bench_curve
+from commonrail.plugins.paper.bench_file import load_truth
 from commonrail.readers.injector import load_injector
 from tools.make_fleet import QUANTITY_NOISE
 

@@ -62,7 +62,7 @@ class Sample:
         default_factory=lambda: {p: {k: each(1.0 if "rigid" in k else 5.0) for k in LABELS} for p in PRESSURES}
     )
     theoretical_opening: float = 5e-6
-    pinned: str = "pinned"
+    verdict: str = "determined"
     random_change: np.ndarray = field(default_factory=lambda: np.array([[1.5, 0.5, 0.02, 0.5, 0.1, 0.9, 0.1]] * 4))
     k6_high_at_random: float = 0.4
 
@@ -89,7 +89,7 @@ class Sample:
 
     def verdicts(self, parameter: int) -> dict[str, int]:
         assert 0 <= parameter < 7
-        return {self.pinned: N}
+        return {self.verdict: N}
 
 
 def claim(sample: Sample, name: str) -> Claim:
@@ -299,6 +299,6 @@ def test_holms_correction_is_that_of_the_textbook() -> None:
 
 
 def test_a_stiffness_that_is_not_pinned_down_is_said_to_be_so() -> None:
-    found = claim(flat(pinned="only in combination"), "near-theory")
+    found = claim(flat(verdict="only in combination"), "near-theory")
     assert "does not determine them" in found.comment
     assert "does not determine them" not in claim(Sample(), "near-theory").comment

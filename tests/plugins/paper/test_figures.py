@@ -10,7 +10,7 @@ import pytest
 from commonrail.base.choices import Body
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.study import Method, Study
-from commonrail.plugins.certainty.run import certify
+from commonrail.plugins.certainty.run import certainty as certify
 from commonrail.plugins.paper import study as paper
 from commonrail.plugins.paper.figures import Figures, box
 from commonrail.plugins.paper.file import reproduction_record
@@ -120,7 +120,7 @@ def test_no_seed_pins_k7_while_the_study_knows_no_meter(done: Reproduction) -> N
     k7 = reproduction_record(done)["table1"][6]
     assert k7["truth"] == pytest.approx(paper.TABLE1_OPTIMAL[paper.NAMES[6]])
     assert k7["covered"] < k7["intervals"] == len(done.repetitions)
-    assert "pinned" not in k7["verdicts"]
+    assert "determined" not in k7["verdicts"]
 
 
 @pytest.mark.parametrize(("low", "high", "expected"), [
@@ -134,5 +134,7 @@ def test_no_seed_pins_k7_while_the_study_knows_no_meter(done: Reproduction) -> N
 def test_an_interval_covers_the_truth_up_to_its_ends(
     done: Reproduction, low: float | None, high: float | None, expected: tuple[int, int]
 ) -> None:
-    one = replace(done.repetitions[0], identified={paper.NAMES[2]: {"lower": low, "upper": high, "verdict": "pinned"}})
+    one = replace(
+        done.repetitions[0], identified={paper.NAMES[2]: {"lower": low, "upper": high, "verdict": "determined"}}
+    )
     assert Figures((one,)).covers(2, 2.0) == expected

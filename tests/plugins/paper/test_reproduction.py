@@ -94,9 +94,9 @@ def test_what_the_meter_changes_stands_beside_the_fit_without_it() -> None:
 
 def test_table_1_is_in_newtons_per_micrometre() -> None:
     found = rows(tables.table1(record()))
-    assert found[0] == ["k1", "100", "150", "123 (111–136)", "120", "2 of 2", "+50", "−25", "5.5", "pinned: 2"]
+    assert found[0] == ["k1", "100", "150", "123 (111–136)", "120", "2 of 2", "+50", "−25", "5.5", "determined: 2"]
     assert found[6][4:6] == ["840", "0 of 2"]
-    assert found[6][9] == "only in combination: 1; withdrawn: 1"
+    assert found[6][9] == "only in combination: 1; not confirmed: 1"
     assert found[6][8] == MISSING  # no standard error
 
 

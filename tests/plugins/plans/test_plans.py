@@ -17,7 +17,7 @@ from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
 from commonrail.plugins.plans.data import PlanData
 from commonrail.plugins.plans.page import part_verdict
-from commonrail.plugins.plans.run import run_plan
+from commonrail.plugins.plans.run import plan as run_plan
 from commonrail.plugins.plans.study import Bands, Measure, PlanTest, State, TestPlan, load_plan
 from commonrail.readers.injector import load_injector
 from tests.cli.conftest import Command

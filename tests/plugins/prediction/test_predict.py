@@ -48,7 +48,7 @@ def test_points_have_the_bands_of_data_at_the_same_points(file: Path) -> None:
     study = load_study(file)
     best = {study.space.names[0]: A_HOLE}
     of_data = cr.predict(study, best, threads=1)
-    held = next(band for band in of_data.bands if band.data.role is cr.Role.VALIDATION)
+    held = next(band for band in of_data.bands if band.data.role is cr.data.Role.VALIDATION)
     asked = cr.predict(study, best, held.data.points, threads=1).bands[0]
     np.testing.assert_array_equal(asked.values, held.values)
     for level in of_data.levels:

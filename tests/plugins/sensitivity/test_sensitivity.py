@@ -19,13 +19,13 @@ from commonrail.engine.simulate import simulate
 from commonrail.engine.status import OK, Status
 from commonrail.physics.injector import Injector
 from commonrail.plugins.features.table import FEATURES
-from commonrail.plugins.sensitivity.file import Sensitivity
+from commonrail.plugins.sensitivity.file import Effect, OutputSensitivity, Range, Sensitivity
 from commonrail.plugins.sensitivity.run import CONSTRAINTS, Progress, sensitivity, study_of_model
+from commonrail.plugins.sensitivity.settings import SensitivitySettings
 from commonrail.plugins.sensitivity.study import (
     NO_EVENT,
     Evaluated,
     Output,
-    SensitivitySettings,
     codes_of,
     default_names,
     parameters_within,
@@ -55,8 +55,12 @@ class Steep:
 
 def studied(limit: float, **settings: object) -> Sensitivity:
     how = SensitivitySettings(samples=64, **settings)  # type: ignore[arg-type]
-    empty = Sensitivity("made up", "none", "made up", tuple(SPACE.parameters), how)
+    empty = Sensitivity("made up", "none", "made up", tuple(map(Range.of, SPACE.parameters)), how)
     return study_of_model(Steep(limit), SPACE, empty)
+
+
+def _of(output: OutputSensitivity, name: str) -> Effect:
+    return next(effect for effect in output.parameters if effect.name == name)
 
 
 @pytest.mark.parametrize("design", ["sobol", "morris"])
@@ -66,9 +70,10 @@ def test_failed_simulations_are_counted_with_their_reason_and_their_place(design
     assert output.failed.number > 0
     assert output.failed.reasons == {Status.RAN_AWAY.sentence: output.failed.number}
     assert output.failed.where == "high a"
-    assert output.ranking is not None
-    assert output.tornado.high == (None, 2.5)  # a = 1 fails, and says so
-    assert output.tornado.missing == Status.RAN_AWAY.sentence
+    assert output.estimated
+    ends = {effect.name: effect.high for effect in output.parameters}
+    assert ends == {"a": None, "b": 2.5}  # a = 1 fails, and says so
+    assert output.missing == Status.RAN_AWAY.sentence
     json.dumps(found.record(), allow_nan=False)
     assert all(value == value for row in found.rows() for value in row.values())
 
@@ -112,7 +117,7 @@ def test_features_are_those_of_single_simulations(pwm: Injector) -> None:
             float(np.max(alone.channels["needle_lift"])),
             float(np.mean(alone.rate[late])),
         ]
-        values = [o.tornado.base if ends == "base" else o.tornado.high[0] for o in found.outputs]
+        values = [o.base if ends == "base" else _of(o, names[0]).high for o in found.outputs]
         # a batch ends when the needle has rested, which leaves leakage out of the return: see simulate_batch
         assert [values[i] for i in (0, 2, 3, 4, 5)] == pytest.approx([expected[i] for i in (0, 2, 3, 4, 5)], rel=1e-9)
         assert values[6] == pytest.approx(expected[6], rel=1e-6)
@@ -137,8 +142,8 @@ def test_the_objective_of_a_study_is_that_of_its_fitted_data(pwm: Injector) -> N
     seen = fit.changed(name="seen", role=Role.VALIDATION, quantity=np.array([2e-8]))
     settings = SensitivitySettings(samples=8)
     studies = [study(pwm, data, free={"nozzle.hole_diameter": "2 %"}) for data in ([fit], [fit, seen])]
-    alone, both = (sensitivity(one, settings=settings).outputs[0].tornado for one in studies)
-    assert both == alone
+    alone, both = (sensitivity(one, settings=settings).outputs[0] for one in studies)
+    assert (both.base, both.parameters) == (alone.base, alone.parameters)
 
 
 def test_a_needle_that_never_opens_is_counted_and_not_a_number(pwm: Injector) -> None:

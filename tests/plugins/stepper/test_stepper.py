@@ -123,9 +123,9 @@ def test_a_failed_step_leaves_the_state_as_it_was(pwm: Injector) -> None:
     stepper = cr.Stepper(pwm, POINT)
     stepper.step("100 us")
     before = stepper.states
-    with pytest.raises(cr.ConfigurationError, match="cylinder pressure must stay below the rail pressure"):
+    with pytest.raises(cr.errors.ConfigurationError, match="cylinder pressure must stay below the rail pressure"):
         stepper.step("10 us", cylinder_pressure="170 MPa")
-    with pytest.raises(cr.ConfigurationError, match="declared from"):
+    with pytest.raises(cr.errors.ConfigurationError, match="declared from"):
         stepper.step("10 us", rail_pressure="900 MPa")
     assert stepper.states == before
     assert stepper.step("10 us")["rail_pressure"] == 160e6
@@ -143,7 +143,7 @@ def test_a_failed_step_leaves_the_state_as_it_was(pwm: Injector) -> None:
     ],
 )
 def test_what_cannot_be_used_is_a_sentence(pwm: Injector, given: dict[str, object], sentence: str) -> None:
-    with pytest.raises(cr.ConfigurationError, match=sentence):
+    with pytest.raises(cr.errors.ConfigurationError, match=sentence):
         cr.Stepper(pwm, POINT).step(**given)  # type: ignore[arg-type]
 
 
@@ -159,19 +159,19 @@ def test_what_cannot_be_used_is_a_sentence(pwm: Injector, given: dict[str, objec
 def test_an_input_that_the_variant_does_not_read_is_refused(variant: Variant, given: str, words: str) -> None:
     name = "direct-acting-kr" if variant.actuation is Actuation.DIRECT else "cri2-16"
     injector = replace(cr.load_injector(name), variant=variant)
-    with pytest.raises(cr.ConfigurationError, match=words):
+    with pytest.raises(cr.errors.ConfigurationError, match=words):
         refuse_unread(injector, given)  # no kernel is needed
 
 
 def test_a_step_that_is_too_long_for_the_injector_is_refused(pwm: Injector) -> None:
-    with pytest.raises(cr.SimulationError, match="time step is too long"):
+    with pytest.raises(cr.errors.SimulationError, match="time step is too long"):
         cr.Stepper(pwm, POINT, "50 us")
 
 
 def test_a_state_of_another_injector_is_refused(pwm: Injector) -> None:
     longer = pwm.with_values({"feed_pipe.length": "2 m"})
     kept = cr.Stepper(longer, POINT).save()
-    with pytest.raises(cr.ConfigurationError, match="another wiring, pipe or time step"):
+    with pytest.raises(cr.errors.ConfigurationError, match="another wiring, pipe or time step"):
         cr.Stepper(pwm, POINT).restore(kept)
 
 
@@ -192,7 +192,7 @@ def test_a_damaged_state_is_refused_and_the_stepper_keeps_its_own(pwm: Injector,
         damaged = kept.memory.copy()
         damaged[-1] = np.nan  # the last slot of a wave, which no channel shows
         change = {"memory": damaged}
-    with pytest.raises(cr.ConfigurationError, match="state is damaged"):
+    with pytest.raises(cr.errors.ConfigurationError, match="state is damaged"):
         stepper.restore(kept._replace(**change))  # type: ignore[arg-type]
     assert stepper.states == before
     stepper.restore(kept)
@@ -212,7 +212,7 @@ def open_needle(pwm: Injector) -> cr.Stepper:
 
 
 @pytest.fixture(scope="module")
-def linear(open_needle: cr.Stepper) -> cr.LinearModel:
+def linear(open_needle: cr.Stepper) -> cr.models.LinearModel:
     return open_needle.linearise("5 us", ("rail_pressure", "cylinder_pressure"), OUTPUTS)
 
 
@@ -223,7 +223,7 @@ def test_linearising_leaves_the_state_as_it_was(pwm: Injector, open_needle: cr.S
 
 
 def test_the_linear_model_predicts_a_small_change_to_second_order(
-    open_needle: cr.Stepper, linear: cr.LinearModel
+    open_needle: cr.Stepper, linear: cr.models.LinearModel
 ) -> None:
     kept = open_needle.save()
 
@@ -245,7 +245,7 @@ def test_the_linear_model_predicts_a_small_change_to_second_order(
         )
 
 
-def test_two_samples_are_the_product_of_both(open_needle: cr.Stepper, linear: cr.LinearModel) -> None:
+def test_two_samples_are_the_product_of_both(open_needle: cr.Stepper, linear: cr.models.LinearModel) -> None:
     # the chain rule: what one sample does to the state, the next one takes up, waves in the pipes included
     kept = open_needle.save()
     both = open_needle.linearise("10 us", linear.inputs, OUTPUTS[1:])
@@ -279,14 +279,14 @@ def test_a_pulse_of_rail_pressure_arrives_with_its_whole_size(pwm: Injector) -> 
     assert simulated.sum() > 0.0
 
 
-def test_the_response_is_that_of_the_matrices(linear: cr.LinearModel) -> None:
+def test_the_response_is_that_of_the_matrices(linear: cr.models.LinearModel) -> None:
     u = np.array([[0.0, 1e4], [0.0, 0.0], [0.0, 0.0]])
     found = linear.respond(u)
     b, d = linear.b @ u[0], linear.d @ u[0]
     assert found == pytest.approx(np.array([d, linear.c @ b, linear.c @ linear.a @ b]))
 
 
-def test_a_reduced_model_responds_as_the_whole_one(linear: cr.LinearModel) -> None:
+def test_a_reduced_model_responds_as_the_whole_one(linear: cr.models.LinearModel) -> None:
     """To inputs that it was not reduced with, a step and noise; its stated error is that of an impulse."""
     samples = 300
     small = linear.reduce(40, samples)
@@ -307,11 +307,11 @@ def test_a_reduced_model_responds_as_the_whole_one(linear: cr.LinearModel) -> No
         assert left.max() < limit
         assert more.max() > 2.0 * left.max()
     for order in (0, 1.5, 10_000):
-        with pytest.raises(cr.ConfigurationError, match="order"):
+        with pytest.raises(cr.errors.ConfigurationError, match="order"):
             linear.reduce(order)  # type: ignore[arg-type]
 
 
-def test_the_stated_errors_are_small_and_of_the_matrices_shape(linear: cr.LinearModel) -> None:
+def test_the_stated_errors_are_small_and_of_the_matrices_shape(linear: cr.models.LinearModel) -> None:
     n = len(linear.states)
     assert linear.a.shape == (n, n)
     assert linear.b.shape == (n, 2)
@@ -331,7 +331,7 @@ def test_the_stated_error_of_a_kink_is_as_large_as_the_element(pwm: Injector) ->
     assert ((elements > 0.0) & (errors > 0.5 * elements)).any()
 
 
-def test_waves_travel_through_the_linear_model(linear: cr.LinearModel) -> None:
+def test_waves_travel_through_the_linear_model(linear: cr.models.LinearModel) -> None:
     # five steps carry a wave five places on, unchanged
     names = [name for name in linear.states if name.startswith("waves.down[")]
     older, newer = names[9], names[4]
@@ -341,9 +341,9 @@ def test_waves_travel_through_the_linear_model(linear: cr.LinearModel) -> None:
 
 
 def test_unknown_inputs_and_outputs_are_named(open_needle: cr.Stepper) -> None:
-    with pytest.raises(cr.ConfigurationError, match='no input "rail"'):
+    with pytest.raises(cr.errors.ConfigurationError, match='no input "rail"'):
         open_needle.linearise("5 us", ("rail",))
-    with pytest.raises(cr.ConfigurationError, match='no output "rate"'):
+    with pytest.raises(cr.errors.ConfigurationError, match='no output "rate"'):
         open_needle.linearise("5 us", outputs=("rate",))
 
 
@@ -377,5 +377,5 @@ def test_a_current_that_the_caller_gives_is_that_of_a_trace() -> None:
 def test_names_that_are_no_list_of_names_are_a_sentence(
     open_needle: cr.Stepper, names: dict[str, object], sentence: str
 ) -> None:
-    with pytest.raises(cr.ConfigurationError, match=sentence):
+    with pytest.raises(cr.errors.ConfigurationError, match=sentence):
         open_needle.linearise("5 us", **names)  # type: ignore[arg-type]

@@ -13,8 +13,8 @@ from commonrail.plugins.tolerance.study import (
     Limit,
     Normal,
     Sampling,
+    SeriesTrim,
     Triangular,
-    Trim,
     Uniform,
 )
 
@@ -45,7 +45,7 @@ def test_the_case_is_read_and_declared_synthetic() -> None:
     study = load_tolerances(CASE)
     assert study.synthetic.startswith("Injector and tolerances are virtual")
     assert {dimension.source.mark for dimension in study.dimensions} == {"E"}
-    assert study.trim == Trim(("full load", "part load"), 8192, 1e-6, 0.1e-9)
+    assert study.trim == SeriesTrim(("full load", "part load"), 8192, 1e-6, 0.1e-9)
     assert [(c.first, c.value) for c in study.correlations] == [("control_chamber.a_hole_diameter", 0.3)]
     assert study.sampling is Sampling.QUASI_RANDOM
     assert study.text == CASE.read_text(encoding="utf-8")

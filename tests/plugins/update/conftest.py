@@ -88,7 +88,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Bench:
     write_map(folder / "april.csv", (50, 90, 140), (450, 800, 1100), 3)
     # a nozzle with a tenth less flow: what another part, or a coked one, would show
     write_map(folder / "other-part.csv", (50, 90, 140), (450, 800, 1100), 3, nozzle__hole_diameter=0.93 * HOLE)
-    cr.calibrate_into(folder / "run", cr.load_study(study), threads=1)
+    cr.runs.calibrate_into(folder / "run", cr.load_study(study), threads=1)
     return Bench(folder, study, folder / "run")
 
 

@@ -23,7 +23,7 @@ from tests.plugins.update.conftest import FREE, TRUTH, Bench
 
 
 @pytest.fixture(scope="module")
-def updated(bench: Bench) -> cr.Update:
+def updated(bench: Bench) -> cr.fit.Update:
     """Data of the same injector, and those of another one that only judge."""
     files, held_out = [bench.folder / "april.csv"], [bench.folder / "other-part.csv"]
     return cr.update(bench.run, files, held_out=held_out, out=bench.folder / "updated", threads=1)
@@ -34,11 +34,11 @@ def content(folder: Path) -> dict[str, bytes]:
     return {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file() and not p.name.startswith("journal")}
 
 
-def test_data_of_the_same_injector_agree_and_those_of_another_one_contradict(updated: cr.Update) -> None:
-    assert updated.agreements == {"april": cr.Agreement.AGREES, "other-part": cr.Agreement.CONTRADICTS}
+def test_data_of_the_same_injector_agree_and_those_of_another_one_contradict(updated: cr.fit.Update) -> None:
+    assert updated.agreements == {"april": cr.fit.Agreement.AGREES, "other-part": cr.fit.Agreement.CONTRADICTS}
 
 
-def test_more_data_of_the_truth_bring_the_value_closer(updated: cr.Update, bench: Bench) -> None:
+def test_more_data_of_the_truth_bring_the_value_closer(updated: cr.fit.Update, bench: Bench) -> None:
     record = read_result(bench.run)
     before = next(p["best"] for p in record["parameters"] if p["name"] == FREE)
     after = updated.calibration.best[FREE]
@@ -49,7 +49,7 @@ def test_more_data_of_the_truth_bring_the_value_closer(updated: cr.Update, bench
     assert moved[FREE]["moved"] == pytest.approx((after - before) / half)
 
 
-def test_the_new_study_is_the_old_one_with_the_new_data(updated: cr.Update, bench: Bench) -> None:
+def test_the_new_study_is_the_old_one_with_the_new_data(updated: cr.fit.Update, bench: Bench) -> None:
     old, new = cr.load_study(bench.study), cr.load_study(updated.folder / "study.toml")
     assert [(d.name, d.role.value) for d in new.data] == [
         ("march", "fit"),
@@ -68,7 +68,7 @@ def test_the_new_study_is_the_old_one_with_the_new_data(updated: cr.Update, benc
     assert not (updated.folder / "study.toml").samefile(bench.study)
 
 
-def test_the_new_folder_is_a_run_for_the_other_verbs(updated: cr.Update, bench: Bench, tmp_path: Path) -> None:
+def test_the_new_folder_is_a_run_for_the_other_verbs(updated: cr.fit.Update, bench: Bench, tmp_path: Path) -> None:
     report = (updated.folder / "report.html").read_text(encoding="utf-8")
     assert updated.content["lines"][0] in report.replace("&#39;", "'")
     assert run_command("report", updated.folder).status == 0
@@ -90,7 +90,7 @@ def test_the_old_run_and_the_study_stay_as_they_were(bench: Bench, tmp_path: Pat
     assert bench.study.read_bytes() == text
 
 
-def test_a_held_out_set_that_is_met_worse_is_said_first(updated: cr.Update) -> None:
+def test_a_held_out_set_that_is_met_worse_is_said_first(updated: cr.fit.Update) -> None:
     found = json.loads(json.dumps(updated.content))
     one = next(e for e in found["errors"] if e["name"] == "check")
     one |= {"after": {"size": 2.0 * one["before"]["size"] + 1e-3, "in_tolerances": False}, "rises": True}
@@ -98,7 +98,7 @@ def test_a_held_out_set_that_is_met_worse_is_said_first(updated: cr.Update) -> N
     assert "worse" in update_lines(found)[0]
 
 
-def test_an_error_that_rises_is_found(updated: cr.Update) -> None:
+def test_an_error_that_rises_is_found(updated: cr.fit.Update) -> None:
     """Data of another injector spoil the fit: the old ones are met worse, and the record says so."""
     errors = {one["name"]: one for one in updated.content["errors"]}
     for one in errors.values():
@@ -129,7 +129,7 @@ def test_where_the_old_data_are_gone_the_earlier_result_is_the_prior(bench: Benc
     (run / "march.csv").unlink()
     found = cr.update(run, [bench.folder / "april.csv"], out=tmp_path / "new", threads=1)
     assert found.content["gone"] == ["march"]
-    assert found.agreements == {"april": cr.Agreement.UNJUDGED}
+    assert found.agreements == {"april": cr.fit.Agreement.UNJUDGED}
     assert [d.name for d in found.calibration.study.data] == ["check", "april"]
     parameters = {p.name: p for p in found.calibration.study.space.parameters}
     draws = np.load(run / "draws.npz")
@@ -143,7 +143,7 @@ def test_where_the_old_data_are_gone_the_earlier_result_is_the_prior(bench: Benc
 def test_bad_input_is_refused_in_one_sentence(bench: Bench, tmp_path: Path, case: str) -> None:
     folder = shutil.copytree(bench.folder, tmp_path / "bench", ignore=shutil.ignore_patterns("updated"))
     study = folder / "small.toml"
-    cr.calibrate_into(folder / "own", cr.load_study(study), threads=1) if case in ("changed", "study") else None
+    cr.runs.calibrate_into(folder / "own", cr.load_study(study), threads=1) if case in ("changed", "study") else None
     run = folder / ("own" if case in ("changed", "study") else "run")
     file = folder / "april.csv"
     if case == "no run":

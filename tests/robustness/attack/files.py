@@ -7,7 +7,7 @@ from pathlib import Path
 
 import commonrail as cr
 from commonrail.calibration.study_file import load_study
-from commonrail.plugins.fleet.run import run_fleet
+from commonrail.plugins.fleet.run import fleet as run_fleet
 from commonrail.plugins.fleet.study import load_fleet
 from commonrail.readers.columns import Column
 from commonrail.readers.table_sheet import WrittenTable
@@ -26,7 +26,7 @@ import commonrail as cr
 from commonrail.base.errors import CommonrailError
 from commonrail.runs.folder import read_run
 from commonrail.plugins.fleet.study import load_fleet
-from commonrail.plugins.fleet.run import run_fleet
+from commonrail.plugins.fleet.run import fleet as run_fleet
 from commonrail.plugins.fleet.study import read_table
 
 class Hung(BaseException):
@@ -38,12 +38,12 @@ def ring(*_):
 folder, fleet, study = map(Path, sys.argv[1:])
 signal.signal(signal.SIGALRM, ring)
 READERS = {
-    "injector.toml": cr.load_injector, "study.toml": cr.load_study, "truth.toml": cr.load_truth,
+    "injector.toml": cr.load_injector, "study.toml": cr.load_study, "truth.toml": cr.lab.load_truth,
     "fuel.toml": cr.load_fuel, "fleet.toml": load_fleet, "t.csv": read_table, "t.parquet": read_table,
     "result.json": lambda path: read_run(path.parent), "journal.sqlite": lambda path: cr.resume(path.parent),
-    "journal.lock": lambda path: cr.calibrate_into(path.parent, study_of_new),
+    "journal.lock": lambda path: cr.runs.calibrate_into(path.parent, study_of_new),
     "fleet.sqlite": lambda path: run_fleet(fleet_of_new, path.parent),
-    "journal.sqlite in a list": lambda path: print("damaged", cr.list_runs(path.parent)[0].state),
+    "journal.sqlite in a list": lambda path: print("damaged", cr.runs.list_runs(path.parent)[0].state),
     "injector of a fleet": lambda path: run_fleet(pipe_fleet(path), path.parent / "run"),
 }
 study_of_new, fleet_of_new = cr.load_study(study), load_fleet(fleet)

@@ -14,7 +14,7 @@ from pathlib import Path
 import commonrail as cr
 from commonrail.base.errors import StudyError
 from commonrail.calibration.study_file import load_study
-from commonrail.plugins.fleet.run import run_fleet
+from commonrail.plugins.fleet.run import fleet as run_fleet
 from commonrail.plugins.fleet.study import load_fleet
 from commonrail.runs.fit import calibrate_into
 from commonrail.runs.journal import LOCK, Journal
@@ -136,7 +136,7 @@ def second_key(folder: Path, times: int) -> str:
         line = [sys.executable, "-m", "commonrail", "calibrate", str(study), "--out", str(run), "--threads", "1"]
         with subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as command:
             assert command.stderr is not None
-            _wait(lambda run=run: any(r.generation > 1 for r in cr.list_runs(run)) if run.is_dir() else False)  # type: ignore[misc]
+            _wait(lambda run=run: any(r.generation > 1 for r in cr.runs.list_runs(run)) if run.is_dir() else False)  # type: ignore[misc]
             command.send_signal(signal.SIGINT)
             command.send_signal(signal.SIGINT)
             try:

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from commonrail.base.arrays import Floats
-from commonrail.data.quantities.page import MapView
 from commonrail.data.quantities.reading import MapModel
 from commonrail.data.quantities.returned import ReturnData, ReturnsModel
 from commonrail.data.simulator import Candidates
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
+from commonrail.report.data.quantities import MapView
 
 
 class SupplyModel(ReturnsModel):
@@ -28,8 +28,10 @@ class SupplyData(ReturnData):
     kind: ClassVar[str] = "supply quantities"
     what: ClassVar[str] = "supply quantity"
     model: ClassVar[type[MapModel]] = SupplyModel
-    view: ClassVar[MapView] = MapView("supply ", "Supply quantity")
 
     def masses(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint]) -> Floats:
         """Mass per stroke, (candidates, points) [kg]."""
         return batch.injected_mass + super().masses(batch, candidates, points)
+
+
+VIEW = MapView("supply ", "Supply quantity")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from commonrail.base import registry
 from commonrail.base.errors import InputError
 from commonrail.cli.console import print_json, print_pairs, say
 from commonrail.cli.grammar import Argument, Option, verb
@@ -41,17 +40,16 @@ def inspect(
       commonrail inspect bench.xlsx --out data/quantity.csv
       commonrail inspect map.csv --encoding cp1252 --quantity-unit mm3
     """
-    from commonrail.readers.formats import format_of
-    from commonrail.readers.overview import survey
+    from commonrail.readers.overview import inspect as survey
     from commonrail.readers.quantity_matrix import GivenUnits
 
     check_file(out, "--out")
     form = read_form(encoding, decimal, sheet, [file])
-    if part := registry.find("inspectors", format_of(file)):
-        _show({"file": str(file), **part.call(file)}, json)
-        return
     given = GivenUnits(pressure_unit, time_unit, quantity_unit)
     found = survey(file, form, given)
+    if not found.taken_for:  # by an inspector of an installed package
+        _show({"file": str(file), **found.facts}, json)
+        return
     if found.found is None and (out is not None or any(given.by_kind().values())):
         reason = found.facts.get("reason", f"it is taken for {found.taken_for}.")
         raise InputError(f"{file}: {reason}")

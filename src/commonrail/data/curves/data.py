@@ -26,13 +26,12 @@ from commonrail.data.base import (
     term_of,
     widths_of,
 )
-from commonrail.data.curves.page import CurveView
 from commonrail.data.curves.reading import read_curves
 from commonrail.data.curves.samples import RateModel
 from commonrail.data.noise import NOISE, Noise
 from commonrail.data.records import MEASURED, MM3_PER_MS, point_record
 from commonrail.data.simulator import ITSELF, Candidates, Simulator
-from commonrail.data.study_block import Context
+from commonrail.data.study_block import Context, mass_density
 from commonrail.engine.lanes import Misfit
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.simulate import sampled_rates
@@ -81,7 +80,6 @@ class RateData(DataSet):
     unit: ClassVar[str] = "m3/s"
     error_head: ClassVar[tuple[str, str]] = ("J", "mm3/ms")
     model: ClassVar[type[RateModel]] = RateModel
-    view: ClassVar[CurveView] = CurveView()
     meter_inputs: ClassVar[frozenset[str]] = frozenset(QUANTITIES) - {"quantity_offset"}
     sigma_unit: ClassVar[str] = "m3/s"
     residual_unit: ClassVar[str] = "mm3/ms"
@@ -123,12 +121,15 @@ class RateData(DataSet):
     def read_all(cls, model: RateModel, context: Context) -> tuple[Self, ...]:
         """Read the injection curves of a block; see `DataSet.read_all`."""
         found = []
-        for curve in read_curves(model, context):
+        for curve, point in read_curves(model, context):
+            samples = curve.samples
+            density = mass_density(context.injector, samples.unit, point)
+            scale = 1.0 if math.isnan(density) else density
             name = f"{model.name}, {curve.label}" if curve.label else model.name
             source = f"{model.source}; mean of {curve.shots} shots" if curve.shots > 1 else model.source
-            read = curve.point, curve.bounds, curve.rate, model.weight, source, model.synthetic, curve.mass_density
+            read = point, samples.bounds, samples.rate / scale, model.weight, source, model.synthetic, density
             with located(context.at):
-                found.append(cls(name, Role(model.role), *read, context.meter(model.meter), curve.noise))
+                found.append(cls(name, Role(model.role), *read, context.meter(model.meter), curve.noise(scale)))
         return tuple(found)
 
     @classmethod

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,9 +13,8 @@ from commonrail.base.hooks import note
 from commonrail.base.units import to_text
 from commonrail.data.curves.samples import RateModel, Samples, samples_of, within_window
 from commonrail.data.curves.shots import MOST_CURVES, RATES, FoundCurve, cut_shots, mean_curve
-from commonrail.data.noise import NOISE, Noise
 from commonrail.data.repeats import groups_of
-from commonrail.data.study_block import Context, PressureModel, TraceModel, drive_unit, mass_density
+from commonrail.data.study_block import Context, PressureModel, TraceModel, drive_unit
 from commonrail.engine.operating_point import LONGEST, Energising, OperatingPoint, Trace
 from commonrail.engine.record_filter import low_pass
 from commonrail.engine.status import check_point
@@ -27,24 +25,8 @@ from commonrail.readers.operating_points import ColumnPattern, NamedPoint, find_
 from commonrail.readers.tables import take_each
 
 
-class ReadCurve(NamedTuple):
-    """Content of a curve's file: point, bounds [s], rates [m³/s], and the density that made volumes of masses.
-
-    `label` tells it from others of the same block, `shots` counts those of which it is the mean, and `noise` has the
-    standard error of the mean.
-    """
-
-    point: OperatingPoint
-    bounds: Floats
-    rate: Floats
-    mass_density: float
-    label: str
-    shots: int
-    noise: Noise
-
-
-def read_curves(model: RateModel, context: Context) -> list[ReadCurve]:
-    """Read the injection curves of a block; see `DataSet.read_all`."""
+def read_curves(model: RateModel, context: Context) -> list[tuple[FoundCurve, OperatingPoint]]:
+    """Read the injection curves of a block, each with its operating point; see `DataSet.read_all`."""
     at = context.at
     ways = {
         "columns": model.columns is not None,
@@ -55,20 +37,19 @@ def read_curves(model: RateModel, context: Context) -> list[ReadCurve]:
     if len(stated) > 1:
         raise at.error(f"{' and '.join(stated)} are different ways to find several curves; keep one")
     if not stated:
-        single = FoundCurve(_single(model, context), None, None)
-        return [_curve(model, single, context, *courses_at([single], model, context))]
+        time = Column(model.time, "s", model.time_unit, increasing=True)
+        table = context.columns(model.file, at, [time, Column(model.rate, RATES, model.rate_unit)], form=model.form)
+        samples = within_window(samples_of(table, model.rate, model, at), model, at)
+        single = FoundCurve(samples, None, None)
+        return [(single, _point(model, samples, context, *courses_at([single], model, context)))]
     reader = {"columns": named_columns, "shots": cut_shots, "layout": traces_below_points}[stated[0]]
     found = reader(model, context)
     models = [_at_point(model, curve, at) for curve in found]
     courses = courses_at(found, model, context)
-    return [_curve(own, curve, context, read) for own, curve, read in zip(models, found, courses, strict=True)]
-
-
-def _single(model: RateModel, context: Context) -> Samples:
-    time = Column(model.time, "s", model.time_unit, increasing=True)
-    rate = Column(model.rate, ("m3/s", "kg/s"), model.rate_unit)
-    table = context.columns(model.file, context.at, [time, rate], form=model.form)
-    return within_window(samples_of(table, model.rate, model, context.at), model, context.at)
+    return [
+        (curve, _point(own, curve.samples, context, read))
+        for own, curve, read in zip(models, found, courses, strict=True)
+    ]
 
 
 def _at_point(model: RateModel, curve: FoundCurve, at: Place) -> RateModel:
@@ -84,19 +65,6 @@ def _at_point(model: RateModel, curve: FoundCurve, at: Place) -> RateModel:
             '{ column = "I_{p}bar" }, or read each curve from a block of its own'
         )
     return model.model_copy(update=found)
-
-
-def _curve(model: RateModel, curve: FoundCurve, context: Context, courses: Mapping[str, Trace]) -> ReadCurve:
-    """Curve with its operating point, by volume; `courses` are those that were read for it."""
-    samples = curve.samples
-    point = _point(model, samples, context, courses)
-    density = mass_density(context.injector, samples.unit, point)
-    scale = 1.0 if math.isnan(density) else density
-    noise = NOISE
-    if curve.sigma is not None:
-        spare = float(curve.shots - 1)
-        noise = Noise(sigma=curve.sigma / scale, freedom=curve.freedom, scatter=curve.scatter, scatter_freedom=spare)
-    return ReadCurve(point, samples.bounds, samples.rate / scale, density, label_of(curve), curve.shots, noise)
 
 
 def _point(model: RateModel, samples: Samples, context: Context, courses: Mapping[str, Trace]) -> OperatingPoint:
@@ -180,12 +148,6 @@ NOISE_TOLD = 1e-4  # rms of a noise that is told, over the pressure: ten times t
 SAME = 1e-6  # relative difference below which two traces are at one operating point
 
 
-def label_of(curve: FoundCurve) -> str:
-    """Words that tell a curve from the others of its file."""
-    parts = (curve.rail_pressure, "Pa"), (curve.energising_time, "s")
-    return " ".join(to_text(value, unit) for value, unit in parts if value is not None)
-
-
 def named_columns(model: RateModel, context: Context) -> list[FoundCurve]:
     """Curves of the columns whose names fit the key `columns` of a block.
 
@@ -238,7 +200,7 @@ def courses_at(curves: Sequence[FoundCurve], model: RateModel, context: Context)
                 fitting = [point.column for point in points if _is_at(point, curve)]
                 if len(fitting) != 1:
                     raise (at / "column").error(
-                        f'{len(fitting)} columns of {sheet.path} fit "{item.column}" at {label_of(curve)}, and one must'
+                        f'{len(fitting)} columns of {sheet.path} fit "{item.column}" at {curve.label}, and one must'
                     )
                 names[i] = fitting[0]
         unit = drive_unit(context.injector) if key == "drive" else "Pa"

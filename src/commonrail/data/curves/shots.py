@@ -13,11 +13,11 @@ from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.base.hooks import note
 from commonrail.base.units import parse, to_text
 from commonrail.data.curves.samples import RateModel, Samples, ShotsModel, raster, samples_of
+from commonrail.data.noise import NOISE, Noise
 from commonrail.data.repeats import averaged, groups_of
 from commonrail.data.study_block import Context
-from commonrail.readers.columns import Column, Sheet, Table
+from commonrail.readers.columns import Column, Table
 from commonrail.readers.location import Place, located
-from commonrail.readers.tables import take_columns
 
 MOST_CURVES = 1000  # of one file
 RATES = ("m3/s", "kg/s")
@@ -36,31 +36,18 @@ class FoundCurve(NamedTuple):
     freedom: float = 0.0  # its degrees of freedom
     scatter: float = 0.0  # standard error of the mean's quantity as a share of it, as shots scatter as wholes
 
+    @property
+    def label(self) -> str:
+        """Words that tell it from the others of its file."""
+        parts = (self.rail_pressure, "Pa"), (self.energising_time, "s")
+        return " ".join(to_text(value, unit) for value, unit in parts if value is not None)
 
-class _Source(NamedTuple):
-    """The file with its channels: `sheet` is None where it must be opened for each of them."""
-
-    path: Path
-    sheet: Sheet | None
-    model: RateModel
-    context: Context
-
-    @classmethod
-    def of(cls, model: RateModel, context: Context) -> _Source:
-        sheet = context.sheet(model.file, context.at, model.form)
-        return cls(sheet.path, sheet if sheet.apart else None, model, context)
-
-    def take(self, column: Column) -> Table:
-        """A channel and its times."""
-        model, context = self.model, self.context
-        wanted = [Column(model.time, "s", model.time_unit, increasing=True), column]
-        sheet = self.sheet or context.sheet(model.file, context.at, model.form)
-        return take_columns(sheet, wanted)
-
-    def channel(self, column: Column) -> _Channel:
-        """A channel in SI units."""
-        table = self.take(column)
-        return _Channel(table.columns[self.model.time], table.columns[column.name], table.units[column.name])
+    def noise(self, scale: float) -> Noise:
+        """Noise of the mean, in the unit of the samples over a scale."""
+        if self.sigma is None:
+            return NOISE
+        spare = float(self.shots - 1)
+        return Noise(sigma=self.sigma / scale, freedom=self.freedom, scatter=self.scatter, scatter_freedom=spare)
 
 
 class _Channel(NamedTuple):
@@ -95,10 +82,10 @@ def cut_shots(model: RateModel, context: Context) -> list[FoundCurve]:
         )
     if model.time_zero:
         raise (at / "time_zero").error("shots count from their triggers; state shots.offset, and remove this key")
-    source = _Source.of(model, context)
+    path = context.sheet(model.file, at, model.form).path
     begin, end = model.window
-    trigger = source.channel(Column(shots.trigger, TRIGGERS, otherwise="1"))
-    edges = _edges(trigger, shots, max(end - begin, 0.0), source.path, at / "shots")
+    trigger = _channel(Column(shots.trigger, TRIGGERS, otherwise="1"), model, context)
+    edges = _edges(trigger, shots, max(end - begin, 0.0), path, at / "shots")
     period = float(np.median(np.diff(edges))) if len(edges) > 1 else np.inf
     if abs(shots.offset) >= period:
         raise (at / "shots" / "offset").error(
@@ -106,7 +93,7 @@ def cut_shots(model: RateModel, context: Context) -> list[FoundCurve]:
             "apart; count from the trigger of the shot"
         )
     starts = edges + shots.offset
-    rate = source.take(Column(model.rate, RATES, model.rate_unit))
+    rate = _taken(Column(model.rate, RATES, model.rate_unit), model, context)
     record = samples_of(rate, model.rate, model, at)
     step = model.resample or float(np.median(np.diff(record.bounds)))
     bounds = raster(begin, end, step, at / ("resample" if model.resample else "window"))
@@ -114,33 +101,50 @@ def cut_shots(model: RateModel, context: Context) -> list[FoundCurve]:
     whole = (starts + bounds[0] >= record.bounds[0] - slack) & (starts + bounds[-1] <= record.bounds[-1] + slack)
     if not whole.any():
         raise InputError(
-            f"{at / 'window'}: no shot of {source.path} is whole: the window reaches from {to_text(begin, 's')} to "
+            f"{at / 'window'}: no shot of {path} is whole: the window reaches from {to_text(begin, 's')} to "
             f"{to_text(end, 's')} about {len(starts)} triggers, and {record.range()}."
         )
-    found = _points(source, record, starts[whole], bounds)
+    found = _points(path, model, context, record, starts[whole], bounds)
     counts = sorted({curve.shots for curve in found})
     many = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
     lost = len(starts) - int(whole.sum())
     omitted = f"; {lost} that the record does not hold whole are omitted" if lost else ""
-    note(f"{source.path}: {whole.sum()} shots at {len(found)} operating points, {many} each{omitted}.")
+    note(f"{path}: {whole.sum()} shots at {len(found)} operating points, {many} each{omitted}.")
     return found
 
 
-def _points(source: _Source, record: Samples, starts: Floats, bounds: Floats) -> list[FoundCurve]:
+def _taken(column: Column, model: RateModel, context: Context) -> Table:
+    """A channel of the record and its times."""
+    time = Column(model.time, "s", model.time_unit, increasing=True)
+    return context.columns(model.file, context.at, [time, column], form=model.form)
+
+
+def _channel(column: Column, model: RateModel, context: Context) -> _Channel:
+    table = _taken(column, model, context)
+    return _Channel(table.columns[model.time], table.columns[column.name], table.units[column.name])
+
+
+def _points(
+    path: Path, model: RateModel, context: Context, record: Samples, starts: Floats, bounds: Floats
+) -> list[FoundCurve]:
     """Mean curves of the operating points of shots that begin at `starts` [s], in the order of their first shots."""
-    shots = source.model.shots
+    shots = model.shots
     assert shots is not None
-    rail, time = _set_points(source, starts)
+    rail = time = None
+    if shots.rail_pressure is not None:
+        rail = _channel(Column(shots.rail_pressure, "Pa", model.rail_pressure_unit), model, context).before(starts)
+    if shots.energising_time is not None:
+        time = _channel(Column(shots.energising_time, "s", model.energising_time_unit), model, context).at(starts)
     places = np.column_stack([values if values is not None else np.ones(len(starts)) for values in (rail, time)])
     for values, what in ((rail, "rail pressure"), (time, "energising time")):
         if values is not None and not (values > 0.0).all():
             i = int(np.argmin(values > 0.0))
             raise InputError(
-                f"{source.path}: the {what} of the shot at {to_text(float(starts[i]), 's')} is not greater than zero."
+                f"{path}: the {what} of the shot at {to_text(float(starts[i]), 's')} is not greater than zero."
             )
     groups = groups_of(places, shots.same)
     if len(groups) > MOST_CURVES:
-        raise (source.context.at / "shots").error(
+        raise (context.at / "shots").error(
             f"the shots are at {len(groups)} operating points, and at most {MOST_CURVES} are read"
         )
     found = []
@@ -150,18 +154,6 @@ def _points(source: _Source, record: Samples, starts: Floats, bounds: Floats) ->
         mean = [None if values is None else float(f"{values[rows].mean():.6g}") for values in (rail, time)]
         found.append(mean_curve(cut, *mean))
     return found
-
-
-def _set_points(source: _Source, starts: Floats) -> tuple[Floats | None, Floats | None]:
-    """Rail pressure [Pa] and energising time [s] of each shot, where the record has channels of them."""
-    model, shots = source.model, source.model.shots
-    assert shots is not None
-    rail = time = None
-    if shots.rail_pressure is not None:
-        rail = source.channel(Column(shots.rail_pressure, "Pa", model.rail_pressure_unit)).before(starts)
-    if shots.energising_time is not None:
-        time = source.channel(Column(shots.energising_time, "s", model.energising_time_unit)).at(starts)
-    return rail, time
 
 
 def _edges(trigger: _Channel, shots: ShotsModel, dead: float, path: Path, at: Place) -> Floats:

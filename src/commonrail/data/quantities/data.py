@@ -46,11 +46,11 @@ from commonrail.data.quantities.dead_times import (
     energised,
     neighbours,
 )
-from commonrail.data.quantities.page import MapView
-from commonrail.data.quantities.reading import SAME, HoldOutModel, MapModel, QuantitiesModel, read_map
+from commonrail.data.quantities.reading import SAME, HoldOutModel, MapModel, QuantitiesModel, read_rows
 from commonrail.data.records import MEASURED, point_record
+from commonrail.data.repeats import averaged, groups_of
 from commonrail.data.simulator import ITSELF, Candidates, Simulator
-from commonrail.data.study_block import Context
+from commonrail.data.study_block import Context, mass_density
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
@@ -108,7 +108,6 @@ class QuantityData(ToleratedData):
     unit: ClassVar[str] = "m3"
     error_head: ClassVar[tuple[str, str]] = ("rms", "%")
     model: ClassVar[type[MapModel]] = QuantitiesModel
-    view: ClassVar[MapView] = MapView()
     meter_inputs: ClassVar[frozenset[str]] = frozenset({"gain", "quantity_offset", "density", "temperature"})
     whole: ClassVar[bool] = False
     own_keys: ClassVar[tuple[str, ...]] = ()
@@ -162,27 +161,30 @@ class QuantityData(ToleratedData):
     @classmethod
     def read_all(cls, model: MapModel, context: Context) -> tuple[Self, ...]:
         """Read a quantity map, and divide it into its fitted and its held-out part if the block asks for that."""
-        rows = read_map(model, context)
-        sister = getattr(model, "sister", None)
+        rows = read_rows(model, context)
+        quantity = np.array([row.quantity for row in rows])
+        density = np.array([mass_density(context.injector, row.unit, row.point) for row in rows])
+        by_volume = np.isnan(density)
+        dead, sister = getattr(model, "dead_times", None), getattr(model, "sister", None)
         with located(context.at):
             read = cls(
                 model.name,
                 Role(model.role),
-                rows.points,
-                rows.quantity,
-                rows.absolute,
-                rows.relative,
-                rows.dead_time,
+                tuple(row.point for row in rows),
+                quantity / np.where(by_volume, 1.0, density),
+                model.absolute,
+                model.relative,
+                np.array([row.dead_time for row in rows]),
                 model.weight,
-                "; ".join(filter(None, (model.source, rows.strokes))),
+                model.source,
                 model.synthetic,
-                rows.mass_density,
-                rows.dead_time_tolerance,
+                math.nan if by_volume.all() else density,
+                None if dead is None else dead.tolerance,
                 context.meter(model.meter),
                 None if sister is None else read_sister(sister, context),
-                rows.noise,
                 **{key: getattr(model, key) for key in cls.own_keys},
             )
+            read = averaged_map(read) if model.repeated == "mean" else read
         return (read,) if model.hold_out is None else divide(read, model.hold_out, context.at / "hold_out")
 
     @classmethod
@@ -351,6 +353,33 @@ def values_of(data: QuantityData, batch: Batch, candidates: Candidates) -> Float
     return values
 
 
+def averaged_map(data: _Map) -> _Map:
+    """The map with one row for the repeated quantities of each point, and their scatter as noise; dead times stay."""
+    places, single, dead = places_of(data), np.flatnonzero(data.judged), np.flatnonzero(data.dead_time)
+    groups = [single[rows] for rows in groups_of(places[single], SAME)]
+    found = averaged(data.quantity, groups, data.absolute + data.relative * data.quantity)
+    first = np.concatenate([np.array([rows[0] for rows in groups], np.intp), dead])
+    least, most = int(found.counts.min()), int(found.counts.max())
+    strokes = f"means of {least} strokes" if least == most else f"means of {least} to {most} strokes"
+    return replace(
+        _at_rows(data, first),
+        quantity=np.concatenate([found.mean, data.quantity[dead]]),
+        noise=NOISE if found.sigma is None else Noise(sigma=found.sigma, freedom=found.freedom),
+        source="; ".join(filter(None, (data.source, strokes))),
+    )
+
+
+def _at_rows(data: _Map, rows: IndexArray) -> _Map:
+    density = np.asarray(data.mass_density)
+    return replace(
+        data,
+        points=tuple(data.points[i] for i in rows),
+        quantity=data.quantity[rows],
+        dead_time=data.dead_time[rows],
+        mass_density=density[rows] if density.ndim else data.mass_density,
+    )
+
+
 def held_out_name(name: str) -> str:
     """Name of the part of a data set that is held out."""
     return f"{name}, held out"
@@ -386,16 +415,7 @@ def chosen_rows(data: _Map, rows: Bools, name: str = "", role: Role | None = Non
 
     The mask `rows` is (n,); name and role are those of the map by default.
     """
-    density = np.asarray(data.mass_density)
-    return replace(
-        data,
-        name=name or data.name,
-        role=role or data.role,
-        points=tuple(point for point, keep in zip(data.points, rows.tolist(), strict=True) if keep),
-        quantity=data.quantity[rows],
-        dead_time=data.dead_time[rows],
-        mass_density=density[rows] if density.ndim else data.mass_density,
-    )
+    return replace(_at_rows(data, np.flatnonzero(rows)), name=name or data.name, role=role or data.role)
 
 
 def _at_one_of(data: QuantityData, column: int, wanted: Sequence[float], unit: str, at: Place) -> Bools:

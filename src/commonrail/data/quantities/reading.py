@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -12,14 +11,11 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, PlainValidator
 
-from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.base.hooks import note
 from commonrail.base.units import parse, to_text
-from commonrail.data.noise import NOISE, Noise
 from commonrail.data.quantities.baselines import SisterModel
-from commonrail.data.repeats import averaged, groups_of
-from commonrail.data.study_block import Context, DataModel, drive_unit, mass_density
+from commonrail.data.study_block import Context, DataModel, drive_unit
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import check_point
 from commonrail.physics.law import Domain
@@ -69,6 +65,7 @@ def map_columns(
 
 
 Pressure = Annotated[float, Unit("Pa")]
+Time = Annotated[float, Unit("s")]
 
 AFTER_ENERGISING = 3e-3  # simulated after the end of energising; it ends early once the needle has closed [s]
 MOST_POINTS = 10_000
@@ -99,8 +96,8 @@ class DeadTimesModel(FormModel):
 class HoldOutModel(FileModel):
     """Rail pressures and energising times whose rows are kept for validation."""
 
-    rail_pressure: list[Annotated[float, Unit("Pa")]] = Field(default=[], max_length=1000)
-    energising_time: list[Annotated[float, Unit("s")]] = Field(default=[], max_length=1000)
+    rail_pressure: list[Pressure] = Field(default=[], max_length=1000)
+    energising_time: list[Time] = Field(default=[], max_length=1000)
 
 
 class MapModel(DataModel):
@@ -115,17 +112,12 @@ class MapModel(DataModel):
     energising_time_unit: str | None = None
     quantity_unit: str | None = None
     rail_pressure: list[Pressure] | None = Field(default=None, min_length=1, max_length=1000)
-    energising_time: list[Annotated[float, Unit("s")]] | None = Field(default=None, min_length=1, max_length=1000)
+    energising_time: list[Time] | None = Field(default=None, min_length=1, max_length=1000)
     hold_out: HoldOutModel | None = None
     cylinder_pressure: Pressure
     return_pressure: Pressure
     absolute: Annotated[float, Unit("m3")] = 0.15e-9
     relative: Annotated[float, Unit("1")] = 0.03
-
-    @property
-    def small_quantity(self) -> DeadTimesModel | None:
-        """Dead times of the map; None for a kind that has none."""
-        return None
 
 
 class QuantitiesModel(MapModel):
@@ -137,18 +129,8 @@ class QuantitiesModel(MapModel):
     dead_times: DeadTimesModel | None = None
     sister: SisterModel | None = None
 
-    @property
-    def small_quantity(self) -> DeadTimesModel | None:
-        """Dead times of the map."""
-        return self.dead_times
 
-    @property
-    def has_dead_times(self) -> bool:
-        """True if a second file has dead times."""
-        return self.dead_times is not None
-
-
-class _Row(NamedTuple):
+class MapRow(NamedTuple):
     """One operating point and its measured quantity in `unit` (m3 or kg)."""
 
     point: OperatingPoint
@@ -157,26 +139,8 @@ class _Row(NamedTuple):
     dead_time: bool
 
 
-class ReadMap(NamedTuple):
-    """Content of a map's files: points, volumes [m³], tolerances, dead times, density that made volumes of masses.
-
-    `dead_time_tolerance` [s] is None where dead times are judged by their quantity. `noise` has the standard error of
-    repeated quantities in multiples of the tolerance, `strokes` says how many there are.
-    """
-
-    points: tuple[OperatingPoint, ...]
-    quantity: Floats
-    absolute: float
-    relative: float
-    dead_time: Bools
-    mass_density: Floats | float
-    dead_time_tolerance: float | None
-    noise: Noise
-    strokes: str
-
-
-def read_map(model: MapModel, context: Context) -> ReadMap:
-    """Read a quantity map; see `DataSet.read`."""
+def read_rows(model: MapModel, context: Context) -> list[MapRow]:
+    """Read the rows of a quantity map, those of its dead times last; see `DataSet.read_all`."""
     injector, at = context.injector, context.at
     if drive_unit(injector):
         raise ConfigurationError(
@@ -186,53 +150,19 @@ def read_map(model: MapModel, context: Context) -> ReadMap:
     rows = _map_rows(model, context, at) + _dead_time_rows(model, context, at)
     if not (model.absolute > 0.0 and model.relative >= 0.0):
         raise at.error("absolute must be greater than zero and relative zero or greater")
-    dead = model.small_quantity
+    dead: DeadTimesModel | None = getattr(model, "dead_times", None)
     if dead is not None and dead.tolerance is not None and not dead.tolerance > 0.0:
         raise (at / "dead_times" / "tolerance").error("the tolerance must be greater than zero")
-    density = np.array([mass_density(injector, row.unit, row.point) for row in rows])
-    by_volume = np.isnan(density)
-    quantity = np.array([row.quantity for row in rows])
-    read = ReadMap(
-        tuple(row.point for row in rows),
-        quantity / np.where(by_volume, 1.0, density),
-        model.absolute,
-        model.relative,
-        np.array([row.dead_time for row in rows]),
-        math.nan if by_volume.all() else density,
-        None if dead is None else dead.tolerance,
-        NOISE,
-        "",
-    )
-    return _averaged(read) if model.repeated == "mean" else read
+    return rows
 
 
-def _averaged(read: ReadMap) -> ReadMap:
-    """The map with one row for the repeated quantities of each point; dead times stay apart."""
-    places = np.array([(p.initial_pressures()[0], p.pulses[0].duration) for p in read.points])
-    single = np.flatnonzero(~read.dead_time)
-    groups = [single[rows] for rows in groups_of(places[single], SAME)]
-    found = averaged(read.quantity, groups, read.absolute + read.relative * read.quantity)
-    dead = np.flatnonzero(read.dead_time)
-    first = np.concatenate([np.array([rows[0] for rows in groups], np.intp), dead])
-    density = np.asarray(read.mass_density)
-    least, most = int(found.counts.min()), int(found.counts.max())
-    return read._replace(
-        points=tuple(read.points[i] for i in first),
-        quantity=np.concatenate([found.mean, read.quantity[dead]]),
-        dead_time=read.dead_time[first],
-        mass_density=density[first] if density.ndim else float(density),
-        noise=NOISE if found.sigma is None else Noise(sigma=found.sigma, freedom=found.freedom),
-        strokes=f"means of {least} strokes" if least == most else f"means of {least} to {most} strokes",
-    )
-
-
-def _map_rows(model: MapModel, context: Context, at: Place) -> list[_Row]:
+def _map_rows(model: MapModel, context: Context, at: Place) -> list[MapRow]:
     name = model.quantity_column
     table = _map_table(model, context, at)
     filters = {"rail_pressure": (model.rail_pressure, "Pa"), "energising_time": (model.energising_time, "s")}
     quantity, unit = table.columns[name], table.units[name]
     chosen = _choose(table, filters, at)
-    return [_Row(_point(table, i, model, context), float(quantity[i]), unit, False) for i in chosen]
+    return [MapRow(_point(table, i, model, context), float(quantity[i]), unit, False) for i in chosen]
 
 
 def _map_table(model: MapModel, context: Context, at: Place) -> Table:
@@ -247,13 +177,13 @@ def _map_table(model: MapModel, context: Context, at: Place) -> Table:
     return map_columns(context.path(model.file, at, model.form), wanted, model.form, given)
 
 
-def _dead_time_rows(model: MapModel, context: Context, at: Place) -> list[_Row]:
-    dead = model.small_quantity
+def _dead_time_rows(model: MapModel, context: Context, at: Place) -> list[MapRow]:
+    dead: DeadTimesModel | None = getattr(model, "dead_times", None)
     if dead is None:
         return []
     table = context.columns(dead.file, at / "dead_times", _point_columns(dead), 1, dead.form)
     chosen = _choose(table, {"rail_pressure": (model.rail_pressure, "Pa")}, at / "dead_times")
-    return [_Row(_point(table, i, model, context), *dead.quantity, True) for i in chosen]
+    return [MapRow(_point(table, i, model, context), *dead.quantity, True) for i in chosen]
 
 
 def _point_columns(model: MapModel | DeadTimesModel) -> list[Column]:

@@ -14,7 +14,6 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.units import to_text
 from commonrail.data.quantities.data import QuantityData
-from commonrail.data.quantities.page import MapView
 from commonrail.data.quantities.reading import MapModel
 from commonrail.data.simulator import Candidates
 from commonrail.engine.operating_point import OperatingPoint
@@ -67,7 +66,6 @@ class ReturnData(QuantityData):
     kind: ClassVar[str] = "return quantities"
     what: ClassVar[str] = "return quantity"
     model: ClassVar[type[MapModel]] = ReturnsModel
-    view: ClassVar[MapView] = MapView("return ", "Return quantity")
     whole: ClassVar[bool] = True
     own_keys: ClassVar[tuple[str, ...]] = ("stroke_period",)
 

@@ -2,31 +2,18 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Sequence
-from enum import StrEnum
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated
 
-from commonrail.base.errors import CommonrailError, InputError
+from commonrail.base.errors import InputError
 from commonrail.base.registry import part_digits
 from commonrail.cli.console import print_json, print_rows, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json
+from commonrail.plugins.catalogue.run import Section
 
-_Found = TypeVar("_Found")
 NO_SUCH_PART = "; the part numbers of the catalogue are Bosch's, as 0445110191 and 0445120077"
-_SIGNS = re.compile(r"[^\S\n]|[._-]")
-
-
-class Section(StrEnum):
-    """Sections of the catalogue."""
-
-    FUELS = "fuels"
-    INJECTORS = "injectors"
-    METERS = "meters"
-    FEATURES = "features"
-    PARAMETERS = "parameters"
 
 
 @verb
@@ -67,12 +54,9 @@ def catalogue(
             raise InputError("--write stands alone, as in commonrail catalogue injectors --write cri2-16.")
         _write_injector(write, json)
         return
-    from commonrail.readers.part_number import find_part
+    from commonrail.plugins.catalogue.run import catalogue as list_entries
 
-    chosen = [Section.INJECTORS] if report is not None else [section] if section else list(Section)
-    parts = find_part(search) if Section.INJECTORS in chosen and part_digits(search) else ()
-    named = {part.injector for part in parts}
-    found = {s.value: [e for e in _ENTRIES[s]() if _matches(e, search) or e["name"] in named] for s in chosen}
+    found, parts = list_entries(Section.INJECTORS if report is not None else section, search)
     if report is not None:
         _write_gallery(report, [entry["name"] for entry in found["injectors"]], search, json)
         return
@@ -125,90 +109,6 @@ def _write_gallery(path: Path, names: Sequence[str], search: str, json: bool) ->
         print_json({"kind": "gallery", "page": str(path), "injectors": names})
     else:
         say(f"wrote {path} ({len(names)} injectors)")
-
-
-def _fuels() -> list[dict[str, Any]]:
-    from commonrail.readers.fuel import fuel_catalogue, load_fuel
-
-    fuels = _sound(load_fuel, fuel_catalogue()).values()
-    return [{"name": f.name, "title": f.title, "mark": f.mark, "source": f.source} for f in fuels]
-
-
-def _injectors() -> list[dict[str, Any]]:
-    from commonrail.readers.injector import injector_catalogue, load_injector
-
-    return [
-        {"name": name, "title": i.title, "variant": i.variant.label, "synthetic": i.synthetic}
-        for name, i in _sound(load_injector, injector_catalogue()).items()
-    ]
-
-
-def _meters() -> list[dict[str, Any]]:
-    from commonrail.base import registry
-    from commonrail.readers.meters import installed_meter
-
-    return [
-        {"name": name, "law": f"{m.law.value}, order {m.order}", "quantities": ", ".join(m.values)}
-        for name, m in _sound(installed_meter, list(registry.installed("meters"))).items()
-    ]
-
-
-def _features() -> list[dict[str, Any]]:
-    from commonrail.plugins.features.table import known_features
-
-    return [
-        {
-            "name": feature.name,
-            "unit": feature.unit,
-            "meaning": feature.meaning,
-            "found in": " and ".join(
-                word for word, found in (("traces", feature.of_trace), ("simulations", feature.of_simulation)) if found
-            ),
-        }
-        for feature in known_features().values()
-    ]
-
-
-def _sound(load: Callable[[str], _Found], names: Sequence[str]) -> dict[str, _Found]:
-    """Files that can be loaded, by name; one of an installed package that cannot be is named in a warning."""
-    found = {}
-    for name in names:
-        try:
-            found[name] = load(name)
-        except CommonrailError as error:
-            say(f"commonrail: {error}")
-    return found
-
-
-def _parameters() -> list[dict[str, Any]]:
-    from commonrail.physics.injector import parameter_quantities
-
-    return [
-        {
-            "name": name,
-            "unit": q.unit,
-            "meaning": q.meaning,
-            "must be": q.domain.value,
-            "usual": list(q.usual or ()),
-            "default": q.default,
-        }
-        for name, q in parameter_quantities().items()
-    ]
-
-
-_ENTRIES: dict[Section, Callable[[], list[dict[str, Any]]]] = {
-    Section.FUELS: _fuels,
-    Section.INJECTORS: _injectors,
-    Section.METERS: _meters,
-    Section.FEATURES: _features,
-    Section.PARAMETERS: _parameters,
-}
-
-
-def _matches(entry: dict[str, Any], search: str) -> bool:
-    """Return whether an entry contains a text; between words a blank, a point, a dash and none are equal."""
-    text = "\n".join(map(str, entry.values()))
-    return _SIGNS.sub("", search.casefold()) in _SIGNS.sub("", text.casefold())
 
 
 def _text(value: object) -> str:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from commonrail.base.arrays import Floats
-from commonrail.base.display import Shown
+from commonrail.base.display import Shown, load_library
 from commonrail.base.text import number
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.plugins.certainty.draws import Draws
@@ -42,7 +43,7 @@ class Certainty(Shown):
         Of the draws.
     tests : list of LackOfFit
     withdrawn : str
-        Reason why no parameter is called pinned, empty if there is none.
+        Reason why no parameter is called determined, empty if there is none.
     verdicts : list of Assessment
     combinations : mapping of str to (float, float, float)
         Value and ends of the interval [SI] of each stated combination.
@@ -62,6 +63,36 @@ class Certainty(Shown):
     withdrawn: str
     verdicts: list[Assessment]
     combinations: Mapping[str, tuple[float, float, float]]
+
+    def plot(self, ax: Any = None, kind: str = "corner") -> Any:  # type: ignore[override]
+        """Draw the draws of the posterior with matplotlib.
+
+        Parameters
+        ----------
+        ax : array of matplotlib.axes.Axes, optional
+            Axes (d, d) of a corner plot, (d,) of traces; by default those of a new figure.
+        kind : "corner" or "trace"
+            Each parameter against each other, or over the number of the draw.
+
+        Returns
+        -------
+        array of matplotlib.axes.Axes
+
+        Raises
+        ------
+        ConfigurationError
+            If matplotlib is missing, the kind is unknown, or the axes are too many or too few.
+        """
+        load_library("matplotlib")
+        return import_module("commonrail.plugins.certainty.draws_plot").draw_posterior(self, ax, kind)
+
+    def to_arviz(self) -> Any:
+        """Draws as the group "posterior" of an arviz DataTree, one chain, by the names of the parameters [SI].
+
+        Raises `ConfigurationError` if arviz is missing.
+        """
+        arviz = load_library("arviz", "posterior")
+        return arviz.from_dict({"posterior": dict(zip(self.names, self.points.T[:, None, :], strict=True))})
 
     @property
     def names(self) -> tuple[str, ...]:

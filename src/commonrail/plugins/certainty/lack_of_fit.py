@@ -250,7 +250,7 @@ def withdrawal(estimate: Estimate, tests: Sequence[LackOfFit], refusal: str = ""
     """Reason why no parameter may be called determined; empty if there is none. `refusal`: of the draws."""
     if not estimate.settled:
         if estimate.starts > 1 and estimate.agreeing < 2:
-            return f"the search has not settled: {estimate.agreeing} of {estimate.starts} starts agree"
-        return "the search has not settled: a better fit is near"
+            return f"the search has not converged: {estimate.agreeing} of {estimate.starts} starts agree"
+        return "the search has not converged: a better fit is near"
     alarms = (test.sentence for test in tests if test.found and test.suspect != DISCREPANCY)  # it is in the intervals
     return refusal or next(alarms, "")

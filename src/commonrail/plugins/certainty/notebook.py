@@ -7,9 +7,10 @@ from collections import Counter
 import numpy as np
 
 from commonrail.base.chart import Figure
+from commonrail.base.table import Table
 from commonrail.base.text import counted
 from commonrail.calibration.identifiability import ParameterVerdict
-from commonrail.data.records import Record
+from commonrail.calibration.record import CertaintyRecord, ParameterRecord, read_as
 from commonrail.plugins.certainty.file import Certainty
 from commonrail.report.fit.certainty import certainty_lines, certainty_tables
 from commonrail.report.fit.diagnostics import pair_figures
@@ -21,14 +22,14 @@ def _lines(found: Certainty) -> list[str]:
     counts = Counter(judged.verdict for judged in found.verdicts)
     size = counted(len(found.verdicts), "parameter")
     named = [f"{counts[verdict]} {verdict.value}" for verdict in ParameterVerdict if counts[verdict]]
-    return [f"{size}: {', '.join(named)}", *certainty_lines(_kept(found))]
+    return [f"{size}: {', '.join(named)}", *certainty_lines(read_as(CertaintyRecord, found.record()))]
 
 
-def _kept(found: Certainty) -> Record:
-    """Record as result.json keeps it, with the units of the parameters."""
+def _tables(found: Certainty) -> list[Table]:
+    """Tables of the report; intervals without bounds."""
     units = found.estimate.likelihood.units
-    parameters = [{"name": name, "unit": unit} for name, unit in zip(found.names, units, strict=False)]
-    return {"parameters": parameters, "certainty": found.record()}
+    parameters = [ParameterRecord(name=name, unit=unit) for name, unit in zip(found.names, units, strict=False)]
+    return certainty_tables(read_as(CertaintyRecord, found.record()), parameters)
 
 
 def _arrays(found: Certainty) -> Arrays:
@@ -48,10 +49,10 @@ def _figures(found: Certainty) -> list[Figure]:
     """Draws of pairs of parameters, as in the report."""
     likelihood, points = found.estimate.likelihood, found.points
     parameters = [
-        {"name": p.name, "unit": p.unit, "upper": p.upper, "best": best}
+        ParameterRecord(name=p.name, unit=p.unit, upper=p.upper, best=best)
         for p, best in zip(likelihood.space.parameters, found.values.values(), strict=False)
     ]
-    return pair_figures({"parameters": parameters}, dict(zip(found.names, points.T, strict=True)), "most likely")
+    return pair_figures(parameters, dict(zip(found.names, points.T, strict=True)), "most likely")
 
 
-CERTAINTY = Presenter(_lines, lambda found: certainty_tables(_kept(found)), _figures, _arrays)
+CERTAINTY = Presenter(_lines, _tables, _figures, _arrays)

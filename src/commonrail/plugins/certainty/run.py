@@ -29,7 +29,7 @@ FAR = 3.0  # distance from which another end is another top
 TOPS = 2  # other tops that are looked at
 
 
-def certify(
+def certainty(
     study: Study,
     best: Mapping[str, float],
     *,
@@ -61,7 +61,7 @@ def certify(
     level : float
         Share of intervals that are to hold the truth.
     limit : float
-        Half width over value, up to which a parameter is called pinned.
+        Half width over value, up to which a parameter is called determined.
     keep : bool, optional
         The given values stay the calibrated ones, and the intervals hold them too. None: where a test speaks against
         the likelihood, which then is no measure of what fits best.
@@ -161,7 +161,7 @@ def assess(
 
     `study`: with its uncertain quantities free; `d`: number of parameters of the study itself, the first ones; `rows`:
     coefficients (d,) of sums, by their texts; `given` (d,): values [SI] that stay the calibrated ones if `keep`, as for
-    `certify`.
+    `certainty`.
     """
     space = result.likelihood.space
     points = space.from_unit(draws.unit)
@@ -196,12 +196,12 @@ def judge(fit: FinishedFit) -> None:
     others = [end.x for end in fit.calibration.ends[1 : 1 + MOST_ENDS]]
     keep = True if study.method.is_evolution else None  # the paper's search keeps its own values
     ends = np.array(others) if others else None
-    certainty = certify(study, fit.calibration.best, threads=fit.threads, ends=ends, starts=fit.starts, keep=keep)
-    stays = certainty.values == dict(fit.calibration.best)
-    fit.identified.estimate = None if stays else certainty.values
-    fit.identified.draws = certainty.points[:: max(len(certainty.points) // KEPT, 1)]
-    record = certainty.record()
-    fit.shared[CERTAINTY], fit.identified.sections[CERTAINTY] = certainty, record
+    result = certainty(study, fit.calibration.best, threads=fit.threads, ends=ends, starts=fit.starts, keep=keep)
+    stays = result.values == dict(fit.calibration.best)
+    fit.identified.estimate = None if stays else result.values
+    fit.identified.draws = result.points[:: max(len(result.points) // KEPT, 1)]
+    record = result.record()
+    fit.shared[CERTAINTY], fit.identified.sections[CERTAINTY] = result, record
     for one in record["parameters"]:
         fit.identified[one["name"]] |= {key: one[key] for key in ("standard_error", "verdict")}
 

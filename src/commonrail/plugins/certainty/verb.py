@@ -12,7 +12,7 @@ from commonrail.cli.console import Bar, print_json, print_lines, print_table, sh
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads, check_folder
 
-STARTS, LIMIT = 8, 10.0  # of the search; half width [%] up to which a parameter is pinned
+STARTS, LIMIT = 8, 10.0  # of the search; half width [%] up to which a parameter is determined
 
 
 @verb
@@ -24,7 +24,7 @@ def certainty(
         tuple[str, ...], Option(metavar="SUM", help='Interval of a sum of parameters, e.g. "a + 2*b".')
     ] = (),
     limit: Annotated[
-        float, Option(min=0.1, max=99.0, help="Half width of an interval up to which a parameter is pinned [%].")
+        float, Option(min=0.1, max=99.0, help="Half width of an interval up to which a parameter is determined [%].")
     ] = LIMIT,
     threads: Threads = None,
     json: Json = False,
@@ -39,7 +39,8 @@ def certainty(
       commonrail certainty runs/first
       commonrail certainty runs/first --combination "plunger_needle.k2 + plunger_needle.k3"
     """
-    from commonrail.plugins.certainty.run import certify
+    from commonrail.calibration.record import CalibrationRecord, read_as
+    from commonrail.plugins.certainty.run import certainty as certify
     from commonrail.report.fit.certainty import certainty_lines, certainty_tables
     from commonrail.report.page import write_report
     from commonrail.runs.fit import Listener, estimate_again
@@ -62,8 +63,9 @@ def certainty(
         result = {"kind": "certainty", "run": str(run), "report": report and str(report)}
         print_json(result | {"certainty": record["certainty"]})
         return
-    for table in certainty_tables(record):
+    fit = read_as(CalibrationRecord, record)
+    for table in certainty_tables(fit.certainty, fit.parameters):
         print_table(table)
-    print_lines(certainty_lines(record))
+    print_lines(certainty_lines(fit.certainty))
     if report is not None:
         click.echo(f"report: {report}")

@@ -25,7 +25,7 @@ class Assessment(NamedTuple):
 
     verdict: ParameterVerdict
     sentence: str  # verdict with its figure
-    cure: str  # measurement or statement that would improve it; empty for a pinned parameter
+    cure: str  # measurement or statement that would improve it; empty for a determined parameter
     half: float  # half width of the interval [SI]
 
 
@@ -43,7 +43,7 @@ def verdicts_of(
 
     `d`: number of the study's parameters, the first ones; `interval`: ends (d,) [SI]; `correlation` (d + k, d + k): of
     the draws, k quantities of the bench last; `reason`: of `withdrawal`; `limit`: half width over value, up to which a
-    parameter is pinned; `level`: of the intervals.
+    parameter is determined; `level`: of the intervals.
     """
     scale = np.abs(estimate.likelihood.scaled(estimate.unit))
     alone = student(estimate.covariance.freedom, level) * estimate.covariance.alone * scale
@@ -75,11 +75,11 @@ def _words(estimate: Estimate, case: _Case, reason: str, limit: float) -> tuple[
         cure = "measure what tells its members apart, or check the constraint"
         return ParameterVerdict.CONSTRAINED, f'held by the constraint "{wall}" ({figure})', cure
     verdict = ParameterVerdict.by_width(case.half, case.alone, value, limit)
-    if verdict is ParameterVerdict.PINNED:
+    if verdict is ParameterVerdict.DETERMINED:
         if reason:
-            cure = "search from more starts" if "settled" in reason else "mend what the test has shown, then fit again"
-            return ParameterVerdict.WITHDRAWN, f"{figure}; withdrawn, because {reason}", cure
-        return ParameterVerdict.PINNED, f"pinned to {figure}", ""
+            cure = "search from more starts" if "converged" in reason else "mend what the test shows, then fit again"
+            return ParameterVerdict.NOT_CONFIRMED, f"{figure}; not confirmed, because {reason}", cure
+        return ParameterVerdict.DETERMINED, f"determined to {figure}", ""
     if blamed := _blamed(estimate, case):
         name, deviation = blamed
         cure = f"know {name} better than to {deviation}, and state it in the noise of the data"
@@ -90,7 +90,7 @@ def _words(estimate: Estimate, case: _Case, reason: str, limit: float) -> tuple[
         cure = "measure at another rail pressure or energising time, or state a prior of one of them"
         return ParameterVerdict.COMBINED, f"only in combination{words} ({figure})", cure
     cure = "measure it on the part, or where it acts more; the fitted value means nothing"
-    return ParameterVerdict.UNSEEN, f"not seen by these data ({figure})", cure
+    return ParameterVerdict.INSENSITIVE, f"the data are insensitive to it ({figure})", cure
 
 
 def _percent(half: float, value: float) -> str:

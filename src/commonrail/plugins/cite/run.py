@@ -63,6 +63,30 @@ class Reference(NamedTuple):
         return re.sub(r"[{}\\]", "", ". ".join(filter(None, [*parts, f.get("note", "")]))).replace("--", "–")
 
 
+class Citation(NamedTuple):
+    """Parts of a run, and the works to cite for them."""
+
+    uses: tuple[Use, ...]
+    works: tuple[Reference, ...]
+
+
+def cite(model: str | Path) -> Citation:
+    """List the parts of a model with their sources, and the works to cite.
+
+    Parameters
+    ----------
+    model : str or path
+        Run folder of `calibrate`, injector file, or injector of the catalogue.
+
+    Raises
+    ------
+    InputError
+        If it is none of them, or a record of the run is broken.
+    """
+    uses = uses_of(str(model))
+    return Citation(tuple(uses), tuple(references_of(uses)))
+
+
 def read_bibtex(text: str) -> list[Reference]:
     """Entries of a BibTeX text whose fields stand in braces on a line each."""
     return [Reference(key, kind, dict(_FIELD.findall(body))) for kind, key, body in _ENTRY.findall(text)]

@@ -30,11 +30,11 @@ def cite(
       commonrail cite cri2-16
       commonrail cite runs/first --out used.bib
     """
-    from commonrail.plugins.cite.run import references_of, uses_of, write_bibtex
+    from commonrail.plugins.cite.run import cite as list_sources
+    from commonrail.plugins.cite.run import write_bibtex
 
     check_file(out, "--out")
-    uses = uses_of(run)
-    works = references_of(uses)
+    uses, works = list_sources(run)
     if out is not None:
         write_bibtex(out, works)
 

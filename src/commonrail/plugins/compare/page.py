@@ -9,8 +9,9 @@ from pathlib import Path
 from commonrail.base.chart import Figure
 from commonrail.base.table import Part, Table, table_of
 from commonrail.base.text import counted, fixed, listed, number, pressure, quantity, significant
-from commonrail.data.records import MICROSECOND, Plotted, Record, Traces
+from commonrail.data.records import MICROSECOND, Record, Traces
 from commonrail.plugins.compare.file import RECORD
+from commonrail.report.data.view import Plotted
 from commonrail.report.figure import drawings
 from commonrail.report.fit.record import by_kind, shown_of
 from commonrail.report.fit.rules import Tile
@@ -86,7 +87,7 @@ def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
         first=figures[0] if figures else None,
         figures=figures[1:],
         differences=difference_table(record),
-        synthetic=synthetic_notes(record),
+        synthetic=synthetic_notes(record["synthetic"], record["data"]),
         commands=comparison_commands(record, folder),
         facts=_facts(record),
     )
@@ -103,7 +104,7 @@ def comparison_tiles(record: Record) -> list[Tile]:
 
 def comparison_figures(record: Record, traces: Traces) -> list[Figure]:
     """Figures of the data of a comparison: one colour, marker and dash for each model."""
-    plotted = Plotted(shown_of(record), traces)
+    plotted = Plotted(shown_of(record["labels"], compared=True), traces)
     return [f for view, data in by_kind(record["data"]) for d in data for f in view.compared_figures(d, plotted)]
 
 

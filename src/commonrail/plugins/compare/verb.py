@@ -90,8 +90,8 @@ def _compared(
 
 def _warnings(comparison: Comparison, named: Sequence[NamedModel]) -> list[dict[str, str]]:
     """Findings of implausible errors, shifts and gains, each once; printed to stderr and returned as records."""
+    from commonrail.base.record import to_record
     from commonrail.calibration.plausibility import of_model
-    from commonrail.calibration.result import warning_records
 
     found: dict[Finding, None] = {}
     for model in named:
@@ -102,7 +102,7 @@ def _warnings(comparison: Comparison, named: Sequence[NamedModel]) -> list[dict[
                 found[finding] = None
     for finding in found:
         say(f"warning: {finding.sentence}")
-    return warning_records(found)
+    return list(to_record(tuple(found)))
 
 
 def _print(record: dict[str, Any]) -> None:

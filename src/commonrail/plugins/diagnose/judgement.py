@@ -15,7 +15,8 @@ from commonrail.physics.injector import Injector
 from commonrail.plugins.diagnose.faults import FaultTable
 from commonrail.plugins.diagnose.run import SOUND, Diagnosis, diagnose
 from commonrail.plugins.diagnose.trim import STEP, PartTrim, trim
-from commonrail.plugins.plans.run import PlanResult, run_plan
+from commonrail.plugins.plans.run import PlanResult
+from commonrail.plugins.plans.run import plan as run_plan
 from commonrail.plugins.plans.study import TestPlan, load_plan
 
 
@@ -53,7 +54,7 @@ class PartJudgement(Shown):
         }
 
 
-def judge_part(
+def judge(
     injector: Injector,
     results: TestPlan | str | PathLike[str],
     *,
@@ -68,7 +69,7 @@ def judge_part(
     """Judge a part by its test plan, find the fault that explains its results, and trim it.
 
     The arguments are those of `diagnose` and `trim`, each with its own noise unless one is stated; `bench` are those of
-    `run_plan`, and so are the errors. A part that cannot be trimmed has the reason in place of a trim.
+    `plan`, and so are the errors. A part that cannot be trimmed has the reason in place of a trim.
     """
     plan = results if isinstance(results, TestPlan) else load_plan(results)
     settings: dict[str, Any] = {"nominal": nominal, "faults": faults, **bench}

@@ -287,7 +287,7 @@ def diagnose(
         Take the plan's nominal quantities for those of a sound part, where it states them, and the model for the
         relative changes alone.
     stroke_rate, cylinder_pressure, return_pressure, time_step
-        As of `run_plan`.
+        As of `plan`.
     draws : int
         Sound parts that are simulated with each size of each fault.
     threads : int, optional

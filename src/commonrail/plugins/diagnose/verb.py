@@ -32,7 +32,7 @@ class SoundOptions:
     ] = None
 
     def read(self) -> dict[str, Any]:
-        """Arguments of `diagnose`, `trim` and `judge_part`; the noise only where it is stated."""
+        """Arguments of `diagnose`, `trim` and `judge`; the noise only where it is stated."""
         stated = {} if self.noise is None else {"noise": self.noise}
         return {"nominal": self.nominal, "faults": self.faults, **stated}
 
@@ -126,7 +126,7 @@ def judge(
       commonrail judge cri2-16 examples/test-plan/results.csv --nominal --report judgement.html
       commonrail judge "0 445 110 191" results.csv --nominal --noise workshop
     """
-    from commonrail.plugins.diagnose.judgement import judge_part
+    from commonrail.plugins.diagnose.judgement import judge as judge_part
     from commonrail.plugins.diagnose.page import judgement_html
 
     injector, tests, settings = bench.read(report, stroke_rate)

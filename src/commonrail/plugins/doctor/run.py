@@ -171,13 +171,13 @@ class Fact(NamedTuple):
     essential: bool = False
 
 
-def examine() -> Iterator[Fact]:
-    """Everything, one after another; the first simulation may take a minute where it has to be compiled."""
-    yield from machine_facts()
-    yield from cache_facts()
-    yield from kernel_facts()
-    yield from extra_facts()
-    yield from plugin_facts()
+def doctor() -> list[Fact]:
+    """Look at this machine: does commonrail work well on it?
+
+    The first simulation may take a minute where it has to be compiled. What is "ok" needs nothing; else the verdict
+    of a fact says what to do.
+    """
+    return [*machine_facts(), *cache_facts(), *kernel_facts(), *extra_facts(), *plugin_facts()]
 
 
 def usable(facts: list[Fact]) -> bool:

@@ -20,10 +20,11 @@ def doctor(*, json: Json = False) -> None:
     Example:
       commonrail doctor
     """
-    from commonrail.plugins.doctor.run import examine, installed_plugins, usable
+    from commonrail.plugins.doctor.run import doctor as examine
+    from commonrail.plugins.doctor.run import installed_plugins, usable
 
     say(f"looking; a simulation that is not compiled yet takes {duration()} ...")
-    facts = list(examine())
+    facts = examine()
     well = usable(facts)
     if json:
         plugins = [plugin._asdict() for plugin in installed_plugins()]

@@ -189,19 +189,11 @@ def describe2(model: Model, listed: Sequence[Variable], token: str, sources: Seq
 
     `sources` are the C files to be compiled where there is no binary.
     """
-    root = Xml.Element(
-        "fmiModelDescription",
-        {"fmiVersion": "2.0", "guid": token, **_about(model, listed), "numberOfEventIndicators": "0"},
-    )
-    simulation = Xml.SubElement(
-        root,
-        "CoSimulation",
-        modelIdentifier=model.name,
-        canHandleVariableCommunicationStepSize="true",
-        canGetAndSetFMUstate="true",
-        canSerializeFMUstate="true",
-        canNotUseMemoryManagementFunctions="true",
-    )
+    head = {"fmiVersion": "2.0", "guid": token, **_about(model, listed), "numberOfEventIndicators": "0"}
+    root = Xml.Element("fmiModelDescription", head)
+    able = ("HandleVariableCommunicationStepSize", "GetAndSetFMUstate", "SerializeFMUstate")
+    abilities = {f"can{what}": "true" for what in (*able, "NotUseMemoryManagementFunctions")}
+    simulation = Xml.SubElement(root, "CoSimulation", {"modelIdentifier": model.name, **abilities})
     files = Xml.SubElement(simulation, "SourceFiles")
     for name in sources:
         Xml.SubElement(files, "File", name=name)
@@ -210,29 +202,22 @@ def describe2(model: Model, listed: Sequence[Variable], token: str, sources: Seq
     for variable in listed:
         element = Xml.SubElement(table, "ScalarVariable", _identity(variable) | _initial(variable))
         Xml.SubElement(element, variable.kind.type, _range(variable) | _start(variable))
-    outputs = [i for i, variable in enumerate(listed, start=1) if variable.kind.causality == "output"]
     structure = Xml.SubElement(root, "ModelStructure")
     for name in ("Outputs", "InitialUnknowns"):
         unknowns = Xml.SubElement(structure, name)
-        for index in outputs:
-            Xml.SubElement(unknowns, "Unknown", index=str(index))
+        for index, variable in enumerate(listed, start=1):
+            if variable.kind.causality == "output":
+                Xml.SubElement(unknowns, "Unknown", index=str(index))
     return _written(root)
 
 
 def describe3(model: Model, listed: Sequence[Variable], token: str, sources: Sequence[str]) -> str:
     """Text of modelDescription.xml of FMI 3.0, as `describe2`; its `sources` are in `build_description`."""
-    root = Xml.Element(
-        "fmiModelDescription", {"fmiVersion": "3.0", "instantiationToken": token, **_about(model, listed)}
-    )
-    Xml.SubElement(
-        root,
-        "CoSimulation",
-        modelIdentifier=model.name,
-        canGetAndSetFMUState="true",
-        canSerializeFMUState="true",
-        canHandleVariableCommunicationStepSize="true",
-        maxOutputDerivativeOrder="0",
-    )
+    head = {"fmiVersion": "3.0", "instantiationToken": token, **_about(model, listed)}
+    root = Xml.Element("fmiModelDescription", head)
+    able = ("GetAndSetFMUState", "SerializeFMUState", "HandleVariableCommunicationStepSize")
+    abilities = {f"can{what}": "true" for what in able} | {"maxOutputDerivativeOrder": "0"}
+    Xml.SubElement(root, "CoSimulation", {"modelIdentifier": model.name, **abilities})
     _add_units_and_experiment(root, listed)
     table = Xml.SubElement(root, "ModelVariables")
     time = {"name": "time", "valueReference": str(_TIME), "causality": "independent", "variability": "continuous"}
@@ -338,21 +323,14 @@ def terminals(listed: Sequence[Variable]) -> str:
     root = Xml.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
     table = Xml.SubElement(root, "Terminals")
     for name, members, description in (
-        ("fuel_line", (("pressure", "boundary.rail_pressure"), ("flow", "inlet_flow")), "inlet of the feed pipe"),
-        ("coil", (("drive", "boundary.drive"), ("current", "coil_current")), "coil of the solenoid"),
+        ("fuel_line", {"pressure": "boundary.rail_pressure", "flow": "inlet_flow"}, "inlet of the feed pipe"),
+        ("coil", {"drive": "boundary.drive", "current": "coil_current"}, "coil of the solenoid"),
     ):
-        if names.isdisjoint(text for _, variable in members for text in (variable, flat_name(variable))):
-            continue
-        terminal = Xml.SubElement(table, "Terminal", name=name, matchingRule="bus", description=description)
-        for member, variable in members:
-            variable = variable if variable in names else flat_name(variable)
-            if variable not in names:
-                continue
-            Xml.SubElement(
-                terminal,
-                "TerminalMemberVariable",
-                variableName=variable,
-                memberName=member,
-                variableKind="inflow" if member == "flow" else "signal",
-            )
+        found = {m: text for m, variable in members.items() for text in {variable, flat_name(variable)} & names}
+        if found:
+            terminal = Xml.SubElement(table, "Terminal", name=name, matchingRule="bus", description=description)
+        for member, variable in found.items():
+            kind = "inflow" if member == "flow" else "signal"
+            attributes = {"variableName": variable, "memberName": member, "variableKind": kind}
+            Xml.SubElement(terminal, "TerminalMemberVariable", attributes)
     return _written(root)

@@ -18,27 +18,10 @@ from commonrail.physics.injector import Injector
 from commonrail.physics.variants import DRIVE, unread_inputs
 from commonrail.physics.variants import RAIL as RAIL_INPUT
 from commonrail.physics.variants import RETURN as BACK
-from commonrail.plugins.export.description import (
-    CYLINDER,
-    RAIL,
-    RETURN,
-    Variable,
-    build_description,
-    describe2,
-    describe3,
-    terminals,
-    variables,
-)
-from commonrail.plugins.export.library import block_texts, write_around, write_sources, write_texts
-from commonrail.plugins.export.object_files import (
-    Compiler,
-    Target,
-    compiler_for,
-    emit,
-    emit_block,
-    link_shared,
-    vectors_of,
-)
+from commonrail.plugins.export import description
+from commonrail.plugins.export.description import CYLINDER, RAIL, RETURN, Variable
+from commonrail.plugins.export.library import block_texts, write_around, write_kernels, write_sources, write_texts
+from commonrail.plugins.export.object_files import Compiler, Target, compiler_for, link_shared, vectors_of
 from commonrail.plugins.export.sources import Model, model_of, source_file, template
 from commonrail.report.html import render
 
@@ -61,7 +44,7 @@ _HEADERS = {
     2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
 }
-_DESCRIPTIONS = {2: describe2, 3: describe3}
+_DESCRIPTIONS = {2: description.describe2, 3: description.describe3}
 # Date of the files in the ZIP: equal FMUs have equal bytes but for the date in the description.
 _WHEN = (1980, 1, 1, 0, 0, 0)
 
@@ -91,10 +74,9 @@ def write_fmu(
     there is no compiler for one, or it fails.
     """
     tools_of(targets, fmi)
-    model, listed = model_of(injector), variables(injector, flat)
-    return write_instance(
-        Instance(model, listed, _injector_texts(injector), documentation_page(model, listed)), out, targets, fmi
-    )
+    model, listed = model_of(injector), description.variables(injector, flat)
+    made = Instance(model, listed, _injector_texts(injector), documentation_page(model, listed))
+    return write_instance(made, out, targets, fmi)
 
 
 def write_instance(made: Instance, out: Path, targets: Sequence[Target], fmi: int) -> tuple[str, ...]:
@@ -115,8 +97,8 @@ def write_instance(made: Instance, out: Path, targets: Sequence[Target], fmi: in
         contents |= {f"sources/{path.name}": path.read_bytes() for path in written}
     contents["model.png" if fmi == 2 else "terminalsAndIcons/icon.png"] = source_file("icon.png").read_bytes()
     if fmi == 3:
-        contents["sources/buildDescription.xml"] = build_description(model, to_compile).encode()
-        contents["terminalsAndIcons/terminalsAndIcons.xml"] = terminals(listed).encode()
+        contents["sources/buildDescription.xml"] = description.build_description(model, to_compile).encode()
+        contents["terminalsAndIcons/terminalsAndIcons.xml"] = description.terminals(listed).encode()
     contents["documentation/index.html"] = made.page.encode()
     contents["documentation/licenses/notices.txt"] = template("notices.txt").replace("NAME", model.name).encode()
     _pack(out, contents)
@@ -125,21 +107,23 @@ def write_instance(made: Instance, out: Path, targets: Sequence[Target], fmi: in
 
 def _link(compiler: Compiler, made: Instance, folder: Path, binary: Path, target: Target) -> None:
     """Link the binary of a target: the C around the physics, and the physics as LLVM compiles it."""
-    name, wired = made.model.name, made.model.injector.wired()
-    objects = {f"{target.name}.o": emit(wired, target, name)}
-    vectors = vectors_of(target) if made.blocks else ()
-    objects |= {f"{target.name}_{one}.o": emit_block(wired, target, one, name) for one in vectors}
-    for file, content in objects.items():
-        (folder / file).write_bytes(content)
-    around = sorted(path for path in folder.glob("*.c") if path.stem != f"{name}_kernel")
-    defines = (f"{name.upper()}_VECTORS",) if vectors else ()
-    link_shared(compiler, (*around, *(folder / file for file in objects)), binary, target, defines)
+    model, vectors = made.model, vectors_of(target) if made.blocks else ()
+    kernels = write_kernels(model, folder, target, vectors)
+    around = sorted(path for path in folder.glob("*.c") if path.stem != f"{model.name}_kernel")
+    defines = (f"{model.name.upper()}_VECTORS",) if vectors else ()
+    link_shared(compiler, (*around, *kernels), binary, target, defines)
 
 
 def tools_of(targets: Sequence[Target], fmi: int) -> tuple[dict[str, str], dict[str, Compiler]]:
     """Folder of the binary and compiler of each target by its name; errors as of `write_fmu`."""
     check_fmi(fmi)
-    folders = {target.name: _folder(target, fmi) for target in targets}
+    folders = {target.name: target.fmi2 if fmi == 2 else target.fmi3 for target in targets}
+    for target in targets:
+        if not folders[target.name]:
+            raise ConfigurationError(
+                f"FMI {fmi}.0 has no folder for binaries of {target.name}; leave this platform out"
+                + (", or write an FMU of version 3." if fmi == 2 and target.fmi3 else ".")
+            )
     return folders, {target.name: compiler_for(target, prefer_zig=True) for target in targets}
 
 
@@ -148,16 +132,6 @@ def check_fmi(version: int) -> None:
     if version not in _HEADERS:
         known = " and ".join(map(str, _HEADERS))
         raise ConfigurationError(f"FMUs are written for version {known} of the FMI standard, not {version}.")
-
-
-def _folder(target: Target, fmi: int) -> str:
-    folder = target.fmi2 if fmi == 2 else target.fmi3
-    if not folder:
-        raise ConfigurationError(
-            f"FMI {fmi}.0 has no folder for binaries of {target.name}; leave this platform out"
-            + (", or write an FMU of version 3." if fmi == 2 and target.fmi3 else ".")
-        )
-    return folder
 
 
 def _injector_texts(injector: Injector) -> dict[str, str]:

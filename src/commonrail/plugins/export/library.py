@@ -14,18 +14,9 @@ from typing import NamedTuple
 from commonrail.base.errors import InputError
 from commonrail.base.hooks import ALL_ENTRIES, lasting
 from commonrail.physics.injector import Injector
+from commonrail.plugins.export import object_files
 from commonrail.plugins.export.entry_points import LANES, sizes
-from commonrail.plugins.export.object_files import (
-    Compiler,
-    Target,
-    archive,
-    compile_source,
-    compiler_for,
-    emit,
-    emit_block,
-    link_shared,
-    vectors_of,
-)
+from commonrail.plugins.export.object_files import Compiler, Target, compiler_for, vectors_of
 from commonrail.plugins.export.sources import Model, model_of, named, template
 
 # Folder whose files appear when all of them are complete.
@@ -89,7 +80,9 @@ def write_library_with(
     `more`: texts by name of headers and sources around the model, with ``cr`` in place of its name, that become part of
     the libraries.
     """
-    _refuse_foreign_examples(folder)
+    foreign = [name for name in _EXAMPLES.values() if (folder / name).exists()]
+    if foreign and not any(folder.glob("*_kernel.c")):  # an export has a kernel's source next to its examples
+        raise InputError(f"{folder}: {' and '.join(foreign)} would be replaced; name a new folder.")
     compilers = {target.name: compiler_for(target) for target in targets if target.suffix != ".wasm"}
     model = make()
     shared: dict[str, Path] = {}
@@ -99,23 +92,25 @@ def write_library_with(
             place = made / target.name if len(targets) > 1 else made
             place.mkdir(exist_ok=True)
             if target.name not in compilers:
-                files.append(_write_kernel(model, place, target))
+                files += write_kernels(model, place, target, ())
                 continue
             written = _write_binaries(model, made, place, target, compilers[target.name])
             shared[target.name] = written[-1]
             files += written
         files += _write_examples(model, made, "PLATFORM/" if len(targets) > 1 else "")
     moved = {path: folder / path.relative_to(made) for path in files}
-    return Library(
-        model, folder, {name: moved[path] for name, path in shared.items()}, tuple(moved[path] for path in files)
-    )
+    return Library(model, folder, {name: moved[path] for name, path in shared.items()}, tuple(moved.values()))
 
 
-def _write_kernel(model: Model, place: Path, target: Target) -> Path:
-    """Write the object of the compiled physics."""
-    kernel = place / f"{model.name}_kernel_{target.name}.o"
-    kernel.write_bytes(emit(model.injector.wired(), target, model.name))
-    return kernel
+def write_kernels(model: Model, place: Path, target: Target, vectors: Sequence[str]) -> list[Path]:
+    """Write the objects of the compiled physics, those of blocks for the names of `vectors` last."""
+    name, wired = model.name, model.injector.wired()
+    objects = {f"{name}_kernel_{target.name}.o": object_files.emit(wired, target, name)}
+    for one in vectors:
+        objects[f"{name}_block_{one}_{target.name}.o"] = object_files.emit_block(wired, target, one, name)
+    for file, content in objects.items():
+        (place / file).write_bytes(content)
+    return [place / file for file in objects]
 
 
 def block_texts() -> dict[str, str]:
@@ -134,21 +129,18 @@ def _write_binaries(model: Model, folder: Path, place: Path, target: Target, com
     `folder` has the sources.
     """
     upper, vectors = model.name.upper(), vectors_of(target)
-    kernels = [_write_kernel(model, place, target)]
-    for one in vectors:
-        kernels.append(place / f"{model.name}_block_{one}_{target.name}.o")
-        kernels[-1].write_bytes(emit_block(model.injector.wired(), target, one, model.name))
+    kernels = write_kernels(model, place, target, vectors)
     defines = (f"{upper}_VECTORS",) if vectors else ()
     sources = [path for path in sorted(folder.glob("*.c")) if path.stem != f"{model.name}_kernel"]
     objects = [place / f"{source.stem}.o" for source in sources]
     for source, made in zip(sources, objects, strict=True):
-        compile_source(compiler, source, made, target, defines)
+        object_files.compile_source(compiler, source, made, target, defines)
     prefix = "" if target.suffix == ".dll" else "lib"
     static, shared = place / f"lib{model.name}.a", place / f"{prefix}{model.name}{target.suffix}"
-    archive(compiler, (*objects, *kernels), static)
+    object_files.archive(compiler, (*objects, *kernels), static)
     for made in objects:
         made.unlink()
-    link_shared(compiler, (*sources, *kernels), shared, target, (f"{upper}_SHARED", *defines))
+    object_files.link_shared(compiler, (*sources, *kernels), shared, target, (f"{upper}_SHARED", *defines))
     return [*kernels, static, shared]
 
 
@@ -162,13 +154,6 @@ def write_texts(folder: Path, texts: Mapping[str, str]) -> list[Path]:
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     return [folder / name for name in texts]
-
-
-def _refuse_foreign_examples(folder: Path) -> None:
-    """Refuse a folder whose own examples would be lost; an export has a kernel's source beside them."""
-    foreign = [name for name in _EXAMPLES.values() if (folder / name).exists() and not any(folder.glob("*_kernel.c"))]
-    if foreign:
-        raise InputError(f"{folder}: {' and '.join(foreign)} would be replaced; name a new folder.")
 
 
 def _write_examples(model: Model, folder: Path, beside: str) -> list[Path]:

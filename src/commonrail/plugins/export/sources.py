@@ -52,16 +52,11 @@ def step_condition(variant: Variant) -> str:
     medium = Medium(*(_Symbol(f"medium[{i}]", lines) for i in range(len(Medium._fields))))  # type: ignore[arg-type]
     found = bears(variant, symbols, medium, _Symbol("dt", lines))  # type: ignore[arg-type]
     used = sorted({name for group in limiting(variant.actuation) for name in group})
-    return "\n".join(
-        [
-            f"/* Depends on {', '.join(used)}. */",
-            "static int cr_bears(const double *p, double lift, const double *medium, double dt) {",
-            "    (void)lift;",
-            *(f"    {line}" for line in _used(lines, found.text)),
-            f"    return {found.text};",
-            "}",
-            "",
-        ]
+    statements = "".join(f"    {line}\n" for line in _used(lines, found.text))
+    return (
+        f"/* Depends on {', '.join(used)}. */\n"
+        "static int cr_bears(const double *p, double lift, const double *medium, double dt) {\n    (void)lift;\n"
+        f"{statements}    return {found.text};\n}}\n"
     )
 
 
@@ -219,22 +214,19 @@ def model_of(injector: Injector, temperatures: Sequence[float] = ()) -> Model:
     ConfigurationError if the physics cannot be compiled, or the fuel has no polynomials over its range of temperature.
     """
     wired = injector.wired()
-    name, size = _identifier(injector.name), sizes(wired)
-    tables, defines, kernel = (
-        _tables(injector, temperatures),
-        _defines(injector),
-        kernel_source(linked_text(wired, name)),
-    )
+    size, name = sizes(wired), re.sub(r"\W+", "_", injector.name, flags=re.ASCII).strip("_").lower()
+    if not name or name[0].isdigit():
+        name = f"injector_{name}".rstrip("_")
+    tables, defines = _tables(injector, temperatures), _defines(injector)
+    kernel = kernel_source(linked_text(wired, name))
     digest = hashlib.sha256((tables + defines + kernel).encode()).hexdigest()
-    public = "".join(
-        f"#define CR_{key} {value} /* {meaning} */\n"
-        for key, value, meaning in (
-            ("PARAMETERS", size.parameters + 1, "the last one is the temperature of the fuel"),
-            ("CHANNELS", size.channels, ", ".join(c.name for c in channels(wired.actuation))),
-            ("ENERGISINGS", ENERGISINGS, "planned at once"),
-            *reads_of(wired),
-        )
+    public_sizes = (
+        ("PARAMETERS", size.parameters + 1, "the last one is the temperature of the fuel"),
+        ("CHANNELS", size.channels, ", ".join(c.name for c in channels(wired.actuation))),
+        ("ENERGISINGS", ENERGISINGS, "planned at once"),
+        *reads_of(wired),
     )
+    public = "".join(f"#define CR_{key} {value} /* {meaning} */\n" for key, value, meaning in public_sizes)
     core = f"#define CR_STAMP UINT64_C(0x{digest[:16]})\n{defines}"
     return Model(
         injector,
@@ -276,11 +268,6 @@ def named(text: str, name: str) -> str:
     """A source with the model's name in place of ``cr``: two models can be linked into one program."""
     text = text.replace('"cr_commonrail.h"', f'"{name}.h"')
     return re.sub(r"\bCR_", f"{name.upper()}_", re.sub(r"\bcr_", f"{name}_", text))
-
-
-def _identifier(name: str) -> str:
-    found = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_").lower()
-    return found if found and not found[0].isdigit() else f"injector_{found}".rstrip("_")
 
 
 # Rows of the working memory that the C sources read: instants and flag of the needle, delays of the waves.
@@ -333,24 +320,19 @@ def _tables(injector: Injector, temperatures: Sequence[float]) -> str:
         "SENTENCES": len(sentences),
         "KNOWN": len(known),
     }
-    return "\n".join(
-        [
-            "/* Generated: tables of one model. */",
-            "#ifndef CR_MODEL",
-            "#define CR_MODEL",
-            "#include <math.h>",
-            "#include <stdint.h>",
-            _directives(sizes_of_tables),
-            _parameters(injector),
-            _rows(_CHANNEL, "cr_channel cr_channels[]", observed),
-            _rows(_SENTENCE, "cr_words cr_sentences[]", sentences),
-            _fuel(fuel, known),
-            _longest_way(wired.actuation),
-            step_condition(wired),
-            "#endif",
-            "",
-        ]
+    parts = (
+        "/* Generated: tables of one model. */\n#ifndef CR_MODEL\n#define CR_MODEL",
+        "#include <math.h>\n#include <stdint.h>",
+        _directives(sizes_of_tables),
+        _parameters(injector),
+        _rows(_CHANNEL, "cr_channel cr_channels[]", observed),
+        _rows(_SENTENCE, "cr_words cr_sentences[]", sentences),
+        _fuel(fuel, known),
+        _longest_way(wired.actuation),
+        step_condition(wired),
+        "#endif\n",
     )
+    return "\n".join(parts)
 
 
 def _rows(kind: str, name: str, rows: Iterable[Iterable[str]]) -> str:

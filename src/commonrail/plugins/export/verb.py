@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import click
 
-from commonrail.base.errors import InputError
 from commonrail.cli.console import print_json, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Settings, check_file, check_folder, refuse_unused, with_overrides
 
 if TYPE_CHECKING:
     from commonrail.physics.injector import Injector
-    from commonrail.plugins.export.object_files import Target
 
 
 class Form(StrEnum):
@@ -71,57 +69,39 @@ def export(
       commonrail export fmu runs/study-1 --platforms linux64,win64 --out injector.fmu
     """
     from commonrail.cli.model_name import read_model_name
-    from commonrail.plugins.export.fmu import check_fmi, write_fmu
-    from commonrail.plugins.export.library import write_library
+    from commonrail.plugins.export.fmu import check_fmi
+    from commonrail.plugins.export.run import export as write
+    from commonrail.plugins.export.run import targets_named
 
     named = read_model_name(model)
     injector = with_overrides(named.injector, set_)
-    targets = _targets(platforms)
+    targets = targets_named(None if platforms is None else platforms.split(","))
     place = out or Path(named.label.replace("/", "-") + (".fmu" if form is Form.FMU else ""))
     refuse_unused({"names": (form is Form.FMU, "an FMU"), "fmi": (form is Form.FMU, "an FMU")})
     if form is Form.FMU:
         check_fmi(fmi)
         check_file(place, "--out")
-        written = [f"{place}/{name}" for name in write_fmu(injector, place, targets, fmi, names is Names.FLAT)]
     else:
         check_folder(place)
-        written = [str(path) for path in write_library(injector, place, targets).files]
+    platform_names = [target.name for target in targets]
+    written = write(injector, place, form.value, platforms=platform_names, fmi=fmi, flat=names is Names.FLAT)
     if json:
-        platform_names = [target.name for target in targets]
         record = {"kind": "export", "form": form.value, "out": str(place), "platforms": platform_names}
-        print_json(record | {"files": written})
+        print_json(record | {"files": list(written)})
         return
     for line in written:
         click.echo(line)
-    say(_next(form, injector, place))
+    say(f"{place}: {_next(form, injector)}")
 
 
-def _targets(platforms: str | None) -> list[Target]:
-    from commonrail.plugins.export.object_files import TARGETS, own_platform, target_named
-
-    if platforms is None:
-        names = list(own_platform()[:1])
-        if not names:
-            raise InputError(f"--platforms: name the platforms to write for, of {', '.join(TARGETS)}.")
-    else:
-        names = list(dict.fromkeys(name.strip() for name in platforms.split(",") if name.strip()))
-        if not names:
-            raise InputError(f"--platforms: there is no name; name some of {', '.join(TARGETS)}.")
-    return [target_named(name) for name in names]
-
-
-def _next(form: Form, injector: Injector, place: Path) -> str:
-    if form is Form.FMU:
-        return f"{place}: {injector.name} with its values as start values; inputs are in SI units{_unread(injector)}"
-    return f"{place}: the header says how to use the library; the examples in C, C++, Python and Julia do"
-
-
-def _unread(injector: Injector) -> str:
-    """Words on the courses that a simulation environment may have and this variant does not read."""
+def _next(form: Form, injector: Injector) -> str:
+    """How to go on, with the courses that a simulation environment may have and this variant does not read."""
     from commonrail.physics.variants import DRIVE, RAIL, reader_of, unread_inputs
 
-    words = {RAIL: "a rail pressure over time", DRIVE: "a measured current or voltage"}
-    unread = [
-        f"{what} with {reader_of(name)}" for name, what in words.items() if name in unread_inputs(injector.variant)
-    ]
-    return f"; read by other variants only: {', '.join(unread)}" if unread else ""
+    if form is Form.LIBRARY:
+        return "the header says how to use the library; the examples in C, C++, Python and Julia do"
+    courses = {RAIL: "a rail pressure over time", DRIVE: "a measured current or voltage"}
+    missing = unread_inputs(injector.variant)
+    unread = ", ".join(f"{what} with {reader_of(name)}" for name, what in courses.items() if name in missing)
+    others = f"; read by other variants only: {unread}" if unread else ""
+    return f"{injector.name} with its values as start values; inputs are in SI units{others}"

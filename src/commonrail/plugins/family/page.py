@@ -8,6 +8,7 @@ from pathlib import Path
 from commonrail.base.chart import MARKERS, Figure, Panel, Series
 from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import command, fixed, listed, quantity, quantity_range, significant
+from commonrail.calibration.record import FitRecord, read_as
 from commonrail.data.records import Record
 from commonrail.plugins.family.file import KIND, TEXTS
 from commonrail.plugins.family.run import FAMILY, RECORD
@@ -28,8 +29,8 @@ FAR = 2.0  # spreads from the type's value beyond which a part's value is named
 def _page(record: Record, folder: Path) -> str:
     """Page of a joint fit, with the curves of its folder."""
     data = [{**d, "name": f"{part['name']}: {d['name']}"} for part in record["parts"] for d in part["data"]]
-    figures = figures_of({"data": data, "labels": TEXTS}, read_traces(folder / TRACES))
-    apart = list(drawings(family_figures(record), 330))
+    figures = figures_of(data, TEXTS, read_traces(folder / TRACES))
+    apart, fit = list(drawings(family_figures(record), 330)), read_as(FitRecord, record)
     return render(
         "family.html",
         package=__package__,
@@ -42,10 +43,10 @@ def _page(record: Record, folder: Path) -> str:
         tiles=[tile for part in record["parts"] for tile in merits(part["data"], f"{part['name']}: ")],
         first=apart[0] if apart else None,
         maps=small_drawings(figures, "map"),
-        convergence=convergence_section(record),
+        convergence=convergence_section(fit.generations),
         data=data,
         commands=_commands(record, folder.as_posix()),
-        facts=search_facts(record),
+        facts=search_facts(fit),
     )
 
 

@@ -26,7 +26,7 @@ FAMILY, RECORD, TYPE, MODELS = "family.toml", "family.json", "type.toml", "model
 SILENT = Listener()
 
 
-def fit_into(
+def fit_type(
     folder: str | Path,
     family: Family,
     *,
@@ -38,7 +38,7 @@ def fit_into(
 
     In the end it holds family.toml with all files that it reads, type.toml, family.json, traces.csv, SHA256SUMS,
     journal.sqlite, and the injector of each part in the folder models. Arguments and errors are those of
-    `commonrail.calibrate_into`.
+    `commonrail.runs.calibrate_into`.
     """
     path = file_path(folder, "folder")
     instance(family, Family, "family")

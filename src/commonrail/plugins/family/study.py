@@ -253,7 +253,7 @@ class Family:
 
     The joint parameters lie in `space`, and `sharing` maps from it to the parts; `shared` has the relation of each
     parameter that is not common. `files` has the SHA-256 of each file that the family was read from, its own first,
-    empty if it was made in Python; `text` is the family file as given.
+    empty if it was made in Python; `text` is the family file as given, and `as_read` the family as its files state it.
     """
 
     name: str
@@ -266,6 +266,7 @@ class Family:
     seed: int
     files: Mapping[Path, str] = field(default_factory=dict)
     text: str = ""
+    as_read: Family | None = None
 
     def __post_init__(self) -> None:
         settle(self, parts=self.parts, shared=self.shared, files=self.files)
@@ -303,7 +304,8 @@ def load_family(path: str | Path) -> Family:
     files = own | of_type
     for study in studies.values():
         files |= study.files
-    return Family(model.name, model.title, studies, space, sharing, shared, method, model.seed, files, text)
+    family = Family(model.name, model.title, studies, space, sharing, shared, method, model.seed, files, text)
+    return replace(family, as_read=family)
 
 
 def _studies(model: _FamilyModel, reach: Reach, folder: Path, at: Place) -> dict[str, Study]:

@@ -157,14 +157,14 @@ def _fit(
     of the parts. Without `workers` this process simulates.
     """
     from commonrail.base.output import write_text
-    from commonrail.plugins.family.run import MODELS, fit_into
+    from commonrail.plugins.family.run import MODELS, fit_type
     from commonrail.plugins.family.study import load_family
     from commonrail.runs.folder import new_folder, refuse_used
 
     if models is not None:
         refuse_used(models)
     family = replace(load_family(source), **changes)
-    fit = partial(fit_into, folder, family, threads=threads, workers=workers)
+    fit = partial(fit_type, folder, family, threads=threads, workers=workers)
     outcome = reported(family.title, folder, lambda listener: fit(listener=listener))
     if models is not None:
         with new_folder(models) as place:

@@ -14,13 +14,13 @@ from markupsafe import Markup
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Bars, Figure, Panel, Points, Series, points
 from commonrail.base.text import MISSING, fixed
-from commonrail.data.curves.page import RATE
 from commonrail.data.records import MICROSECOND, MM3, MM3_PER_MS
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.solution import Solution
 from commonrail.plugins.features.result import Features, Injection
-from commonrail.plugins.features.run import features
+from commonrail.plugins.features.run import find_features
 from commonrail.plugins.features.settings import FeatureSettings
+from commonrail.report.data.curves import RATE
 from commonrail.report.figure import svg
 from commonrail.report.fit.rules import Tile
 from commonrail.report.html import render
@@ -80,17 +80,12 @@ def _features(solution: Solution, point: OperatingPoint | None) -> Features:
     """Features of a solution; none of a simulation that failed on its way."""
     if not np.isfinite(solution.mass_rate).all():
         solution = replace(solution, mass_rate=np.zeros_like(solution.mass_rate))
-    return features(solution, point)
+    return find_features(solution, point)
 
 
-def ramps(solution: Solution, found: Features) -> list[Ramp]:
-    """Ramps of each injection of a solution, by its features; NaN where one is missing."""
-    low, high = FeatureSettings().ramp
-    time, rate = solution.rate_time, solution.rate
-    return [_ramp(injection, time, rate, (low, high)) for injection in found.injections]
-
-
-def _ramp(injection: Injection, time: Floats, rate: Floats, shares: tuple[float, float]) -> Ramp:
+def _ramp(solution: Solution, injection: Injection) -> Ramp:
+    """Ramps of an injection of a solution, by its features; NaN where one is missing."""
+    shares, time, rate = FeatureSettings().ramp, solution.rate_time, solution.rate
     opening, closing, peak = injection["opening"], injection["closing"], injection["peak_rate"]
     inside = (time >= opening) & (time <= closing)
     risen = time[inside & (rate > shares[0] * peak)]
@@ -117,8 +112,7 @@ def anatomy_figure(
     """
     pulses = () if point is None else point.pulses
     end = end_of_motion(solution, pulses)
-    found = _features(solution, point)
-    found_ramps = ramps(solution, found)
+    found_ramps = [_ramp(solution, injection) for injection in _features(solution, point).injections]
     instants = [t for ramp in found_ramps for t in (ramp.opening[1], ramp.closing[1])]
     instants += [t for pulse in pulses for t in (pulse.start, pulse.start + pulse.duration)]
     panels = [_delays(pulses, found_ramps)] if found_ramps or pulses else []
@@ -131,7 +125,10 @@ def anatomy_figure(
             ]
         if series:
             is_keyed = len(series) > 1
-            lines = [_upright(t, series) for t in sorted({t for t in instants if t <= end})]
+            values = [v for one in series for v in one.y if v is not None] or [0.0]
+            ends = (min(values), max(values))
+            times = sorted({t for t in instants if t <= end})
+            lines = [Series("", "level", (t * MICROSECOND,) * 2, ends) for t in times]
             panels.append(Panel(title, (*series, *lines), _SHARES.get(title, 1.0), has_legend=is_keyed))
     low, high = FeatureSettings().ramp
     caption = (
@@ -145,13 +142,9 @@ def anatomy_figure(
 def _delays(pulses: tuple[Energising, ...], found: Sequence[Ramp]) -> Panel:
     bars = [_bar(0, "rigid", pulse.start, pulse.start + pulse.duration) for pulse in pulses]
     for ramp in found:
-        for row, look, ends in (
-            (1, "start", ramp.opening),
-            (1, "paper", ramp.rise),
-            (2, "start", ramp.closing),
-            (2, "paper", ramp.fall),
-        ):
-            bars += [_bar(row, look, *ends)] if np.isfinite(ends).all() else []
+        for row, delay, course in ((1, ramp.opening, ramp.rise), (2, ramp.closing, ramp.fall)):
+            for look, ends in (("start", delay), ("paper", course)):
+                bars += [_bar(row, look, *ends)] if np.isfinite(ends).all() else []
     return Panel("", (), 0.6, bars=tuple(bars), rows=_ROWS)
 
 
@@ -172,11 +165,6 @@ def _series(solution: Solution, scale: float, channels: Mapping[str, tuple[str, 
 def _line(time: Floats, values: Floats, words: str, colour: int, end: float, dash: str = "solid") -> Series:
     inside = time <= end
     return Series(words, dash, points(time[inside] * MICROSECOND), points(values[inside]), family=colour)
-
-
-def _upright(time: float, series: list[Series]) -> Series:
-    values = [v for one in series for v in one.y if v is not None] or [0.0]
-    return Series("", "level", (time * MICROSECOND,) * 2, (min(values), max(values)))
 
 
 def anatomy_tiles(solution: Solution, point: OperatingPoint | None) -> list[Tile]:

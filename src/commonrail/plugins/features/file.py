@@ -14,7 +14,6 @@ from commonrail.base.csv_output import write_csv
 from commonrail.base.errors import InputError
 from commonrail.base.text import FieldUnit, field_unit
 from commonrail.base.units import fits, to_text
-from commonrail.calibration.study import Study
 from commonrail.data.base import DataSet
 from commonrail.data.curves.data import RateData
 from commonrail.data.curves.samples import bounds_around
@@ -23,12 +22,12 @@ from commonrail.data.simulator import ITSELF, Simulator
 from commonrail.engine.operating_point import Energising
 from commonrail.plugins.features.rate_trace import RATE_UNITS, RateTrace, rate_trace
 from commonrail.plugins.features.result import Features, unit_of
-from commonrail.plugins.features.run import features
+from commonrail.plugins.features.run import find_features
 from commonrail.plugins.features.settings import FeatureSettings
 from commonrail.plugins.features.shot_statistics import ShotStatistic
 from commonrail.plugins.features.table import features_of_traces
 from commonrail.plugins.features.targets import FeatureData
-from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table
+from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet
 from commonrail.readers.columns import unit_of as unit_in
 from commonrail.readers.operating_points import named_points
 from commonrail.readers.tables import open_sheet, take_each
@@ -72,17 +71,15 @@ def read_rates(path: Path, columns: RateColumns, energisings: Sequence[Energisin
     if len({table.units[name] for name, table in zip(names, tables, strict=True)}) > 1:
         raise InputError(f"{path}: some rates are by mass and some by volume; name those of one kind.")
     own = _energised(path, names, tuple(energisings))
-    return {name: _trace(table, name, columns, own[name]) for name, table in zip(names, tables, strict=True)}
-
-
-def _trace(table: Table, name: str, columns: RateColumns, energisings: tuple[Energising, ...]) -> RateTrace:
-    """A rate within the window."""
-    moments = table.columns[columns.time]
-    before = np.concatenate(([2.0 * moments[0] - moments[1]], moments))
-    bounds = bounds_around(moments) if columns.centred else before
-    keep = _within(bounds, columns.window, table.path)
-    edges = bounds[keep[0] : keep[-1] + 2]
-    return RateTrace(edges, table.columns[name][keep], table.units[name], energisings)
+    traces = {}
+    for name, table in zip(names, tables, strict=True):
+        moments = table.columns[columns.time]
+        before = np.concatenate(([2.0 * moments[0] - moments[1]], moments))
+        bounds = bounds_around(moments) if columns.centred else before
+        keep = _within(bounds, columns.window, path)
+        edges = bounds[keep[0] : keep[-1] + 2]
+        traces[name] = RateTrace(edges, table.columns[name][keep], table.units[name], own[name])
+    return traces
 
 
 def are_repeated(names: Sequence[str]) -> bool:
@@ -150,14 +147,16 @@ def run_features(folder: Path, label: str = "best", settings: FeatureSettings | 
     """
     _, traces = read_run(folder)
     study, best = read_fit(folder)
-    models = {"best": np.array([[best[name] for name in study.space.names]]), "start": None}
+    best_values = np.array([[best[name] for name in study.space.names]])
     found = []
     for data in study.data:
         if isinstance(data, RateData) and label in traces.get(data.name, {}):
             found.append(_compared(data, data, traces[data.name][label], settings))
-        elif isinstance(data, FeatureData) and data.levels is not None and label in models:
-            rates = _simulated(study, data.curve, models[label])
-            found.append(_compared(data, data.curve, rates, data.settings))
+        elif isinstance(data, FeatureData) and data.levels is not None and label in ("best", "start"):
+            names, values = ((), ITSELF) if label == "start" else (study.space.names, best_values)
+            simulator = Simulator(study.injector, names, study.time_step, same_bits=study.same_bits)
+            rate = np.asarray(data.curve.simulated(simulator, values)[0])
+            found.append(_compared(data, data.curve, rate, data.settings))
     if not found:
         known = sorted({name for trace in traces.values() for name in trace} - {MEASURED, TIME})
         raise InputError(
@@ -167,17 +166,10 @@ def run_features(folder: Path, label: str = "best", settings: FeatureSettings | 
     return found
 
 
-def _simulated(study: Study, curve: RateData, values: Floats | None) -> Floats:
-    """Simulated rate of a curve with the values of the free parameters, or of the injector as it is."""
-    names = () if values is None else study.space.names
-    simulator = Simulator(study.injector, names, study.time_step, same_bits=study.same_bits)
-    return np.asarray(curve.simulated(simulator, ITSELF if values is None else values)[0])
-
-
 def _compared(data: DataSet, curve: RateData, rate: Floats, settings: FeatureSettings | None) -> ComparedFeatures:
     trace = rate_trace(curve)
-    measured = features(trace, settings=settings)
-    simulated = features(trace.with_rate(rate), settings=settings, levels=measured.levels)
+    measured = find_features(trace, settings=settings)
+    simulated = find_features(trace.with_rate(rate), settings=settings, levels=measured.levels)
     return ComparedFeatures(data.name, data.role.value, data.synthetic, measured, simulated)
 
 
@@ -185,13 +177,8 @@ def write_features(path: Path, found: Mapping[str, Features]) -> None:
     """Write a row for each injection of each trace, of features by the name of the trace; rates of one unit."""
     (unit,) = {one.unit for one in found.values()}
     units = {name: field_unit(unit_of(name, unit)) for name in features_of_traces()}
-    header = [
-        "trace",
-        "injection",
-        "energising",
-        *(f"{name} [{shown.name}]" for name, shown in units.items()),
-        "status",
-    ]
+    columns = (f"{name} [{shown.name}]" for name, shown in units.items())
+    header = ["trace", "injection", "energising", *columns, "status"]
 
     def rows() -> Iterator[list[str]]:
         for trace, one in found.items():
@@ -217,7 +204,10 @@ def write_compared(path: Path, found: Sequence[ComparedFeatures]) -> None:
                     texts = (_text(value, shown) for value in (*pair, pair[1] - pair[0]))
                     yield [one.name, str(i), name, shown.name, *texts]
 
-    notes = [note for one in found for note in (_note(one.name, one.measured), *_synthetic(one))]
+    notes = []
+    for one in found:
+        notes.append(_note(one.name, one.measured))
+        notes += [f"{one.name}: synthetic, not measured: {one.synthetic}"] if one.synthetic else []
     write_csv(path, notes, ["data", "injection", "feature", "unit", "measured", "simulated", "difference"], rows())
 
 
@@ -233,30 +223,14 @@ def features_record(found: Mapping[str, Features], shots: Sequence[ShotStatistic
 
 def compared_record(found: Sequence[ComparedFeatures]) -> dict[str, Any]:
     """Record of the features of a run [SI]."""
-    return {
-        "schema": 1,
-        "kind": "features",
-        "data": [
-            {
-                "name": one.name,
-                "role": one.role,
-                "synthetic": one.synthetic,
-                "measured": one.measured.record(),
-                "simulated": one.simulated.record(),
-            }
-            for one in found
-        ],
-    }
+    data = [one._asdict() | {"measured": one.measured.record(), "simulated": one.simulated.record()} for one in found]
+    return {"schema": 1, "kind": "features", "data": data}
 
 
 def _note(name: str, one: Features) -> str:
     shown, levels = field_unit(one.unit), one.levels
     threshold = f"{levels.threshold * shown.factor:.6g} {shown.name}"
     return f"{name}: threshold {threshold}, averaged over {levels.width * 1e6:.6g} µs"
-
-
-def _synthetic(one: ComparedFeatures) -> list[str]:
-    return [f"{one.name}: synthetic, not measured: {one.synthetic}"] if one.synthetic else []
 
 
 def _text(value: float, shown: FieldUnit) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from commonrail.base.table import Part, Table, table_of
+from commonrail.base.table import Column, Part, Table, table_of, tabulated
 from commonrail.base.text import MISSING, field_unit, listed, quantity
 from commonrail.plugins.features.file import ComparedFeatures
 from commonrail.plugins.features.rate_trace import RATE_UNITS
@@ -18,26 +18,19 @@ Row = tuple[str, int]  # feature and number of the injection
 
 def feature_table(name: str, found: Features) -> Table:
     """Features of one trace, a column for each injection."""
-    numbers = _numbers([found])
-    standard = {
-        (f, i): one.standard_errors.get(f, math.nan)
-        for i in numbers
-        if (one := found.of(i))
-        for f in features_of_traces()
-    }
+    numbers, names = _numbers([found]), features_of_traces()
 
-    def cell(feature: str, injection: int) -> str:
-        text = _text(found.value(feature, injection), unit_of(feature, found.unit))
-        error = standard.get((feature, injection), math.nan)
-        return f"{text} ± {_text(error, unit_of(feature, found.unit))}" if error > 0.0 and text != MISSING else text
+    def cell(feature: str, number: int) -> str:
+        injection, unit = found.of(number), unit_of(feature, found.unit)
+        text = _text(found.value(feature, number), unit)
+        error = math.nan if injection is None else injection.standard_errors.get(feature, math.nan)
+        return f"{text} ± {_text(error, unit)}" if error > 0.0 and text != MISSING else text
 
     parts = (
         _head(found.unit),
         Part([f"injection {i}" for i in numbers], lambda row: [cell(row[0], i) for i in numbers]),
     )
-    shown = [
-        (feature, 0) for feature in features_of_traces() if any(math.isfinite(found.value(feature, i)) for i in numbers)
-    ]
+    shown = [(name, 0) for name in names if any(math.isfinite(found.value(name, i)) for i in numbers)]
     note = "± one standard error if the noise is independent from sample to sample." if found.noise > 0.0 else ""
     return table_of(f"Features of {name}", shown, parts, note, 2)
 
@@ -72,37 +65,34 @@ def shot_table(found: Sequence[ShotStatistic], shots: int) -> Table:
     def interval(one: ShotStatistic, edges: tuple[float, float]) -> str:
         return f"{_text(edges[0], one.unit)} … {_text(edges[1], one.unit)}"
 
-    parts = (
-        Part(("feature", "unit"), lambda one: (one.name, field_unit(one.unit).text)),
-        Part(("injection",), lambda one: (str(one.injection),)),
-        Part(("mean",), lambda one: (_text(one.mean, one.unit),)),
-        Part(("95 %",), lambda one: (interval(one, one.mean_interval),)),
-        Part(("scatter",), lambda one: (_text(one.deviation, one.unit, 1),)),
-        Part(("95 %",), lambda one: (interval(one, one.deviation_interval),)),
-        Part(("shots",), lambda one: (str(one.count),)),
-        Part(("apart",), lambda one: (", ".join(map(str, one.outliers)) or MISSING,)),
-    )
+    columns: list[Column] = [
+        ("feature", lambda one: one.name),
+        ("unit", lambda one: field_unit(one.unit).text),
+        ("injection", lambda one: str(one.injection)),
+        ("mean", lambda one: _text(one.mean, one.unit)),
+        ("95 %", lambda one: interval(one, one.mean_interval)),
+        ("scatter", lambda one: _text(one.deviation, one.unit, 1)),
+        ("95 %", lambda one: interval(one, one.deviation_interval)),
+        ("shots", lambda one: str(one.count)),
+        ("apart", lambda one: ", ".join(map(str, one.outliers)) or MISSING),
+    ]
     note = (
         "Scatter: standard deviation of one shot. Intervals by Student's t and by chi-squared. Apart: shots beyond 3.5 "
         "standard deviations by medians; they count in the other columns."
     )
-    return table_of(f"Features of {shots} shots", found, parts, note, 2)
+    return tabulated(f"Features of {shots} shots", found, columns, note, 2)
 
 
 def compared_table(one: ComparedFeatures) -> Table:
     """Features of a measured and of the simulated curve, and simulated − measured."""
     numbers = _numbers([one.measured, one.simulated])
-    rows = [
-        (feature, i)
-        for i in numbers
-        for feature in features_of_traces()
-        if math.isfinite(_values(one, (feature, i))[0])
-    ]
+    names = features_of_traces()
+    rows = [(name, i) for i in numbers for name in names if math.isfinite(one.measured.value(name, i))]
     word = "synthetic" if one.synthetic else "measured"
 
     def cells(row: Row) -> Iterator[str]:
         unit = unit_of(row[0], one.measured.unit)
-        measured, simulated = _values(one, row)
+        measured, simulated = one.measured.value(*row), one.simulated.value(*row)
         yield from (_text(value, unit) for value in (measured, simulated))
         yield _text(simulated - measured, unit, sign=True)
 
@@ -116,10 +106,6 @@ def compared_table(one: ComparedFeatures) -> Table:
 
 def _head(unit: str) -> Part:
     return Part(("feature", "unit"), lambda row: (row[0], field_unit(unit_of(row[0], unit)).text))
-
-
-def _values(one: ComparedFeatures, row: Row) -> tuple[float, float]:
-    return one.measured.value(*row), one.simulated.value(*row)
 
 
 def _numbers(found: Sequence[Features]) -> list[int]:

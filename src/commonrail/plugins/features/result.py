@@ -47,6 +47,16 @@ class Injection:
         """Value of a feature [SI]; `ConfigurationError` for a name that is none."""
         return self.values[known_name(name, self.values)]
 
+    def record(self) -> dict[str, Any]:
+        """JSON-able form [SI]; null where there is no number."""
+        return {
+            "energising": self.energising,
+            "statuses": [status.value for status in self.statuses],
+            "messages": [status.sentence for status in self.statuses],
+            "values": {name: number(value) for name, value in self.values.items()},
+            "standard_errors": {name: number(value) for name, value in self.standard_errors.items()},
+        }
+
 
 @dataclass(frozen=True)
 class Features:
@@ -120,7 +130,7 @@ class Features:
             "averaging": number(self.levels.width),
             "energisings": [{"start": p.start, "duration": p.duration} for p in self.energisings],
             "energisings_without_injection": list(self.silent),
-            "injections": [_record(one) for one in self.injections],
+            "injections": [one.record() for one in self.injections],
         }
 
 
@@ -128,13 +138,3 @@ def unit_of(name: str, unit: str = "m3/s") -> str:
     """SI unit of a feature of a trace whose rate has a unit."""
     by_volume = find_feature(name).unit
     return {"m3/s": unit, "m3": RATE_UNITS[unit]}.get(by_volume, by_volume)
-
-
-def _record(one: Injection) -> dict[str, Any]:
-    return {
-        "energising": one.energising,
-        "statuses": [status.value for status in one.statuses],
-        "messages": [status.sentence for status in one.statuses],
-        "values": {name: number(value) for name, value in one.values.items()},
-        "standard_errors": {name: number(value) for name, value in one.standard_errors.items()},
-    }

@@ -28,7 +28,7 @@ from commonrail.plugins.features.settings import CLEAR, FeatureSettings, Levels,
 from commonrail.plugins.features.table import features_of_traces
 
 
-def features(
+def find_features(
     source: Any,
     energisings: OperatingPoint | Sequence[Energising] | None = None,
     settings: FeatureSettings | None = None,
@@ -57,14 +57,19 @@ def features(
     >>> import commonrail as cr
     >>> bounds = 5e-6 * np.arange(241)
     >>> ramps = np.interp(bounds[1:] - 2.5e-6, [300e-6, 400e-6, 900e-6, 1000e-6], [0.0, 50e-6, 50e-6, 0.0])
-    >>> found = cr.features(cr.RateTrace(bounds, ramps), [cr.Energising(0.0, "700 us")])
+    >>> found = cr.features.find_features(cr.features.RateTrace(bounds, ramps), [cr.Energising(0.0, "700 us")])
     >>> round(found.value("opening_delay") * 1e6), round(found.value("quantity") * 1e9, 2)
     (310, 30.0)
     """
     trace = rate_trace(source, energisings)
     settings = FeatureSettings() if settings is None else instance(settings, FeatureSettings, "settings")
     if settings.zero_at_rest:
-        trace = _from_zero(trace)
+        if not len(trace.at_rest):
+            raise ConfigurationError(
+                "The rate has no sample before the first energising, so that its zero is unknown; give a longer trace "
+                "and its energisings, or omit zero_at_rest."
+            )
+        trace = trace.with_rate(trace.rate - float(np.mean(trace.at_rest)))
     levels = levels_of(trace, settings) if levels is None else instance(levels, Levels, "levels")
     total = trace.quantity(trace.bounds[0], trace.bounds[-1])
 
@@ -79,15 +84,6 @@ def features(
     return found(injections, FeatureStatus.OK if injections else FeatureStatus.NO_INJECTION)
 
 
-def _from_zero(trace: RateTrace) -> RateTrace:
-    if not len(trace.at_rest):
-        raise ConfigurationError(
-            "The rate has no sample before the first energising, so that its zero is unknown; give a longer trace and "
-            "its energisings, or omit zero_at_rest."
-        )
-    return trace.with_rate(trace.rate - float(np.mean(trace.at_rest)))
-
-
 def _injections(trace: RateTrace, levels: Levels, settings: FeatureSettings) -> list[Injection]:
     course = averaged(trace, levels.width)
     parts = parts_of(course, levels, settings.split)
@@ -95,7 +91,9 @@ def _injections(trace: RateTrace, levels: Levels, settings: FeatureSettings) -> 
         return []
     instants = [instants_of(trace, course, part, levels) for part in parts]
     windows = list(_windows(trace, instants, parts, float(settings.tail)))
-    numbers = [_energising_of(at.begin, trace.energisings, float(settings.least_delay)) for at in instants]
+    # number of the last energising that starts at least a delay before the opening
+    starts = [pulse.start + float(settings.least_delay) for pulse in trace.energisings]
+    numbers = [sum(start <= at.begin for start in starts) or None for at in instants]
     before = [Instant(), *(at.closing for at in instants[:-1])]
     found = []
     for i, (part, at, window, number) in enumerate(zip(parts, instants, windows, numbers, strict=True)):
@@ -120,12 +118,6 @@ def _windows(
             at.begin if part.fused_before and math.isnan(at.opening.time) else max(low, at.begin - tail),
             at.end if part.fused_after and math.isnan(at.closing.time) else min(high, at.end + tail),
         )
-
-
-def _energising_of(opening: float, energisings: Sequence[Energising], delay: float) -> int | None:
-    """Number of the last energising that starts at least a delay [s] before an opening."""
-    before = [i for i, pulse in enumerate(energisings, start=1) if pulse.start + delay <= opening]
-    return before[-1] if before else None
 
 
 def _injection(one: TracedInjection, number: int | None, *, again: bool) -> Injection:

@@ -128,10 +128,8 @@ def levels_of(trace: RateTrace, settings: FeatureSettings) -> Levels:
             f"The threshold {stated} is in {stated.unit}, and the rate in {trace.unit}; state it in a unit of the same "
             "kind, or as a share such as 10 %."
         )
-    apart = float(settings.hysteresis) * threshold
-    return Levels(
-        threshold, threshold + apart, threshold - apart, width, calm, 0.0 if settings.averaging is None else width
-    )
+    apart, narrowest = float(settings.hysteresis) * threshold, 0.0 if settings.averaging is None else width
+    return Levels(threshold, threshold + apart, threshold - apart, width, calm, narrowest)
 
 
 def _width(trace: RateTrace, settings: FeatureSettings, noise: float, largest: float) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 from commonrail.base.arguments import fraction, instances
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.text import number as plain
+from commonrail.base.text import numbers
 from commonrail.plugins.features.rate_trace import spread
 from commonrail.plugins.features.result import Features, unit_of
 from commonrail.plugins.features.table import features_of_traces
@@ -56,14 +57,11 @@ class ShotStatistic:
         """JSON-able form [SI]; null where there is no number."""
         return {
             "feature": self.name,
-            "unit": self.unit,
-            "injection": self.injection,
-            "count": self.count,
-            "missing": self.missing,
+            **{key: getattr(self, key) for key in ("unit", "injection", "count", "missing")},
             "mean": plain(self.mean),
-            "mean_interval": [plain(edge) for edge in self.mean_interval],
+            "mean_interval": numbers([*self.mean_interval]),
             "deviation": plain(self.deviation),
-            "deviation_interval": [plain(edge) for edge in self.deviation_interval],
+            "deviation_interval": numbers([*self.deviation_interval]),
             "outliers": list(self.outliers),
         }
 
@@ -99,9 +97,11 @@ def _statistic(name: str, shots: Sequence[Features], injection: int, level: floa
     mean = float(np.mean(there)) if count else math.nan
     deviation = float(np.std(there, ddof=1)) if count > 1 else math.nan
     about_mean, about_deviation = _intervals(mean, deviation, count, level)
-    missing = len(shots) - count
-    apart = _apart(values, there)
-    return ShotStatistic(name, unit, injection, count, missing, mean, deviation, about_mean, about_deviation, apart)
+    scatter = spread(there) if count >= FEWEST_TO_JUDGE else 0.0
+    apart = np.abs(values - np.median(there)) > APART * scatter if scatter > 0.0 else np.zeros(len(values), bool)
+    outliers = tuple(int(i) + 1 for i in np.flatnonzero(apart))
+    counts = count, len(shots) - count
+    return ShotStatistic(name, unit, injection, *counts, mean, deviation, about_mean, about_deviation, outliers)
 
 
 def _intervals(mean: float, deviation: float, count: int, level: float) -> tuple[Interval, Interval]:
@@ -113,14 +113,3 @@ def _intervals(mean: float, deviation: float, count: int, level: float) -> tuple
     half = float(stdtrit(freedom, 1.0 - tail)) * deviation / math.sqrt(count)
     low, high = (deviation * math.sqrt(freedom / float(chdtri(freedom, p))) for p in (tail, 1.0 - tail))
     return (mean - half, mean + half), (low, high)
-
-
-def _apart(
-    values: np.ndarray[Any, np.dtype[np.float64]], there: np.ndarray[Any, np.dtype[np.float64]]
-) -> tuple[int, ...]:
-    if len(there) < FEWEST_TO_JUDGE:
-        return ()
-    scatter = spread(there)
-    if not scatter > 0.0:
-        return ()
-    return tuple(int(i) + 1 for i in np.flatnonzero(np.abs(values - np.median(there)) > APART * scatter))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, Self
@@ -12,149 +12,27 @@ import numpy as np
 
 from commonrail.base.arguments import instance, instances, settle
 from commonrail.base.arrays import Floats
-from commonrail.base.chart import MARKERS, Figure, Panel, Series
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.table import BEST_LEGEND, SIGNS, Cell, Part, Table, marked, size_of, table_of
-from commonrail.base.text import field_unit, fixed, megapascal, number, pressure, several, signed
-from commonrail.data.base import Merit, Missing, Role, Score, Term, ToleratedData, View, read_labels, share_of, term_of
+from commonrail.base.text import number
+from commonrail.data.base import Missing, Role, Score, Term, ToleratedData, read_labels, share_of, term_of
 from commonrail.data.curves.data import RateData
 from commonrail.data.noise import NOISE, Noise
 from commonrail.data.quantities.returned import ReturnData
-from commonrail.data.records import (
-    JUDGED,
-    MEASURED,
-    Models,
-    Plotted,
-    Record,
-    Texts,
-    origin_of,
-    point_record,
-    present,
-    start_words,
-)
+from commonrail.data.records import MEASURED, point_record
 from commonrail.data.simulator import ITSELF, Candidates, Simulator
 from commonrail.data.study_block import Context
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
 from commonrail.physics.meters import Meter
+from commonrail.plugins.features import targets_file
 from commonrail.plugins.features.rate_trace import RateTrace, rate_trace
-from commonrail.plugins.features.result import Features, decimals_of
-from commonrail.plugins.features.run import features
+from commonrail.plugins.features.result import Features
+from commonrail.plugins.features.run import find_features
 from commonrail.plugins.features.settings import FeatureSettings, Levels
 from commonrail.plugins.features.table import find_feature
-from commonrail.plugins.features.targets_file import (
-    AFTER,
-    RETURNED,
-    FeaturesModel,
-    FeatureTarget,
-    read_curve_of,
-    read_targets,
-    settings_of,
-)
+from commonrail.plugins.features.targets_file import RETURNED, FeaturesModel, FeatureTarget
 
 NO_FEATURE = "NO_FEATURE"
-
-
-# In reports: tables of values and of errors in tolerances, a figure of the errors, sentences.
-
-
-_STEPS = (1.0, 2.0)  # [tolerances]
-_LEGEND = "{small} within one tolerance, {medium} within two, {large} beyond.".format(**SIGNS)
-
-
-class FeatureView(View):
-    """Tables, figures and sentences of features."""
-
-    def operating_point(self, data: Record) -> Record:
-        """The operating point of the features."""
-        return data
-
-    def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
-        """Root mean square error in tolerances."""
-        best, start = (several([d["rms"].get(key) for d in data], lambda v: fixed(v, 2)) for key in (label, "start"))
-        return Merit(best, f"tolerances rms of the features{start_words(start, '')}".replace(" )", ")"))
-
-    def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
-        """Root mean square errors of the features."""
-        return "the least error of the features", [d["rms"] for d in data]
-
-    def tables(self, data: Sequence[Record], texts: Texts) -> list[Table]:
-        """Features of each data set: values by label, and the errors of the calibrated model."""
-        return [_values_table(d, [label for label in texts if self.has(d, label)], texts) for d in data]
-
-    def compared_tables(self, data: Sequence[Record], labels: Sequence[str]) -> list[Table]:
-        """Errors of the features by model, in tolerances."""
-        return [_errors_table(d, labels) for d in data]
-
-    def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
-        """Errors of the features in tolerances."""
-        return [_figure(data, plotted.models)]
-
-    def compared_figures(self, data: Record, plotted: Plotted) -> list[Figure]:
-        """Errors of the features in tolerances."""
-        return [_figure(data, plotted.models)]
-
-
-def _name(row: Record) -> str:
-    return f"{row['feature']} {row['injection']}" if row["feature"] != "return_quantity" else "return_quantity"
-
-
-def _shown(row: Record, key: str) -> str:
-    return fixed(row.get(key), decimals_of(row["unit"]), field_unit(row["unit"]).factor)
-
-
-def _error(row: Record, label: str) -> float | None:
-    """Error in tolerances."""
-    value = number(row.get(label))
-    return None if value is None else (value - row[MEASURED]) / row["tolerance"]
-
-
-def _values_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
-    def errors(row: Record) -> Iterator[str | Cell]:
-        factor, value = field_unit(row["unit"]).factor, number(row.get(JUDGED))
-        yield signed(None if value is None else (value - row[MEASURED]) * factor, decimals_of(row["unit"]))
-        error = _error(row, JUDGED)
-        yield Cell(signed(error, 2), size_of(error, _STEPS))
-
-    parts = (
-        _HEAD,
-        Part((origin_of(data), "tolerance"), lambda row: (_shown(row, MEASURED), _shown(row, "tolerance"))),
-        Part([texts[label] for label in labels], lambda row: [_shown(row, label) for label in labels]),
-        Part(("error", "error, tolerances"), errors),
-    )
-    title = f"Features of {data['name']} ({data['role']}), {pressure(data['rail_pressure'])}"
-    return table_of(title, data["rows"], parts, f"Errors are {texts[JUDGED]} − {origin_of(data)}. {_LEGEND}", 2)
-
-
-def _errors_table(data: Record, labels: Sequence[str]) -> Table:
-    def errors(row: Record) -> list[Cell]:
-        return marked([_error(row, label) for label in labels], lambda error: signed(error, 2), _STEPS)
-
-    parts = (_HEAD, Part((origin_of(data),), lambda row: (_shown(row, MEASURED),)), Part(labels, errors))
-    title = f"Errors of the features in tolerances: {data['name']}, {megapascal(data['rail_pressure'])} MPa"
-    return table_of(title, data["rows"], parts, f"{_LEGEND} {BEST_LEGEND}", 2)
-
-
-def _figure(data: Record, models: Models) -> Figure:
-    """Errors in tolerances, a place for each feature."""
-    rows = data["rows"]
-    places = tuple(float(i) for i in range(len(rows)))
-    series = [
-        Series(model.text, model.look, places, tuple(_error(row, label) for row in rows), MARKERS, model.family)
-        for label, model in models.items()
-    ]
-    return Figure(
-        f"Features of {data['name']}",
-        f"Simulated − {origin_of(data)}, each in its tolerance; the number is that of the injection.",
-        "",
-        (Panel("error, tolerances", present(series), zero_line=True, categories=tuple(_name(row) for row in rows)),),
-    )
-
-
-_HEAD = Part(("feature", "unit"), lambda row: (_name(row), field_unit(row["unit"]).text))
-
-
-# The kind of data.
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +74,6 @@ class FeatureData(ToleratedData):
     unit: ClassVar[str] = "1"
     error_head: ClassVar[tuple[str, str]] = ("rms", "tolerances")
     model: ClassVar[type[FeaturesModel]] = FeaturesModel
-    view: ClassVar[FeatureView] = FeatureView()
     meter_inputs: ClassVar[frozenset[str]] = RateData.meter_inputs
 
     name: str
@@ -239,10 +116,10 @@ class FeatureData(ToleratedData):
     @classmethod
     def read_all(cls, model: FeaturesModel, context: Context) -> tuple[Self, ...]:
         """Read features; see `DataSet.read_all`."""
-        curve = read_curve_of(model, context)
-        settings = settings_of(model, context.injector, curve.point, context.at)
-        measured = features(curve, settings=settings) if model.file else None
-        targets = read_targets(model, context.injector, curve.point, measured, context.at)
+        curve = targets_file.read_curve_of(model, context)
+        settings = targets_file.settings_of(model, context.injector, curve.point, context.at)
+        measured = find_features(curve, settings=settings) if model.file else None
+        targets = targets_file.read_targets(model, context.injector, curve.point, measured, context.at)
         levels = None if measured is None else measured.levels
         labels = model.weight, model.source, model.synthetic
         more = model.stroke_period, context.meter(model.meter)
@@ -262,7 +139,7 @@ class FeatureData(ToleratedData):
         """Features (candidates, targets) [SI] of simulated traces, as the meter shows them if there is one."""
         rates = self.curve.simulated(simulator, values)
         trace = rate_trace(self.curve)
-        found = np.array([self._values_of(self._found(trace, rate)) for rate in rates])
+        found = np.array([self._values_of(trace, rate) for rate in rates])
         if self.returned is not None:
             column = [target.feature for target in self.targets].index(RETURNED)
             found[:, column] = self.returned.simulated(simulator, values)[:, 0]
@@ -286,13 +163,12 @@ class FeatureData(ToleratedData):
         """Features of a simulated rate, by the function and the levels of the measured ones; None of a failed one."""
         if not np.isfinite(rate).all():
             return None
-        return features(trace.with_rate(rate), settings=self.settings, levels=self.levels)
+        return find_features(trace.with_rate(rate), settings=self.settings, levels=self.levels)
 
-    def _values_of(self, found: Features | None) -> list[float]:
-        if found is None:
-            return [math.nan] * len(self.targets)
+    def _values_of(self, trace: RateTrace, rate: Floats) -> list[float]:
+        found = self._found(trace, rate)
         return [
-            math.nan if target.feature == RETURNED else found.value(target.feature, target.injection)
+            math.nan if found is None or target.feature == RETURNED else found.value(target.feature, target.injection)
             for target in self.targets
         ]
 
@@ -383,7 +259,7 @@ def _returned(data: FeatureData, targets: Sequence[FeatureTarget]) -> ReturnData
     if not targets:
         return None
     point = data.curve.point
-    end = max(pulse.start + pulse.duration for pulse in point.pulses) + AFTER
+    end = max(pulse.start + pulse.duration for pulse in point.pulses) + targets_file.AFTER
     longer = replace(point, horizon=max(end - point.start, point.duration))
     value, tolerance = np.array([targets[0].value]), targets[0].tolerance
     none = np.zeros(1, bool)

@@ -32,6 +32,7 @@ AFTER = 3e-3  # simulated after the last energising [s]
 MOST_TARGETS = 1000
 
 _BY_MASS = {"m3/s": "kg/s", "m3": "kg"}
+_SETTINGS = ("threshold", "split", "averaging", "tail", "zero_at_rest")  # that a study states
 
 Number = tuple[float, str]  # value and its SI unit
 
@@ -104,13 +105,7 @@ def settings_of(model: FeaturesModel, injector: Injector, point: OperatingPoint,
     An error names the place `at` which the block stands.
     """
     with located(at):
-        settings = FeatureSettings(
-            model.threshold,
-            split=model.split,
-            averaging=model.averaging,
-            tail=model.tail,
-            zero_at_rest=model.zero_at_rest,
-        )
+        settings = FeatureSettings(**{name: getattr(model, name) for name in _SETTINGS})
         stated = settings.threshold
         if isinstance(stated, Threshold) and stated.unit == "kg/s":
             by_volume = stated.value / mass_density(injector, stated.unit, point)
@@ -134,17 +129,9 @@ def read_curve_of(model: FeaturesModel, context: Context) -> RateData:
     point = _point(model, context)
     count = math.ceil(point.duration / SAMPLE)
     bounds: Floats = point.start + point.duration * np.arange(count + 1) / count
-    return RateData(
-        model.name,
-        Role(model.role),
-        point,
-        bounds,
-        np.zeros(count),
-        model.weight,
-        model.source,
-        model.synthetic,
-        meter=context.meter(model.meter),
-    )
+    labels = model.weight, model.source, model.synthetic
+    meter = context.meter(model.meter)
+    return RateData(model.name, Role(model.role), point, bounds, np.zeros(count), *labels, meter=meter)
 
 
 def _point(model: FeaturesModel, context: Context) -> OperatingPoint:

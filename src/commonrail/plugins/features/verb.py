@@ -2,29 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.errors import InputError
 from commonrail.base.units import parse
+from commonrail.cli import options
 from commonrail.cli.console import print_result, print_table, print_text
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import (
-    DecimalSign,
-    Encoding,
-    Json,
-    SheetName,
-    check_file,
-    read_energisings,
-    read_form,
-    read_pair,
-)
 
 if TYPE_CHECKING:
     from commonrail.engine.operating_point import Energising
-    from commonrail.plugins.features.result import Features
-    from commonrail.plugins.features.settings import FeatureSettings
 
 
 @verb
@@ -64,12 +52,12 @@ def features(
     separate: Annotated[
         bool, Option("--separate", help="The rates are of different operating points, no repeated shots.")
     ] = False,
-    encoding: Encoding = None,
-    decimal: DecimalSign = None,
-    sheet: SheetName = None,
+    encoding: options.Encoding = None,
+    decimal: options.DecimalSign = None,
+    sheet: options.SheetName = None,
     model: Annotated[str, Option(help="Simulation of a run: best, start or rigid.")] = "best",
     out: Annotated[Path | None, Option(metavar="FILE.csv", help="Table of all features.")] = None,
-    json: Json = False,
+    json: options.Json = False,
 ) -> None:
     """Find delays, ramps, rates and quantities in traces.
 
@@ -83,69 +71,54 @@ def features(
       commonrail features bench.txt --encoding cp1252 --decimal , --energising-time 700us
       commonrail features runs/first --threshold 2mm3/ms
     """
-    from commonrail.plugins.features.file import RateColumns, are_repeated, read_rates
-    from commonrail.plugins.features.run import features as find
+    from commonrail.engine.operating_point import OperatingPoint
+    from commonrail.plugins.features import file, page
+    from commonrail.plugins.features.run import find_features
     from commonrail.plugins.features.settings import FeatureSettings
+    from commonrail.plugins.features.shot_statistics import shot_statistics
 
-    check_file(out, "--out")
+    options.check_file(out, "--out")
     settings = FeatureSettings(
         threshold, split=parse(split, "1", "--split"), averaging=averaging, tail=tail, zero_at_rest=zero_at_rest
     )
-    pulses = _energisings(energising_time, energising)
-    form = read_form(encoding, decimal, sheet, [source])
+    pulses: tuple[Energising, ...] = ()
+    if energising_time is not None or energising:
+        pulses = OperatingPoint(100e6, options.read_energisings(energising_time, energising)).pulses
+    form = options.read_form(encoding, decimal, sheet, [source])
     if source.is_dir():
         if rate or pulses:
             raise InputError(f"{source}: a run has its own rates and energisings; omit --rate and --energising.")
-        _print_run(source, model, settings, out, json)
+        compared = file.run_features(source, model, settings)
+        if out is not None:
+            file.write_compared(out, compared)
+
+        def show_compared() -> None:
+            for one in compared:
+                print_table(page.compared_table(one))
+                print_text(page.feature_sentences(one.name, one.measured))
+                print_text([*page.feature_sentences("simulated", one.simulated), ""])
+
+        print_result(json, lambda: file.compared_record(compared), show_compared, [out])
         return
     between = None
     if window is not None:
-        between = read_pair(window, "s", f"--window {window}", "BEGIN:END, such as 0us:3000us")
-    columns = RateColumns(time, rate, time_unit, rate_unit, centred, between, form)
-    found = {name: find(trace, settings=settings) for name, trace in read_rates(source, columns, pulses).items()}
-    _print_file(found, repeated=not separate and are_repeated(list(found)), out=out, json=json)
-
-
-def _energisings(duration: str | None, pulses: Sequence[str]) -> tuple[Energising, ...]:
-    from commonrail.engine.operating_point import OperatingPoint
-
-    if duration is None and not pulses:
-        return ()
-    return OperatingPoint(100e6, read_energisings(duration, pulses)).pulses
-
-
-def _print_file(found: dict[str, Features], *, repeated: bool, out: Path | None, json: bool) -> None:
-    from commonrail.plugins.features.file import features_record, write_features
-    from commonrail.plugins.features.page import feature_sentences, feature_table, shot_table
-    from commonrail.plugins.features.shot_statistics import shot_statistics
-
-    shots = shot_statistics(list(found.values())) if repeated and len(found) > 1 else ()
+        between = options.read_pair(window, "s", f"--window {window}", "BEGIN:END, such as 0us:3000us")
+    columns = file.RateColumns(time, rate, time_unit, rate_unit, centred, between, form)
+    found = {
+        name: find_features(trace, settings=settings)
+        for name, trace in file.read_rates(source, columns, pulses).items()
+    }
+    repeated = len(found) > 1 and not separate and file.are_repeated(list(found))
+    shots = shot_statistics(list(found.values())) if repeated else ()
     if out is not None:
-        write_features(out, found)
+        file.write_features(out, found)
 
     def show() -> None:
         for name, one in found.items():
             if not shots and one.injections:
-                print_table(feature_table(name, one))
-            print_text(feature_sentences(name, one))
+                print_table(page.feature_table(name, one))
+            print_text(page.feature_sentences(name, one))
         if shots:
-            print_text((), [shot_table(shots, len(found))])
+            print_text((), [page.shot_table(shots, len(found))])
 
-    print_result(json, lambda: features_record(found, shots), show, [out])
-
-
-def _print_run(folder: Path, model: str, settings: FeatureSettings, out: Path | None, json: bool) -> None:
-    from commonrail.plugins.features.file import compared_record, run_features, write_compared
-    from commonrail.plugins.features.page import compared_table, feature_sentences
-
-    found = run_features(folder, model, settings)
-    if out is not None:
-        write_compared(out, found)
-
-    def show() -> None:
-        for one in found:
-            print_table(compared_table(one))
-            print_text(feature_sentences(one.name, one.measured))
-            print_text([*feature_sentences("simulated", one.simulated), ""])
-
-    print_result(json, lambda: compared_record(found), show, [out])
+    print_result(json, lambda: file.features_record(found, shots), show, [out])

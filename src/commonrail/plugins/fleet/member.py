@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 from commonrail.base.errors import CommonrailError
 from commonrail.base.input import noting_files, read_plain, sha256
 from commonrail.base.output import write_text, writing
+from commonrail.base.record import to_record
 from commonrail.base.text import number
-from commonrail.calibration.result import warning_records
 from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.scoring import scores_of
 from commonrail.calibration.study import Study
@@ -202,7 +202,7 @@ def calibrate_study(study: Study) -> dict[str, Any]:
         ],
         "fixed": [_fixed(study.injector, name) for name in study.fixed],
         "parameters": _parameters(calibration, certify_near(study, calibration.best, 1)),
-        "warnings": warning_records(calibration.warnings),
+        "warnings": to_record(calibration.warnings),
     }
 
 

@@ -126,7 +126,7 @@ def fleet_warnings(record: Record) -> list[str]:
 
 
 def fleet_tables(record: Record) -> list[Table]:
-    """Fit of the data sets, parameters, what the data pin down, worst injectors and failures."""
+    """Fit of the data sets, parameters, what the data determine, worst injectors and failures."""
     tables = [_data_table(record), _parameter_table(record), _verdict_table(record), _worst_table(record)]
     return [table for table in (*tables, outlier_table(record), _failure_table(record)) if table.rows]
 
@@ -172,10 +172,10 @@ def _verdict_table(record: Record) -> Table:
         *((v, lambda p, v=v: str(p["verdicts"].get(v, 0))) for v, _ in total.most_common()),
     ]
     note = (
-        "Number of injectors. What is not pinned must not be read as a measurement of the part. Intervals: "
+        "Number of injectors. What is not determined must not be read as a measurement of the part. Intervals: "
         f"{record['estimator']}."
     )
-    return tabulated("What the data pin down", record["parameters"], columns, note)
+    return tabulated("What the data determine", record["parameters"], columns, note)
 
 
 def _worst_table(record: Record) -> Table:

@@ -94,7 +94,7 @@ class FleetRun:
         return bool(self.record["status"] == "interrupted")
 
 
-def run_fleet(
+def fleet(
     fleet: Fleet,
     folder: Path,
     *,

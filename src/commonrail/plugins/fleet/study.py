@@ -8,7 +8,7 @@ import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Protocol
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -34,27 +34,6 @@ from commonrail.readers.toml import FileModel, Text, Unit, read_model, read_toml
 LARGEST_FLEET = 1_000_000_000  # [bytes] of the file
 
 
-class Table(Protocol):
-    """Header and rows."""
-
-    @property
-    def path(self) -> Path:
-        """The file."""
-
-    @property
-    def header(self) -> list[str]:
-        """Cells of the header, with their units if they have any."""
-
-    def groups(self, columns: Sequence[int]) -> Groups:
-        """Rows, in their order, by the texts in columns; the groups are in the order of their first rows."""
-
-    def cells(self, rows: IndexArray) -> list[list[str]]:
-        """Texts of some rows, empty where there is no value."""
-
-    def place(self, row: int) -> str:
-        """Location of a row, for messages."""
-
-
 def read_table(path: Path) -> Table:
     """Read a table: Parquet, a text or a workbook.
 
@@ -77,6 +56,8 @@ def find_column(table: Table, name: str, what: str) -> int:
 
 @dataclass(frozen=True)
 class _Cells:
+    """Cells of a text or a workbook, held whole."""
+
     path: Path
     header: list[str]
     rows: list[list[str]]
@@ -94,6 +75,7 @@ class _Cells:
         return cls(path, table.header, rows, lines, table.grid.word)
 
     def groups(self, columns: Sequence[int]) -> Groups:
+        """Rows, in their order, by the texts in columns; the groups are in the order of their first rows."""
         found: dict[tuple[str, ...], list[int]] = {}
         for i, row in enumerate(self.rows):
             found.setdefault(tuple(row[column] for column in columns), []).append(i)
@@ -104,6 +86,9 @@ class _Cells:
 
     def place(self, row: int) -> str:
         return f"{self.path}, {self.word} {self.lines[row]}"
+
+
+Table = _Cells | ParquetFile
 
 
 def _text(cell: str | float, comma: bool) -> str:
@@ -140,33 +125,12 @@ class Layout(NamedTuple):
     @property
     def with_dead_times(self) -> list[str]:
         """Names of the data sets that have dead times."""
-        return [d.name for d in self.data if d.has_dead_times]
+        return [d.name for d in self.data if getattr(d, "dead_times", None)]
 
     @property
     def sources(self) -> list[str]:
         """Names of all files that an injector may have."""
         return [*(d.name for d in self.data), *(name + DEAD_TIMES for name in self.with_dead_times)]
-
-
-class Supply(Protocol):
-    """Injectors and their data."""
-
-    @property
-    def path(self) -> Path:
-        """The table."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the injectors, in the table's order."""
-
-    def deliver(self, name: str, folder: Path) -> dict[str, Path]:
-        """Path of each file that an injector has, by the names in `Layout.sources`; may write them to the folder."""
-
-    def fingerprints(self, name: str) -> dict[str, str]:
-        """Fingerprints of an injector's files, by the same names."""
-
-    def fingerprints_read(self, name: str, read: Mapping[Path, str]) -> dict[str, str]:
-        """Fingerprints of an injector's files as they were `read`, by the same names."""
 
 
 class FileSupply:
@@ -193,7 +157,7 @@ class FileSupply:
         self.names = checked_names(self._files, path)
 
     def deliver(self, name: str, folder: Path) -> dict[str, Path]:
-        """Paths of the files as the table names them; nothing is copied."""
+        """Path of each file that an injector has, by the names in `Layout.sources`; nothing is copied."""
         return self._files[name]
 
     def fingerprints(self, name: str) -> dict[str, str]:
@@ -265,6 +229,9 @@ class RowSupply:
     def fingerprints_read(self, name: str, read: Mapping[Path, str]) -> dict[str, str]:
         """SHA-256 of the rows: the table is in memory, and the files written from it are compared as they are read."""
         return self.fingerprints(name)
+
+
+Supply = FileSupply | RowSupply  # injectors and their data
 
 
 class _Form(NamedTuple):

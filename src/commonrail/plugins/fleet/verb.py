@@ -46,7 +46,7 @@ def fleet(
       commonrail fleet line-3/fleet.toml --out runs/line-3 --workers 8
     """
     from commonrail.plugins.fleet.page import write_fleet_report
-    from commonrail.plugins.fleet.run import run_fleet
+    from commonrail.plugins.fleet.run import fleet as run_fleet
     from commonrail.plugins.fleet.study import load_fleet
 
     check_workers(workers, cluster)

@@ -9,12 +9,12 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import array, chosen, number, plain_text, settle
+from commonrail.base.arguments import array, chosen, plain_text, positive, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.data.base import Role
 
-Setting = float | bool | str
+StartValue = float | bool | str
 
 SHARE = 0.01  # tolerance where none is stated: this share of the range of the measured values
 
@@ -32,7 +32,7 @@ class Run(NamedTuple):
     The variables `outputs` are compared at the times (n,) [s].
     """
 
-    start: Mapping[str, Setting]
+    start: Mapping[str, StartValue]
     inputs: FmuInputs | None
     stop: float
     outputs: tuple[str, ...]
@@ -76,10 +76,7 @@ class FmuData:
     def __post_init__(self) -> None:
         for what in ("name", "source", "synthetic"):
             plain_text(getattr(self, what), f"{what} of the data")
-        weight = number(self.weight, "1", f"weight of {self.name}")
-        if not weight > 0.0:
-            raise ConfigurationError(f"The weight of {self.name} must be greater than zero, not {weight:g}.")
-        role = chosen(self.role, Role, "role of the data")
+        weight, role = positive("1")(self.weight, f"weight of {self.name}"), chosen(self.role, Role, "role of the data")
         settle(self, role=role, weight=weight, measured=self.measured, tolerances=self.tolerances)
         if len(self.measured) != sum(run.size for run in self.runs):
             raise ConfigurationError(f"{self.name}: there is not one measured value for each output at each time.")
@@ -106,7 +103,7 @@ def fmu_curve(
     measured: Mapping[str, ArrayLike],
     *,
     tolerance: Mapping[str, float] | float | None = None,
-    start: Mapping[str, Setting] | None = None,
+    start: Mapping[str, StartValue] | None = None,
     inputs: FmuInputs | None = None,
     **more: Any,
 ) -> FmuData:
@@ -146,7 +143,7 @@ def fmu_curve(
 
 def fmu_rows(
     name: str,
-    settings: Sequence[Mapping[str, Setting]],
+    settings: Sequence[Mapping[str, StartValue]],
     measured: Mapping[str, ArrayLike],
     stop: float,
     *,

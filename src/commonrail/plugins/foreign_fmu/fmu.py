@@ -24,7 +24,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError, nearest
 from commonrail.base.input import read_plain, sha256
 from commonrail.base.units import compatible
-from commonrail.plugins.foreign_fmu.data import FmuData, Run, Setting
+from commonrail.plugins.foreign_fmu.data import FmuData, Run, StartValue
 from commonrail.workers.pool import USUAL
 from commonrail.workers.task import Answer, Lost, Task, pack
 from commonrail.workers.workers import Workers
@@ -333,7 +333,7 @@ def _description(folder: str) -> Any:
     return read_model_description(folder, validate=False)
 
 
-def _simulated(folder: str, run: Run, start: Mapping[str, Setting], step: float) -> _Found:
+def _simulated(folder: str, run: Run, start: Mapping[str, StartValue], step: float) -> _Found:
     from fmpy.fmi1 import FMICallException
     from fmpy.simulation import instantiate_fmu
 
@@ -362,7 +362,7 @@ def _simulated(folder: str, run: Run, start: Mapping[str, Setting], step: float)
     return _freed(instance, _sampled(found, run, step))
 
 
-def _courses(instance: Any, folder: str, run: Run, start: Mapping[str, Setting], step: float) -> Any:
+def _courses(instance: Any, folder: str, run: Run, start: Mapping[str, StartValue], step: float) -> Any:
     from fmpy.simulation import simulate_fmu
 
     return simulate_fmu(

@@ -7,9 +7,11 @@ from pathlib import Path
 from commonrail.base.chart import BOTH, MARKERS, Figure, Panel, Series, points
 from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import number, quantity, quantity_range, significant
-from commonrail.data.records import Record, origin_of, present
+from commonrail.calibration.record import FitRecord, read_as
+from commonrail.data.records import Record, origin_of
 from commonrail.plugins.foreign_fmu.file import KIND
 from commonrail.plugins.foreign_fmu.run import RECORD, STUDY
+from commonrail.report.data.view import present
 from commonrail.report.figure import drawings
 from commonrail.report.fit.record import Advice
 from commonrail.report.fit.rules import CARE, GOOD, Tile
@@ -34,7 +36,7 @@ def _page(record: Record, folder: Path) -> str:
         tiles=[_tile(data) for data in record["data"]],
         first=figures[0] if figures else None,
         figures=figures[1:],
-        convergence=convergence_section(record),
+        convergence=convergence_section(read_as(FitRecord, record).generations),
         data=record["data"],
         commands=[
             ("Run again", f"{advice.calibrate()} --seed {record['seed']}"),
@@ -164,5 +166,5 @@ def _facts(record: Record) -> list[tuple[str, str]]:
         ("FMU", f"{fmu['name']}, FMI {fmu['version']}, SHA-256 {fmu['sha256']}"),
         ("Communication step", f"{significant(record['step'], 6)} s"),
         *halved,
-        *search_facts(record, "simulations"),
+        *search_facts(read_as(FitRecord, record), "simulations"),
     ]

@@ -30,7 +30,7 @@ def calibrate_fmu_into(
 
     In the end it holds fmu-study.toml with all files that it reads, fmu-result.json, values.csv, SHA256SUMS and
     journal.sqlite. `processes` are all usable processors by default; the result does not depend on it. Other arguments
-    and errors are those of `commonrail.calibrate_into`.
+    and errors are those of `commonrail.runs.calibrate_into`.
     """
     path = file_path(folder, "folder")
     instance(study, FmuStudy, "study")
@@ -104,7 +104,7 @@ FMUS: FitKind[FmuStudy, FmuFit] = FitKind(
     file=STUDY,
     word="study",
     command="commonrail calibrate STUDY",
-    again="commonrail.resume_fmu(folder, study=study)",
+    again="commonrail.fmu.resume_fmu(folder, study=study)",
     load=load_fmu_study,
     content=_content,
     results=(RECORD, VALUES),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, PlainValidator
 
-from commonrail.base.arguments import chosen, file_path, instance, instances, mapping, number, plain_text, settle, whole
+from commonrail.base.arguments import file_path, mapping, number, positive, settle
 from commonrail.base.arrays import Floats
+from commonrail.base.declare import Choice, Number, setting, settings
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.base.input import noting_files
 from commonrail.base.units import parse, parse_difference, to_text
@@ -32,7 +33,7 @@ from commonrail.calibration.study_keys import (
 )
 from commonrail.data.base import Role
 from commonrail.data.study_block import Name
-from commonrail.plugins.foreign_fmu.data import FmuData, FmuInputs, Setting, by_set, fmu_curve, fmu_rows
+from commonrail.plugins.foreign_fmu.data import FmuData, FmuInputs, StartValue, by_set, fmu_curve, fmu_rows
 from commonrail.plugins.foreign_fmu.fmu import Fmu, FmuSimulator, FmuStatus, FmuVariable, read_fmu
 from commonrail.readers.columns import Column
 from commonrail.readers.location import Place, Reach, located
@@ -77,32 +78,9 @@ POLISH = 3  # refinements: as many as must agree before a search is called conve
 EXAMPLE = '{"e": (0.5, 0.9)}'
 
 
-@dataclass(frozen=True)
+@settings(kw_only=False)
 class FmuStudy:
     """A calibration of a foreign FMU, ready to run.
-
-    Attributes
-    ----------
-    title : str
-    fmu : Fmu
-    data : tuple of FmuData
-        At least one with role fit; their names differ.
-    space : Space
-        Free variables of the FMU, in its units.
-    method : Method
-    seed : int
-    step : float
-        Communication step [s].
-    time_limit : float
-        Time [s] after which the process of a simulation is ended.
-    loss : Loss
-        `Loss.SQUARES` or `Loss.SOFT_L1` of the residuals in tolerances.
-    loss_scale : float
-        Residual from which soft L1 grows in proportion.
-    files : mapping of Path to str
-        SHA-256 of each file that the study was read from, its own first; empty if it was made in Python.
-    text, note : str
-        The study file as given; free text for the report.
 
     Raises
     ------
@@ -112,36 +90,27 @@ class FmuStudy:
         If the FMU lacks a variable, has one of another kind, or does not allow a bound or a value.
     """
 
-    title: str
-    fmu: Fmu
-    data: tuple[FmuData, ...]
-    space: Space
-    method: Method
-    seed: int
-    step: float
-    time_limit: float = TIME_LIMIT
-    loss: Loss = Loss.SQUARES
-    loss_scale: float = 1.0
-    files: Mapping[Path, str] = field(default_factory=dict)
-    text: str = ""
-    note: str = ""
+    title: str = setting(words="title of the study")
+    fmu: Fmu = setting(words="fmu of the study")
+    data: tuple[FmuData, ...] = setting(text="At least one with role fit; their names differ.")
+    space: Space = setting(words="space of the study", text="Free variables of the FMU, in its units.")
+    method: Method = setting(words="method of the study")
+    seed: int = setting()
+    step: Number = setting(unit="s", read=positive("s"), text="Communication step.")
+    time_limit: Number = setting(
+        unit="s", default=TIME_LIMIT, read=positive("s"), text="After it a simulation is ended."
+    )
+    loss: Choice[Loss] = setting(default=Loss.SQUARES, text="squares or soft_l1 of the residuals in tolerances.")
+    loss_scale: Number = setting(
+        default=1.0, read=positive("1"), text="Residual from which soft L1 grows in proportion."
+    )
+    files: Mapping[Path, str] = field(default_factory=dict)  # SHA-256 of each file that it was read from, its own first
+    text: str = setting(words="text of the study", default="", text="The study file as given.")
+    note: str = setting(words="note of the study", default="", text="Free text for the report.")
+    as_read: FmuStudy | None = None
 
     def __post_init__(self) -> None:
-        for what in ("title", "text", "note"):
-            plain_text(getattr(self, what), f"{what} of the study")
-        instance(self.fmu, Fmu, "fmu of the study")
-        instance(self.space, Space, "space of the study")
-        instance(self.method, Method, "method of the study")
-        settle(
-            self,
-            data=instances(self.data, FmuData, "data"),
-            seed=whole(self.seed, "seed"),
-            step=_positive(self.step, "step"),
-            time_limit=_positive(self.time_limit, "time_limit"),
-            loss=chosen(self.loss, Loss, "loss"),
-            loss_scale=_positive(self.loss_scale, "loss_scale"),
-            files=self.files,
-        )
+        settle(self, files=self.files)
         if self.loss is Loss.KINDS:
             raise ConfigurationError(f'The loss of a study of an FMU is "squares" or "soft_l1", not "{self.loss}".')
         names = [one.name for one in self.data]
@@ -192,13 +161,6 @@ class FmuStudy:
             driven = [name for name in self.space.names if run.inputs and name in run.inputs.values]
             if driven:
                 raise ConfigurationError(f"{driven[0]} is free and has a measured course as well; keep one of both.")
-
-
-def _positive(value: object, what: str) -> float:
-    found = number(value, "1", what)
-    if not found > 0.0:
-        raise ConfigurationError(f"{what} must be greater than zero, not {found:g}.")
-    return found
 
 
 def fmu_study(
@@ -415,7 +377,7 @@ class _Reading(NamedTuple):
     """FMU, values that all data set, and the folder that files may lie in."""
 
     fmu: Fmu
-    settings: Mapping[str, Setting]
+    settings: Mapping[str, StartValue]
     reach: Reach
 
 
@@ -436,7 +398,7 @@ def load_fmu_study(path: str | Path) -> FmuStudy:
     """
     with noting_files() as files:
         study = _study(file_path(path, "path of a study"))
-    return replace(study, files=files)
+    return replace(study, files=files, as_read=study)
 
 
 def _study(file: Path) -> FmuStudy:
@@ -469,8 +431,8 @@ def _number(item: str | float, variable: FmuVariable, read: Callable[[str, str],
     return read(item, variable.known_unit) if isinstance(item, str) else float(item)
 
 
-def _settings(stated: Mapping[str, _Value], fmu: Fmu, at: Place) -> dict[str, Setting]:
-    found: dict[str, Setting] = {}
+def _settings(stated: Mapping[str, _Value], fmu: Fmu, at: Place) -> dict[str, StartValue]:
+    found: dict[str, StartValue] = {}
     for name, item in stated.items():
         with located(at / name):
             variable = fmu.adjustable(name)
@@ -524,7 +486,7 @@ def _rows(
             given[name] = _column(column, reading.fmu.number(name))
     table = read_columns(path, [*columns.values(), *given.values()], 1)
     count = len(table.rows)
-    each: list[dict[str, Setting]] = [
+    each: list[dict[str, StartValue]] = [
         {**reading.settings, **{name: float(table.columns[column.name][i]) for name, column in given.items()}}
         for i in range(count)
     ]

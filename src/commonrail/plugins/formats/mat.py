@@ -72,8 +72,35 @@ class MatFile:
         return next((self._texts[text].strip(" []") for text in beside if text in self._texts), "")
 
     def quantity_map(self, given: GivenUnits) -> FoundMap:
-        """Quantity map of the variables; see `find_mat_map`."""
-        return find_mat_map(self, given)
+        """Quantity map of the variables, by their units and names; see `HoldsMap`.
+
+        Units that are `given` count before those of the file. Raises `InputError` if none is found, several are, or a
+        unit is missing.
+        """
+        stated = given.by_kind()
+        is_inverse = _fitting(self, "energising time", 2) and not _fitting(self, "quantity", 2)
+        cells, axis = ("energising time", "quantity")[:: 1 if is_inverse else -1]
+        names = {kind: _variable(self, kind, 2 if kind == cells else 1) for kind in KINDS}
+        units = {kind: stated[kind] or plain_unit(self.unit(name)) for kind, name in names.items()}
+        missing = [f'{kind} ("{names[kind]}")' for kind in KINDS if not units[kind]]
+        if missing:
+            raise InputError(
+                f"{self.path}: no unit of the {' and the '.join(missing)} is in the file; state it, or add a text such "
+                f'as {names["quantity"]}_unit = "mm3".'
+            )
+        rail, other, values = (
+            np.asarray(self.arrays[names[kind]], np.float64) for kind in ("rail pressure", axis, cells)
+        )
+        if values.shape == (len(other), len(rail)) != (len(rail), len(other)):
+            values = values.T
+        if values.shape != (len(rail), len(other)):
+            raise InputError(
+                f'{self.path}: "{names[cells]}" is {values.shape[0]} × {values.shape[1]}, and there are '
+                f"{counted(len(rail), 'rail pressure')} and {counted(len(other), axis)}."
+            )
+        said = ["variables " + ", ".join(f'"{name}"' for name in names.values())]
+        matrix = Matrix(rail, other, values, np.arange(1, values.size + 1))
+        return map_of_matrix(self.path, matrix, units, [("rail pressure", axis)], said)
 
     def take(self, columns: Sequence[Column]) -> Table:
         """Content of variables; see `Sheet.take`."""
@@ -104,36 +131,6 @@ _NAMES = {
     "energising time": ("energising_time", "et", "ti"),
     "quantity": ("quantity", "q"),
 }
-
-
-def find_mat_map(file: MatFile, given: GivenUnits = GivenUnits()) -> FoundMap:
-    """Quantity map of the variables of a MAT file, by their units and names.
-
-    Units that are `given` count before those of the file. Raises `InputError` if none is found, several are, or a unit
-    is missing.
-    """
-    stated = given.by_kind()
-    is_inverse = _fitting(file, "energising time", 2) and not _fitting(file, "quantity", 2)
-    cells, axis = ("energising time", "quantity")[:: 1 if is_inverse else -1]
-    names = {kind: _variable(file, kind, 2 if kind == cells else 1) for kind in KINDS}
-    units = {kind: stated[kind] or plain_unit(file.unit(name)) for kind, name in names.items()}
-    missing = [f'{kind} ("{names[kind]}")' for kind in KINDS if not units[kind]]
-    if missing:
-        raise InputError(
-            f"{file.path}: no unit of the {' and the '.join(missing)} is in the file; state it, or add a text such as "
-            f'{names["quantity"]}_unit = "mm3".'
-        )
-    rail, other, values = (np.asarray(file.arrays[names[kind]], np.float64) for kind in ("rail pressure", axis, cells))
-    if values.shape == (len(other), len(rail)) != (len(rail), len(other)):
-        values = values.T
-    if values.shape != (len(rail), len(other)):
-        raise InputError(
-            f'{file.path}: "{names[cells]}" is {values.shape[0]} × {values.shape[1]}, and there are '
-            f"{counted(len(rail), 'rail pressure')} and {counted(len(other), axis)}."
-        )
-    said = ["variables " + ", ".join(f'"{name}"' for name in names.values())]
-    matrix = Matrix(rail, other, values, np.arange(1, values.size + 1))
-    return map_of_matrix(file.path, matrix, units, [("rail pressure", axis)], said)
 
 
 def _variable(file: MatFile, kind: str, dimensions: int) -> str:

@@ -18,6 +18,8 @@ from commonrail.base.errors import InputError
 from commonrail.readers.guarded import Save
 from commonrail.readers.location import MOST_VALUES
 
+WHAT = "MAT file"
+
 MOST_VARIABLES = 10_000
 DEEPEST = 4  # structures in structures
 LARGEST_CHUNK = 100_000_000  # [bytes] of HDF5; it is unpacked whole, whatever is read of it
@@ -50,21 +52,16 @@ def read(path: Path, data: bytes, save: Save) -> dict[str, Any]:
     names: dict[str, None] = {}
     texts: dict[str, str] = {}
     unread: dict[str, str] = {}
-    try:
-        for count, (name, value) in enumerate((_of_hdf5 if is_hdf5 else _of_mat5)(path, data)):
-            if count >= MOST_VARIABLES:
-                raise InputError(f"{path}: there are more than the {MOST_VARIABLES} variables that are read.")
-            if isinstance(value, _Refused):
-                unread[name] = value
-            elif isinstance(value, str):
-                texts[name] = value
-            elif value.size and name not in names:
-                save(str(len(names)), np.squeeze(value) if value.size > 1 else value.reshape(-1))
-                names[name] = None
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:  # SciPy and h5py raise a dozen types for damaged files
-        raise InputError(f"{path}: this is no MAT file that can be read ({type(error).__name__}).") from error
+    for count, (name, value) in enumerate((_of_hdf5 if is_hdf5 else _of_mat5)(path, data)):
+        if count >= MOST_VARIABLES:
+            raise InputError(f"{path}: there are more than the {MOST_VARIABLES} variables that are read.")
+        if isinstance(value, _Refused):
+            unread[name] = value
+        elif isinstance(value, str):
+            texts[name] = value
+        elif value.size and name not in names:
+            save(str(len(names)), np.squeeze(value) if value.size > 1 else value.reshape(-1))
+            names[name] = None
     return {"names": list(names), "texts": texts, "unread": unread}
 
 

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from asammdf import MDF
 
-from commonrail.base.errors import InputError
 from commonrail.base.text import counted
 from commonrail.plugins.formats.records import Channels, Refused
 from commonrail.readers.guarded import Save
+
+WHAT = "MDF record"
 
 # Rules of numbers alone, by version: none, linear, rational, tables; of version 3 polynomial and exponential ones too.
 _NUMERIC_RULES = {3: (0, 1, 2, 6, 7, 8, 9, 65535), 4: (0, 1, 2, 4, 5, 6)}
@@ -27,15 +28,7 @@ _BUS = re.compile(r"(CAN|LIN|FLX|ETH|MOST|K_LINE)_", re.I)  # begin of the names
 def read(path: Path, data: bytes, save: Save) -> dict[str, Any]:
     """Channels, each with the names of its arrays, and a fault if it cannot be read."""
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
-    try:
-        return {"channels": _read_channels(path, MDF(BytesIO(data)), save)}
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:  # of damaged records; their texts name objects of asammdf
-        raise InputError(f"{path}: this is no MDF record that can be read ({type(error).__name__}).") from error
-
-
-def _read_channels(path: Path, record: Any, save: Save) -> list[dict[str, Any]]:
+    record: Any = MDF(BytesIO(data))
     channels = Channels(path, save)
     for g, group in enumerate(record.groups):
         master = record.masters_db.get(g)
@@ -46,7 +39,7 @@ def _read_channels(path: Path, record: Any, save: Save) -> list[dict[str, Any]]:
                 unit = str(getattr(channel, "unit", "") or "") or str(getattr(channel.conversion, "unit", "") or "")
                 count = int(group.channel_group.cycles_nr)
                 channels.add(str(channel.name), label, unit, times, count, partial(_read_signal, record, g, i))
-    return channels.entries
+    return {"channels": channels.entries}
 
 
 def _read_signal(record: Any, group: int, channel: int) -> tuple[Any, Any, str]:

@@ -16,6 +16,8 @@ from commonrail.base.errors import InputError
 from commonrail.readers.guarded import Save
 from commonrail.readers.location import LONGEST_NAME, MOST_COLUMNS, MOST_ROWS
 
+WHAT = "Parquet file"
+
 LARGEST_FOOTER = 2_000_000  # [bytes]; its objects take up to some hundred times as much
 MOST_CELLS = 100_000_000
 LARGEST_CONTENT = 2_000_000_000  # [bytes] uncompressed

@@ -17,6 +17,8 @@ from commonrail.base.units import convert, fits
 from commonrail.plugins.formats.records import MOST_VALUES, Channels, Refused
 from commonrail.readers.guarded import Save
 
+WHAT = "TDMS file"
+
 _UNITS = ("unit_string", "NI_UnitDescription", "Unit", "unit")  # properties, the usual one first
 _TIMES = ("time", "t", "zeit", "x", "timestamp", "zeitstempel")  # names of a channel of times that has no unit of time
 
@@ -25,17 +27,12 @@ def read(path: Path, data: bytes, save: Save) -> dict[str, Any]:
     """Channels, each with the names of its arrays, and a fault if it cannot be read."""
     logging.getLogger("nptdms").setLevel(logging.CRITICAL)
     channels = Channels(path, save)
-    try:
-        with TdmsFile(BytesIO(data), read_metadata_only=True, keep_open=True) as file:
-            groups = [(str(group.name), list(group.channels())) for group in file.groups()]
-            if sum(len(channel) for _, members in groups for channel in members) > MOST_VALUES:
-                raise InputError(f"{path}: the record has more than the {MOST_VALUES} values that are read; cut it.")
-            for group, members in groups:
-                _add_group(channels, group, members)
-    except (InputError, MemoryError):
-        raise
-    except Exception as error:  # of damaged files; their texts name objects of npTDMS
-        raise InputError(f"{path}: this is no TDMS file that can be read ({type(error).__name__}).") from error
+    with TdmsFile(BytesIO(data), read_metadata_only=True, keep_open=True) as file:
+        groups = [(str(group.name), list(group.channels())) for group in file.groups()]
+        if sum(len(channel) for _, members in groups for channel in members) > MOST_VALUES:
+            raise InputError(f"{path}: the record has more than the {MOST_VALUES} values that are read; cut it.")
+        for group, members in groups:
+            _add_group(channels, group, members)
     return {"channels": channels.entries}
 
 

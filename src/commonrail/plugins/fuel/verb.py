@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated
 
 from commonrail.base.errors import InputError
-from commonrail.base.output import write_text
 from commonrail.cli.console import print_json, print_rows, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, check_file, read_axis, refuse_unused
@@ -45,9 +44,7 @@ def fuel(
       commonrail fuel hvo.csv --out hvo.toml --title "HVO, batch 7"
       commonrail fuel --coolprop Methanol --pressure 0.5:200MPa --temperature 20:80degC --out methanol.toml
     """
-    from commonrail.plugins.fuel.file import document
-    from commonrail.plugins.fuel.run import fit_fuel
-    from commonrail.readers.fuel import load_fuel
+    from commonrail.plugins.fuel.write import fuel as write_fuel
 
     if out.exists():
         raise InputError(f"--out: {out} already exists; name another file, or remove it first.")
@@ -57,17 +54,11 @@ def fuel(
     if (table is None) == (coolprop is None):
         raise InputError("Name either a table of properties or a fluid by --coolprop NAME.")
     refuse_unused({name: (coolprop is not None, "--coolprop NAME") for name in ("pressure", "temperature")})
-    simulated: dict[str, float] = {}
-    if table is not None:
-        found = fit_fuel(table)
-        source = f"fitted to {found.rows} rows of {table.name}"
-    else:
-        from commonrail.plugins.fuel.coolprop import fit_pure_fuel
-
-        ranges = _range(pressure, "Pa", "--pressure"), _range(temperature, "K", "--temperature")
-        found, simulated, source = fit_pure_fuel(str(coolprop), *ranges)
-    write_text(out, document(found, title or out.stem, source))
-    load_fuel(out)  # what is written is read
+    ranges = {}
+    if coolprop is not None:
+        ranges["pressure"] = _range(pressure, "Pa", "--pressure")
+        ranges["temperature"] = _range(temperature, "K", "--temperature")
+    _, found, simulated = write_fuel(out, table, coolprop=coolprop or "", title=title or "", **ranges)
     if json:
         laws = {law.table: {"error": law.error, **law.polynomials} for law in found.laws}
         record = {"schema": 1, "kind": "fuel", "fuel": str(out), "rows": found.rows, "laws": laws}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +14,6 @@ from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.units import convert
-from commonrail.calibration.run import Calibration
 from commonrail.engine.status import OK
 from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector
@@ -23,6 +22,9 @@ from commonrail.plugins.maps.inverse import Inverse, invert, sampled
 from commonrail.plugins.maps.response import Conditions, Response, knots_of, simulate_many
 from commonrail.plugins.maps.run import InjectionMap, injection_map, read_sweep
 from commonrail.plugins.maps.sweep import OPERATING, TIMES, Base, Variable, check_values, fused_of, table_unit
+
+if TYPE_CHECKING:
+    from commonrail.calibration.run import Calibration
 
 NARROW = 1e-6  # bracket of the dwell at which two injections fuse [s]
 
@@ -92,7 +94,7 @@ def compensation(
 
     lines = sampled(simulate, rows_pressure, knots_of(axes.energising_time))
     inverse, _ = invert(simulate, lines, axes.quantity, alone.rules)
-    parts = [inverse.rows(slice(i * count, (i + 1) * count)) for i in range(len(dwell))]
+    parts = [Inverse._make(table[i : i + count] for table in inverse) for i in range(0, len(rows_dwell), count)]
     times = np.array([part.energising_time for part in parts])
     return Compensation(alone, first_energising_time, Variable("dwell", "s", dwell), times, tuple(parts))
 
@@ -183,8 +185,7 @@ def fusion_dwell(injector: Injector, base: Base, rail_pressure: Floats, longest:
         points = base.points({"rail_pressure": rail_pressure, "dwell": dwell})
         batch = simulate_many(injector, points, base.conditions)
         lost[batch.status[0] != OK] = True
-        found: Bools = fused_of(batch, points.last_starts, delay)[0]
-        return found
+        return np.asarray(fused_of(batch, points.last_starts, delay)[0])
 
     beyond, never = fused(high), ~fused(low)
     while np.max(high - low) > NARROW:

@@ -9,11 +9,9 @@ from __future__ import annotations
 import math
 import re
 import unicodedata
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -40,9 +38,7 @@ _SIGNS = str.maketrans({"µ": "u", "³": "3", "²": "2", "×": "x", "°": "deg",
 
 
 def write_dcm(path: Path, tables: Sequence[MapTable]) -> None:
-    """Write maps into one file, whole or not at all; InputError if a cell has no number."""
-    for table in tables:
-        table.require_numbers("A DCM file")
+    """Write maps, whose cells all have numbers, into one file, whole or not at all."""
     write_text(path, "\n".join(_lines(tables)) + "\n")
 
 
@@ -96,10 +92,8 @@ def _lines(tables: Sequence[MapTable]) -> Iterator[str]:
 
 def _map(table: MapTable) -> Iterator[str]:
     yield f"KENNFELD {table.label} {len(table.x.values)} {len(table.y.values)}"
-    yield f'   LANGNAME "{_plain(table.title)}"'
-    yield f'   EINHEIT_X "{_plain(table.x.unit)}"'
-    yield f'   EINHEIT_Y "{_plain(table.y.unit)}"'
-    yield f'   EINHEIT_W "{_plain(table.unit)}"'
+    texts = {"LANGNAME": table.title, "EINHEIT_X": table.x.unit, "EINHEIT_Y": table.y.unit, "EINHEIT_W": table.unit}
+    yield from (f'   {word} "{_plain(text)}"' for word, text in texts.items())
     yield from _numbers("ST/X", table.x.values.tolist())
     for place, row in zip(table.y.values.tolist(), table.values.tolist(), strict=True):
         yield f"   ST/Y   {number_text(place)}"
@@ -177,10 +171,15 @@ def _read_map(path: Path, start: int, words: Sequence[str], content: Iterable[tu
         if word == "END":
             if foreign:
                 return foreign
-            table = _checked(path, start, words[1], (nx, ny), (texts, numbers))
-            if any(np.any(np.diff(axis.values) <= 0.0) for axis in (table.x, table.y)):
+            for key, count in counts.items():
+                if len(numbers[key]) != count:
+                    raise InputError(
+                        f"{path}, line {start}: the map {words[1]} has {len(numbers[key])} numbers in its {key} lines, "
+                        f"and {count} are expected for {nx} × {ny}."
+                    )
+            if any(np.any(np.diff(numbers[key]) <= 0.0) for key in ("ST/X", "ST/Y")):
                 return "its support points do not increase"
-            return replace(table, decimals=decimals)
+            return _table(words[1], (ny, nx), texts, numbers, decimals)
         if word in _FOREIGN:
             foreign = _FOREIGN[word]
         elif word in numbers:
@@ -208,17 +207,10 @@ def _floats(path: Path, number: int, text: str) -> list[float]:
     return found
 
 
-def _checked(path: Path, start: int, label: str, size: tuple[int, int], found: tuple[dict[str, str], Any]) -> MapTable:
-    texts, numbers = found
-    nx, ny = size
-    counts = {"ST/X": nx, "ST/Y": ny, "WERT": nx * ny}
-    for word, count in counts.items():
-        if len(numbers[word]) != count:
-            raise InputError(
-                f"{path}, line {start}: the map {label} has {len(numbers[word])} numbers in its {word} lines, and "
-                f"{count} are expected for {nx} × {ny}."
-            )
+def _table(
+    label: str, shape: tuple[int, int], texts: Mapping[str, str], numbers: Mapping[str, list[float]], decimals: int
+) -> MapTable:
     x, y = (Axis(axis, texts.get(f"EINHEIT_{axis}", ""), np.array(numbers[f"ST/{axis}"])) for axis in "XY")
-    values = np.array(numbers["WERT"]).reshape(ny, nx)
-    states = tuple(("",) * nx for _ in range(ny))
-    return MapTable(label, texts.get("LANGNAME", ""), "value", texts.get("EINHEIT_W", ""), x, y, values, states)
+    values, states = np.array(numbers["WERT"]).reshape(shape), (("",) * shape[1],) * shape[0]
+    name, unit = texts.get("LANGNAME", ""), texts.get("EINHEIT_W", "")
+    return MapTable(label, name, "value", unit, x, y, values, states, decimals=decimals)

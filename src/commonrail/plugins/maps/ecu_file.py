@@ -18,17 +18,8 @@ from commonrail.base.input import read_plain
 from commonrail.base.units import fits
 from commonrail.plugins.maps.dcm import LARGEST, MOST_DECIMALS, MOST_MAPS, MOST_VALUES, read_dcm
 from commonrail.plugins.maps.table import Axis, MapTable, is_turned
+from commonrail.readers import quantity_matrix
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table, name_and_unit
-from commonrail.readers.quantity_matrix import (
-    KINDS,
-    ORDERS,
-    FoundMap,
-    GivenUnits,
-    Matrix,
-    kind_of,
-    map_of_matrix,
-    plain_unit,
-)
 
 
 class EcuMaps(NamedTuple):
@@ -38,6 +29,11 @@ class EcuMaps(NamedTuple):
     tables: dict[str, MapTable]
     foreign: dict[str, str]
     comments: list[str]
+
+    @property
+    def sound(self) -> list[MapTable]:
+        """Maps that are read."""
+        return [table for label, table in self.tables.items() if label not in self.foreign]
 
     def add(self, texts: Sequence[str], axes: Sequence[tuple[str, list[str]]], rows: Sequence[Sequence[str]]) -> None:
         """Add a map from texts: label, title and unit; units and support points of x and y; rows of values."""
@@ -92,8 +88,7 @@ def _elements(path: Path, data: bytes, wanted: str) -> Iterator[ElementTree.Elem
 
 def _read_cdfx(path: Path, data: bytes) -> EcuMaps:
     """Maps of ASAM CDF 2.0; the support points of one may be an instance of their own."""
-    note = re.search(rb"<LONG-NAME>([^<]{1,4000})</LONG-NAME>", data)
-    maps = EcuMaps("CDF 2", {}, {}, _split_notes(note[1] if note else b""))
+    maps = EcuMaps("CDF 2", {}, {}, _notes(rb"<LONG-NAME>([^<]{1,4000})</LONG-NAME>", data))
     shared = {
         _text(instance, "SHORT-NAME"): [v.text or "" for v in instance.iter("V")]
         for instance in _elements(path, data, "SW-INSTANCE")
@@ -101,13 +96,10 @@ def _read_cdfx(path: Path, data: bytes) -> EcuMaps:
     }
     for instance in _elements(path, data, "SW-INSTANCE"):
         if _text(instance, "CATEGORY") == "MAP":
-            axes = [
-                (
-                    _text(axis, "UNIT-DISPLAY-NAME"),
-                    [v.text or "" for v in axis.iter("V")] or shared.get(_text(axis, "SW-INSTANCE-REF"), []),
-                )
-                for axis in instance.iter("SW-AXIS-CONT")
-            ]
+            axes = []
+            for axis in instance.iter("SW-AXIS-CONT"):
+                points = [v.text or "" for v in axis.iter("V")] or shared.get(_text(axis, "SW-INSTANCE-REF"), [])
+                axes.append((_text(axis, "UNIT-DISPLAY-NAME"), points))
             rows = [[v.text or "" for v in group.findall("V")] for group in instance.iter("VG")]
             texts = [_text(instance, n) for n in ("SHORT-NAME", "LONG-NAME", "SW-VALUE-CONT/UNIT-DISPLAY-NAME")]
             maps.add(texts, axes, rows)
@@ -117,8 +109,7 @@ def _read_cdfx(path: Path, data: bytes) -> EcuMaps:
 def _read_table(path: Path, data: bytes) -> EcuMaps:
     """Map of a table of TunerStudio; its axes have units only where their names state them."""
     root = next(_elements(path, data, "table"))
-    comment = b"".join(re.findall(rb"<!--([^<]{1,4000})-->", data)[:1])
-    maps = EcuMaps("TunerStudio", {}, {}, _split_notes(comment))
+    maps = EcuMaps("TunerStudio", {}, {}, _notes(rb"<!--([^<]{1,4000})-->", data))
     places = [root.find("xAxis"), root.find("yAxis")]
     axes = [(name_and_unit(p.get("name", ""))[1], (p.text or "").split()) for p in places if p is not None]
     cells = (root.findtext("zValues") or "").split()
@@ -130,8 +121,10 @@ def _read_table(path: Path, data: bytes) -> EcuMaps:
     return maps
 
 
-def _split_notes(text: bytes) -> list[str]:
-    return unescape(text.decode("utf-8", "replace").strip()).split("; ")
+def _notes(pattern: bytes, data: bytes) -> list[str]:
+    """Notes in the first match of a pattern, as they are written with semicolons between."""
+    note = re.search(pattern, data)
+    return unescape((note[1] if note else b"").decode("utf-8", "replace").strip()).split("; ")
 
 
 def _text(element: ElementTree.Element, name: str) -> str:
@@ -144,9 +137,7 @@ def read_axes(path: Path) -> MapTable:
     InputError if no map has such axes.
     """
     maps = read_ecu_maps(path)
-    fitting = [
-        table for label, table in maps.tables.items() if label not in maps.foreign and is_turned(table) is not None
-    ]
+    fitting = [table for table in maps.sound if is_turned(table) is not None]
     if not fitting:
         passed = "".join(f"; {label} is not read: {reason}" for label, reason in list(maps.foreign.items())[:4])
         raise InputError(f"{path}: no map in it has an axis of pressure and one of quantity, with their units{passed}.")
@@ -177,7 +168,7 @@ class MapFile:
         maps = read_ecu_maps(path)
         if not (maps.tables or maps.foreign):
             raise InputError(f"{path}: there is no map in this file; single values and curves are passed over.")
-        self._tables = [table for label, table in maps.tables.items() if label not in maps.foreign]
+        self._tables = maps.sound
         self.comments = maps.comments
         self.taken_for = f"calibration data, {maps.kind}"
         self.facts = {
@@ -190,7 +181,7 @@ class MapFile:
         """Refused: the file has no columns."""
         raise InputError(f'{self.path}: this file holds maps and no columns; read it with layout = "found".')
 
-    def quantity_map(self, given: GivenUnits) -> FoundMap:
+    def quantity_map(self, given: quantity_matrix.GivenUnits) -> quantity_matrix.FoundMap:
         """First duration map of the file, else its first quantity map.
 
         Units that the file does not have are those `given`. Raises `InputError` if it has none.
@@ -199,8 +190,8 @@ class MapFile:
         candidates: list[tuple[bool, int, list[str], list[str], MapTable]] = []
         for table in self._tables:
             units = [table.y.unit, table.x.unit, table.unit]
-            kinds = [kind_of(unit) for unit in units]
-            missing = [kind for kind in KINDS if kind not in kinds]
+            kinds = [quantity_matrix.kind_of(unit) for unit in units]
+            missing = [kind for kind in quantity_matrix.KINDS if kind not in kinds]
             if kinds.count("") == len(missing) and all(map(stated.get, missing)) and kinds[2] != "rail pressure":
                 kinds = [kind or (missing[0] if len(missing) == 1 else "") for kind in kinds]
                 candidates.append((kinds[2] == "quantity", len(candidates), kinds, units, table))
@@ -210,13 +201,10 @@ class MapFile:
                 "state those that are missing, a crank angle with its speed, as degCA@2000rpm."
             )
         _, _, kinds, units, table = min(candidates)
-        by_kind = dict(zip(kinds, map(plain_unit, units), strict=True))
-        matrix = Matrix(table.y.values, table.x.values, table.values, np.arange(1, table.values.size + 1))
-        return map_of_matrix(
-            self.path,
-            matrix,
-            {kind: stated[kind] or by_kind[kind] for kind in KINDS},
-            [(kinds[0], kinds[1])] if all(kinds) else ORDERS,
-            [f"map {table.label}"],
-            self.comments,
+        by_kind = dict(zip(kinds, map(quantity_matrix.plain_unit, units), strict=True))
+        matrix = quantity_matrix.Matrix(
+            table.y.values, table.x.values, table.values, np.arange(1, table.values.size + 1)
         )
+        in_file = {kind: stated[kind] or by_kind[kind] for kind in quantity_matrix.KINDS}
+        orders = [(kinds[0], kinds[1])] if all(kinds) else quantity_matrix.ORDERS
+        return quantity_matrix.map_of_matrix(self.path, matrix, in_file, orders, [f"map {table.label}"], self.comments)

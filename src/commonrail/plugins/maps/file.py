@@ -6,20 +6,20 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.base.arrays import Floats
 from commonrail.base.csv_output import neutralised, write_csv
 from commonrail.base.errors import InputError
 from commonrail.base.output import replacing, write_text
 from commonrail.base.text import number, numbers
 from commonrail.plugins.maps.choices import CellState
-from commonrail.plugins.maps.dcm import number_text, write_dcm
+from commonrail.plugins.maps.dcm import number_text, write_dcm, write_into_dcm
 from commonrail.plugins.maps.difference import Comparison
+from commonrail.plugins.maps.response import Conditions
 from commonrail.plugins.maps.run import InjectionMap, MapBands
-from commonrail.plugins.maps.table import Axis, Layer, MapTable
+from commonrail.plugins.maps.table import Axis, Layer, MapTable, shaped_like
 from commonrail.report.html import render
 
 LONGEST_SHEET = 31  # characters of the name of a sheet
@@ -31,13 +31,27 @@ def write_map_file(path: Path, tables: Sequence[MapTable]) -> None:
     InputError if the ending is unknown, the format cannot hold the maps, or its library is not installed.
     """
     check_map_file(path)
-    _WRITERS[path.suffix.lower()](path, tables)
+    form = _FORMS[path.suffix.lower()]
+    if form.single and len(tables) != 1:
+        raise InputError(f"{path}: a {form.name} holds one map, not {len(tables)}; write each into a file of its own.")
+    for table in tables if form.full else ():
+        table.require_numbers(f"A {form.name}")
+    form.write(path, tables)
+
+
+def write_map_like(path: Path, table: MapTable, like: MapTable, source: Path) -> None:
+    """Write a map in the shape of another one, whose file is `source`: a DCM file as that file with new values."""
+    table = shaped_like(table, like)
+    if path.suffix.lower() == source.suffix.lower() == ".dcm":
+        write_into_dcm(path, source, like.label, table)
+    else:
+        write_map_file(path, [table])
 
 
 def check_map_file(path: Path) -> None:
     """Refuse a name whose end tells no format, and a format whose library is missing."""
     suffix = path.suffix.lower()
-    if suffix not in _WRITERS:
+    if suffix not in _FORMS:
         raise InputError(f"{path}: maps are written as {', '.join(ENDINGS)}; name a file that ends so.")
     if suffix == ".xlsx" and find_spec("openpyxl") is None:
         raise InputError(f"{path}: Excel files need openpyxl; install commonrail[excel], or write CSV.")
@@ -45,25 +59,16 @@ def check_map_file(path: Path) -> None:
 
 def _write_csv(path: Path, tables: Sequence[MapTable]) -> None:
     """One row for each cell, so that the file can serve as data of a study."""
-    table = _only(path, tables, "CSV file")
-    header = [f"{name} [{unit}]" for name, unit, _ in (table.x, table.y)] + [f"{table.name} [{table.unit}]", "state"]
-    header += [f"{layer.name} [{layer.unit}]" for layer in table.layers]
-    write_csv(path, (table.title, *table.notes), header, _cells(table))
-
-
-def _only(path: Path, tables: Sequence[MapTable], what: str) -> MapTable:
-    if len(tables) != 1:
-        raise InputError(f"{path}: a {what} holds one map, not {len(tables)}; write each into a file of its own.")
-    return tables[0]
-
-
-def _cells(table: MapTable) -> list[list[str]]:
+    (table,) = tables
+    parts: list[Axis | Layer] = [table.x, table.y, *table.layers]
+    x, y, *layers = (f"{part.name} [{part.unit}]" for part in parts)
     rows = []
-    for i, x in enumerate(table.x.values.tolist()):
-        for j, y in enumerate(table.y.values.tolist()):
-            cells = [number_text(x), number_text(y), _cell(table.values[j, i]), table.states[j][i]]
+    for i, x_value in enumerate(table.x.values.tolist()):
+        for j, y_value in enumerate(table.y.values.tolist()):
+            cells = [number_text(x_value), number_text(y_value), _cell(table.values[j, i]), table.states[j][i]]
             rows.append(cells + [_cell(layer.values[j, i]) for layer in table.layers])
-    return rows
+    header = [x, y, f"{table.name} [{table.unit}]", "state", *layers]
+    write_csv(path, (table.title, *table.notes), header, rows)
 
 
 def _cell(value: float) -> str:
@@ -90,16 +95,14 @@ def _write_mat(path: Path, tables: Sequence[MapTable]) -> None:
 
     content = {}
     for table in tables:
+        axes: dict[str, Any] = {}
+        for key, axis in (("x", table.x), ("y", table.y)):
+            axes |= {f"{key}_name": axis.name, f"{key}_unit": axis.unit, key: axis.values}
         content[_variable(path, table.label)] = {
             "title": table.title,
             "name": table.name,
             "unit": table.unit,
-            "x_name": table.x.name,
-            "x_unit": table.x.unit,
-            "x": table.x.values,
-            "y_name": table.y.name,
-            "y_unit": table.y.unit,
-            "y": table.y.values,
+            **axes,
             "values": table.values,
             "states": np.array(table.states, object),
             "notes": np.array(table.notes, object),
@@ -158,33 +161,39 @@ def _sheet_name(wanted: str, taken: Sequence[str]) -> str:
 
 
 def _write_cdfx(path: Path, tables: Sequence[MapTable]) -> None:
-    """ASAM CDF 2.0, the XML format of calibration data of control units; InputError if a cell has no number."""
-    for table in tables:
-        table.require_numbers("A CDFX file")
+    """ASAM CDF 2.0, the XML format of calibration data of control units."""
     notes = dict.fromkeys(note for table in tables for note in table.notes)
     write_text(path, render("cdfx.xml", __package__, tables=tables, notes="; ".join(notes), text=number_text) + "\n")
 
 
 def _write_table(path: Path, tables: Sequence[MapTable]) -> None:
-    """Table of TunerStudio, for open control units; InputError if a cell has no number."""
-    table = _only(path, tables, ".table file")
-    table.require_numbers("A .table file")
+    """Table of TunerStudio, for open control units."""
+    (table,) = tables
     values = f"values: {table.name} [{table.unit}]"
     notes = "; ".join((f"written by commonrail: {table.label}", table.title, values, *table.notes))
     notes = notes.replace("--", "\u2010\u2010")  # two hyphens would end the comment
     write_text(path, render("table.xml", __package__, table=table, notes=notes, text=number_text) + "\n")
 
 
-_WRITERS: dict[str, Callable[[Path, Sequence[MapTable]], None]] = {
-    ".csv": _write_csv,
-    ".xlsx": _write_xlsx,
-    ".mat": _write_mat,
-    ".json": _write_json,
-    ".dcm": write_dcm,
-    ".cdfx": _write_cdfx,
-    ".table": _write_table,
+class _Form(NamedTuple):
+    """Format of a file: its writer, what it is called, and whether it holds a `single` map, or `full` ones alone."""
+
+    write: Callable[[Path, Sequence[MapTable]], None]
+    name: str
+    single: bool = False
+    full: bool = False
+
+
+_FORMS = {
+    ".csv": _Form(_write_csv, "CSV file", single=True),
+    ".xlsx": _Form(_write_xlsx, "workbook"),
+    ".mat": _Form(_write_mat, "MATLAB file"),
+    ".json": _Form(_write_json, "JSON file"),
+    ".dcm": _Form(write_dcm, "DCM file", full=True),
+    ".cdfx": _Form(_write_cdfx, "CDFX file", full=True),
+    ".table": _Form(_write_table, ".table file", single=True, full=True),
 }
-ENDINGS = tuple(_WRITERS)
+ENDINGS = tuple(_FORMS)
 
 
 # A map as one JSON object in SI units.
@@ -206,26 +215,25 @@ def map_record(found: Mapping[str, InjectionMap], compared: Comparison | None = 
     return record
 
 
+def conditions_record(conditions: Conditions) -> dict[str, float]:
+    """Pressures [Pa] and time step [s]; threads change no result."""
+    return {name: value for name, value in conditions._asdict().items() if name != "threads"}
+
+
 def _one(label: str, found: InjectionMap) -> dict[str, Any]:
-    conditions, inverse = found.conditions, found.inverse
+    inverse = found.inverse
     return {
         "label": label,
         "injector": found.injector.name,
         "variant": found.injector.variant.label,
         "synthetic": found.injector.synthetic,
-        "conditions": {
-            "cylinder_pressure": conditions.cylinder_pressure,
-            "return_pressure": conditions.return_pressure,
-            "time_step": conditions.time_step,
-        },
+        "conditions": conditions_record(found.conditions),
         "reference_density": found.density,
         "rules": {"several": found.rules.several.value, "unreachable": found.rules.beyond.value},
         "adjustment": found.adjustment._asdict(),
         "costs": [cost._asdict() for cost in found.costs],
         "simulations": found.simulations,
-        "rail_pressure": found.axes.rail_pressure.tolist(),
-        "quantity": found.axes.quantity.tolist(),
-        "energising_time": found.axes.energising_time.tolist(),
+        **{name: axis.tolist() for name, axis in vars(found.axes).items()},
         "injected_volume": numbers(found.volume),
         "ballistic": found.ballistic.tolist(),
         "falls_with_pressure": found.falls_with_pressure.tolist(),
@@ -242,13 +250,8 @@ def _one(label: str, found: InjectionMap) -> dict[str, Any]:
 
 def _bands(bands: MapBands) -> dict[str, Any]:
     """Edges by the share that a band is to hold, over the cells of the quantity map and of the inverse."""
-    return {
-        "estimator": bands.estimator,
-        "levels": list(bands.quantity),
-        "injected_volume": [_edges(pair) for pair in bands.quantity.values()],
-        "delivered": [_edges(pair) for pair in bands.delivered.values()],
+    edges = {
+        name: [{"lower": numbers(low), "upper": numbers(high)} for low, high in pairs.values()]
+        for name, pairs in (("injected_volume", bands.quantity), ("delivered", bands.delivered))
     }
-
-
-def _edges(pair: tuple[Floats, Floats]) -> dict[str, Any]:
-    return {"lower": numbers(pair[0]), "upper": numbers(pair[1])}
+    return {"estimator": bands.estimator, "levels": list(bands.quantity), **edges}

@@ -16,8 +16,6 @@ from commonrail.base.arrays import Bools, Floats, IndexArray, Ints
 from commonrail.plugins.maps.choices import Beyond, CellState, Several
 from commonrail.plugins.maps.response import Line, Response, falls_of
 
-States = Ints
-
 # Responses (n,) of lines, given by their indices (n,), at energising times (n,) [s].
 Simulate = Callable[[IndexArray, Floats], Response]
 
@@ -45,11 +43,7 @@ class Inverse(NamedTuple):
     energising_time: Floats
     delivered: Floats
     lift: Floats
-    state: States
-
-    def rows(self, which: slice) -> Inverse:
-        """Inverse at some of the pressures."""
-        return Inverse(self.energising_time[which], self.delivered[which], self.lift[which], self.state[which])
+    state: Ints
 
 
 class _Cells(NamedTuple):
@@ -95,7 +89,10 @@ def invert(simulate: Simulate, lines: list[Line], quantity: Floats, rules: Rules
         place = np.array(list(brackets), np.intp).T
         around = np.array([brackets[cell][branch[cell]] for cell in brackets]).transpose(1, 2, 0)
         lines = _search(simulate, found, lines, _Cells(place, quantity[place[1]], around[0], around[1]))
-    _mark_several(found, lines, quantity)
+    for row, line in enumerate(lines):  # more than one energising time delivers a quantity inside a fall
+        for fall in falls_of(line):
+            inside = (quantity >= fall.low) & (quantity <= fall.high) & (found.state[row] == CellState.REACHED)
+            found.state[row, inside] = CellState.SEVERAL
     return found, lines
 
 
@@ -180,7 +177,9 @@ def _search(simulate: Simulate, found: Inverse, lines: list[Line], cells: _Cells
         done = (np.abs(miss) <= TOLERANCE) | narrow | ~np.isfinite(miss)
         _store(found, cells.only(done), time[done], response.only(done))
         cells = _narrowed(cells, time, miss).only(~done)
-    return _with_samples(lines, simulated)
+    rows, times = (np.concatenate([s[i] for s in simulated]) for i in (0, 1))
+    both = Response(*(np.concatenate([getattr(s[2], name) for s in simulated]) for name in ("volume", "lift")))
+    return [line.joined(times[rows == row], both.only(rows == row)) for row, line in enumerate(lines)]
 
 
 def _share(cells: _Cells, first: bool) -> Floats:
@@ -216,17 +215,3 @@ def _store(found: Inverse, cells: _Cells, time: Floats, response: Response) -> N
     found.delivered[at], found.lift[at] = response.volume, response.lift
     met = np.abs(response.volume - cells.wanted) <= TOLERANCE
     found.state[at] = np.select([~sound, met], [int(CellState.FAILED), int(CellState.REACHED)], int(CellState.JUMP))
-
-
-def _with_samples(lines: list[Line], simulated: list[tuple[IndexArray, Floats, Response]]) -> list[Line]:
-    rows, times = np.concatenate([s[0] for s in simulated]), np.concatenate([s[1] for s in simulated])
-    both = Response(*(np.concatenate([getattr(s[2], name) for s in simulated]) for name in ("volume", "lift")))
-    return [line.joined(times[rows == row], both.only(rows == row)) for row, line in enumerate(lines)]
-
-
-def _mark_several(found: Inverse, lines: list[Line], quantity: Floats) -> None:
-    """Name the cells whose quantity lies inside a fall: more than one energising time delivers it."""
-    for row, line in enumerate(lines):
-        for fall in falls_of(line):
-            inside = (quantity >= fall.low) & (quantity <= fall.high) & (found.state[row] == CellState.REACHED)
-            found.state[row, inside] = CellState.SEVERAL

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.difference import Comparison, difference
 from commonrail.plugins.maps.inverse import TOLERANCE
 from commonrail.plugins.maps.response import FALL
-from commonrail.plugins.maps.run import InjectionMap, MapBands
+from commonrail.plugins.maps.run import InjectionMap
 from commonrail.plugins.maps.table import notes_of
 from commonrail.report.figure import drawings
 from commonrail.report.fit.rules import CARE, GOOD, Tile
@@ -96,10 +96,8 @@ def map_lines(found: Mapping[str, InjectionMap], compared: Comparison | None = N
     lines = [sentence for label, m in found.items() for sentence in _lines(label if len(found) > 1 else "", m)]
     if compared is not None:
         large, small = significant(100.0 * compared.rms_large, 3), significant(compared.rms_small * MM3, 3)
-        count = len(compared.measured.volume)
-        lines.append(
-            f"Against {count} measured quantities of {compared.source}: rms {large} % above 3 mm³, {small} mm³ below."
-        )
+        what = f"{len(compared.measured.volume)} measured quantities of {compared.source}"
+        lines.append(f"Against {what}: rms {large} % above 3 mm³, {small} mm³ below.")
     return lines
 
 
@@ -147,10 +145,9 @@ def map_tables(found: Mapping[str, InjectionMap], compared: Comparison | None = 
 
 
 def _costs(found: Mapping[str, InjectionMap]) -> Table:
-    rows = [(label, cost) for label, m in found.items() for cost in m.costs]
     return tabulated(
         "Quantity errors of the adjustments",
-        rows,
+        [(label, cost) for label, m in found.items() for cost in m.costs],
         [
             ("model", lambda r: r[0]),
             ("map", lambda r: "energising time" if r[1].inverse else "quantity"),
@@ -166,10 +163,9 @@ def _costs(found: Mapping[str, InjectionMap]) -> Table:
 
 
 def _falls(found: Mapping[str, InjectionMap]) -> Table:
-    rows = [(label, fall) for label, m in found.items() for fall in m.falls]
     return tabulated(
         "Places where the quantity falls with longer energising",
-        rows,
+        [(label, fall) for label, m in found.items() for fall in m.falls],
         [
             ("model", lambda r: r[0]),
             ("rail pressure, MPa", lambda r: megapascal(r[1].rail_pressure)),
@@ -251,14 +247,13 @@ def map_figures(
     first = found[labels[0]]
     heats = list(_heats(first, labels[0]))
     if len(labels) == 2:
-        heats += _differences(first, found[labels[1]], f"{labels[1]} less {labels[0]}")
-    curves = [
-        _iso_lines(first, compared),
-        _curves(first, compared),
-        _curves(first, compared, ZOOM),
-        _inverse_curves(first),
-    ]
-    return heats, curves
+        times, volumes = difference(first, found[labels[1]])
+        what, caption = f"{labels[1]} less {labels[0]}", "Unreachable quantities by the stated rule in both."
+        title, other = f"Difference of the energising times, {what}", f"Difference of the quantities, {what}"
+        heats.append(_heat(first, "quantity", times, title, caption, 1, diverging=True))
+        heats.append(_heat(first, TIME, volumes, other, REFERENCE, 2, diverging=True))
+    quantities = [_curves(first, compared, largest) for largest in (np.inf, ZOOM)]
+    return heats, [_iso_lines(first, compared), *quantities, _inverse_curves(first)]
 
 
 def _heats(m: InjectionMap, label: str) -> Iterator[HeatMap]:
@@ -267,21 +262,12 @@ def _heats(m: InjectionMap, label: str) -> Iterator[HeatMap]:
     yield _heat(m, "quantity", inverse.energising_time, f"Energising time of {label}", LEGEND, states=inverse.state)
     yield _heat(m, TIME, m.volume, f"Injected quantity of {label}", REFERENCE, 1)
     if m.bands is not None:
-        level = _widest(m.bands)
+        level = max(m.bands.quantity)
         caption = f"Share of measured quantities that are expected inside. Bands: {m.bands.estimator}."
-        for over, what, edges in (
-            ("quantity", "Inverse", m.bands.delivered),
-            (TIME, "Quantity map", m.bands.quantity),
-        ):
+        sources = (("quantity", "Inverse", m.bands.delivered), (TIME, "Quantity map", m.bands.quantity))
+        for over, what, edges in sources:
             title = f"{what} of {label}: half width of the {fixed(level, 0, 100.0)} % band"
             yield _heat(m, over, _half_widths(edges[level]), title, caption, None)
-
-
-def _differences(first: InjectionMap, second: InjectionMap, what: str) -> Iterator[HeatMap]:
-    times, volumes = difference(first, second)
-    caption = "Unreachable quantities by the stated rule in both."
-    yield _heat(first, "quantity", times, f"Difference of the energising times, {what}", caption, 1, diverging=True)
-    yield _heat(first, TIME, volumes, f"Difference of the quantities, {what}", REFERENCE, 2, diverging=True)
 
 
 def _heat(
@@ -328,10 +314,6 @@ def _names(values: Floats, scale: float) -> tuple[str, ...]:
     return tuple(significant(v, 6, scale) for v in values.tolist())
 
 
-def _widest(bands: MapBands) -> float:
-    return max(bands.quantity)
-
-
 def _half_widths(edges: tuple[Floats, Floats]) -> Floats:
     return np.asarray(0.5 * (edges[1] - edges[0]))
 
@@ -340,7 +322,7 @@ def _band_sentences(m: InjectionMap) -> list[str]:
     """Sentence on the widest band of a map and where it is; none where the map has no bands."""
     if m.bands is None:
         return []
-    level = _widest(m.bands)
+    level = max(m.bands.quantity)
     half = _half_widths(m.bands.delivered[level])
     if not np.isfinite(half).any():
         return ["No cell of the inverse has a band."]
@@ -360,7 +342,7 @@ def _band_about(m: InjectionMap, row: int, step: tuple[int, int], largest: float
     """
     if m.bands is None:
         return ()
-    low, high = (edge[row] for edge in m.bands.quantity[_widest(m.bands)])
+    low, high = (edge[row] for edge in m.bands.quantity[max(m.bands.quantity)])
     drawn = np.isfinite(low) & np.isfinite(high) & (m.volume[row] <= largest)
     x = points(m.axes.energising_time[drawn] * MICROSECOND)
     return (Band("solid", x, points(low[drawn] * MM3), points(high[drawn] * MM3), *step),) if x else ()
@@ -375,7 +357,7 @@ def _chosen(m: InjectionMap, compared: Comparison | None = None) -> Sequence[int
     return sorted({round(i * (count - 1) / max(min(CURVES, count) - 1, 1)) for i in range(min(CURVES, count))})
 
 
-def _curves(m: InjectionMap, compared: Comparison | None, largest: float = np.inf) -> Figure:
+def _curves(m: InjectionMap, compared: Comparison | None, largest: float) -> Figure:
     """Quantities over energising time, every simulated point; enlarged if there is a largest quantity."""
     series: list[Series] = []
     bands: list[Band] = []
@@ -440,7 +422,8 @@ def _ballistic_limit(m: InjectionMap, row: int) -> float:
 def _measured_points(compared: Comparison) -> Iterator[Series]:
     """Measured points, of one colour for each range of the relative error of the simulated quantity."""
     measured = compared.measured
-    error = np.abs(compared.simulated - measured.volume) / measured.volume
+    error = np.full(measured.volume.shape, np.nan)  # nowhere where nothing is measured
+    np.divide(np.abs(compared.simulated - measured.volume), measured.volume, error, where=measured.volume > 0.0)
     for (low, high), family in zip(pairwise((0.0, *ERRORS, np.inf)), (2, 1, 7), strict=True):
         at = (error >= low) & (error < high)
         text = f"above {100 * low:g} %" if high == np.inf else f"{100 * low:g} to {100 * high:g} %"
@@ -487,11 +470,8 @@ def _inverse_curves(m: InjectionMap) -> Figure:
 def _arrays(found: InjectionMap) -> Arrays:
     forward, back = ("rail_pressure", "energising_time"), ("rail_pressure", "quantity")
     names = np.vectorize(lambda state: CellState(int(state)).name)
-    axes = {
-        "rail_pressure": in_common_unit(("rail_pressure",), found.axes.rail_pressure, "Pa"),
-        "energising_time": in_common_unit(("energising_time",), found.axes.energising_time, "s"),
-        "quantity": in_common_unit(("quantity",), found.axes.quantity, "m3"),
-    }
+    units = {"rail_pressure": "Pa", "energising_time": "s", "quantity": "m3"}
+    axes = {name: in_common_unit((name,), getattr(found.axes, name), unit) for name, unit in units.items()}
     values = {
         "injected_volume": in_common_unit(forward, found.volume, "m3"),
         "ballistic": Array(forward, found.ballistic),
@@ -499,21 +479,17 @@ def _arrays(found: InjectionMap) -> Arrays:
         "state": Array(back, names(found.inverse.state)),
     }
     if found.bands is not None:
-        for stem, axis, edges in (
-            ("injected_volume", forward, found.bands.quantity),
-            ("delivered", back, found.bands.delivered),
-        ):
+        sources = (("injected_volume", forward, found.bands.quantity), ("delivered", back, found.bands.delivered))
+        for stem, axis, edges in sources:
             for level, pair in edges.items():
                 for side, volume in zip(("lower", "upper"), pair, strict=True):
                     values[f"{stem}_{100.0 * level:g}_{side}"] = in_common_unit(axis, volume, "m3")
     return Arrays(axes, values, f"Quantity map of {found.injector.name}")
 
 
-def _all_figures(found: InjectionMap) -> list[HeatMap | Figure]:
-    heats, curves = map_figures({found.injector.name: found})
-    return [*heats, *curves]
-
-
 INJECTION_MAP = Presenter(
-    lambda m: map_lines({m.injector.name: m}), lambda m: map_tables({m.injector.name: m}), _all_figures, _arrays
+    lambda m: map_lines({m.injector.name: m}),
+    lambda m: map_tables({m.injector.name: m}),
+    lambda m: list(chain(*map_figures({m.injector.name: m}))),
+    _arrays,
 )

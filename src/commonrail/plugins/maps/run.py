@@ -9,34 +9,24 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import Quantity, array, flag, instance, mapping, number
+from commonrail.base.arguments import Quantity, array, chosen, flag, instance, mapping, number
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.text import counted
-from commonrail.calibration.run import Calibration
 from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector
+from commonrail.plugins.maps import response
 from commonrail.plugins.maps.adjust import UNADJUSTED, Adjustment, Cost, Curves, adjust
 from commonrail.plugins.maps.axes import MapAxes
 from commonrail.plugins.maps.choices import Beyond, CellState, Several
 from commonrail.plugins.maps.inverse import Inverse, Rules, invert, sampled
-from commonrail.plugins.maps.response import (
-    LONGEST_AFTER,
-    Conditions,
-    Fall,
-    Line,
-    Response,
-    density_at,
-    falls_of,
-    knots_of,
-    require_some,
-    respond,
-)
+from commonrail.plugins.maps.response import Conditions
 from commonrail.plugins.maps.sweep import OPERATING, Base, Sweep, Variable, unit_of
 from commonrail.plugins.maps.sweep import sweep as swept
 
 if TYPE_CHECKING:
+    from commonrail.calibration.run import Calibration
     from commonrail.calibration.study import Study
 
 Edges = Mapping[float, tuple[Floats, Floats]]
@@ -102,8 +92,8 @@ class InjectionMap(Shown):
     ballistic: Bools
     inverse: Inverse
     inverse_ballistic: Bools
-    falls: tuple[Fall, ...]
-    lines: tuple[Line, ...]
+    falls: tuple[response.Fall, ...]
+    lines: tuple[response.Line, ...]
     adjustment: Adjustment = UNADJUSTED
     costs: tuple[Cost, ...] = ()
     bands: MapBands | None = None
@@ -216,14 +206,14 @@ def injection_map(
     axes = usual_axes(injector) if axes is None else instance(axes, MapAxes, "axes")
     tell = progress or (lambda _: None)
 
-    def simulate(rows: IndexArray, times: Floats) -> Response:
-        return respond(injector, axes.rail_pressure[rows], times, conditions)
+    def simulate(rows: IndexArray, times: Floats) -> response.Response:
+        return response.respond(injector, axes.rail_pressure[rows], times, conditions)
 
-    knots = knots_of(axes.energising_time)
+    knots = response.knots_of(axes.energising_time)
     at = counted(len(axes.rail_pressure), "rail pressure")
     tell(f"simulating {counted(len(knots), 'energising time')} at {at} ...")
     lines = sampled(simulate, axes.rail_pressure, knots)
-    require_some(injector, lines, conditions)
+    response.require_some(injector, lines, conditions)
     forward = [line.at(axes.energising_time) for line in lines]
     volume = np.array([line.at(knots).volume for line in lines])
     curves = Curves(np.concatenate([[0.0], knots]), np.pad(volume, ((0, 0), (1, 0))))
@@ -237,13 +227,13 @@ def injection_map(
         axes=axes,
         conditions=conditions,
         rules=rules,
-        density=density_at(injector, conditions),
+        density=response.density_at(injector, conditions),
         curves=curves,
         volume=curves.volume[:, np.isin(curves.time, axes.energising_time)],
         ballistic=np.array([found.lift for found in forward]) < BALLISTIC * full,
         inverse=inverse,
         inverse_ballistic=np.nan_to_num(inverse.lift, nan=np.inf) < BALLISTIC * full,
-        falls=tuple(fall for line in lines for fall in falls_of(line)),
+        falls=tuple(fall for line in lines for fall in response.falls_of(line)),
         lines=tuple(lines),
         adjustment=adjustment,
         costs=costs,
@@ -252,18 +242,8 @@ def injection_map(
 
 # Maps and sweeps in one call, with units in texts.
 
-# Operating point of a sweep where nothing is said: SI values.
-_USUAL = {
-    "rail_pressure": 100e6,
-    "energising_time": 500e-6,
-    "first_energising_time": 0.0,
-    "dwell": 1e-3,
-    "cylinder_pressure": 5e6,
-    "return_pressure": 0.5e6,
-}
 
-
-def map(
+def quantity_map(
     model: Injector | Calibration,
     *,
     pressures: ArrayLike | None = None,
@@ -332,7 +312,8 @@ def map(
     wanted = (smooth, "m3", "smoothing"), (resolution[0], "s", "resolution"), (resolution[1], "m3", "resolution")
     error, finest_time, finest_quantity = (None if value is None else number(value, *what) for value, *what in wanted)
     adjustment = Adjustment(error, flag(monotone, "monotone"), finest_time, finest_quantity)
-    return injection_map(injector, axes, conditions, Rules(several, beyond), progress, adjustment)
+    rules = Rules(chosen(several, Several, "several"), chosen(beyond, Beyond, "beyond"))
+    return injection_map(injector, axes, conditions, rules, progress, adjustment)
 
 
 def sweep(
@@ -376,20 +357,24 @@ def read_sweep(
     for name in fixed:
         if name not in OPERATING:
             raise ConfigurationError(f"There is no {name} of an operating point; there are {', '.join(OPERATING)}.")
-    given = _USUAL | {name: number(value, OPERATING[name], name) for name, value in fixed.items()}
-    pressures = given.pop("cylinder_pressure"), given.pop("return_pressure")
-    base = Base(**given, conditions=Conditions(*pressures, number(time_step, "s", "time step"), threads))
-    varied = mapping(vary, "variables of a sweep", '{"dwell": ["400 us", "800 us"]}')
-    return injector, [_variable(*item) for item in varied.items()], base
-
-
-def _variable(name: str, values: Sequence[Any]) -> Variable:
-    full, unit = unit_of(name)
-    return Variable(full, unit, np.atleast_1d(array(values, unit, name)))
+    point = {name: number(fixed.get(name, usual), unit, name) for name, (unit, usual) in OPERATING.items()}
+    pressures = point.pop("cylinder_pressure"), point.pop("return_pressure")
+    base = Base(**point, conditions=Conditions(*pressures, number(time_step, "s", "time step"), threads))
+    variables = []
+    for name, values in mapping(vary, "variables of a sweep", '{"dwell": ["400 us", "800 us"]}').items():
+        full, unit = unit_of(name)
+        variables.append(Variable(full, unit, np.atleast_1d(array(values, unit, name))))
+    return injector, variables, base
 
 
 def _injector(model: object) -> Injector:
-    return model.injector if isinstance(model, Calibration) else instance(model, Injector, "model")
+    if isinstance(model, Injector):
+        return model
+    from commonrail.calibration.run import Calibration  # late: the map of an injector needs no calibration
+
+    calibration: Any = instance(model, Injector | Calibration, "model")
+    injector: Injector = calibration.injector
+    return injector
 
 
 # Bands of measured quantities about the cells of a map, from the fit that the model was calibrated by.
@@ -410,13 +395,19 @@ def with_bands(
     """
     from commonrail.plugins.prediction.run import LEVELS, predict
 
-    _check_values(found, best)
+    values = found.injector.values
+    for name, value in best.items():
+        if name in values and not np.isclose(values[name], value, rtol=SAME, atol=0.0):
+            raise ConfigurationError(
+                f"{found.injector.name} has {name} = {values[name]:g} and the fit {value:g}: the bands of a fit are "
+                "those of the injector that it has calibrated; omit the changes or the bands."
+            )
     axes, conditions = found.axes, found.conditions
     forward, inverse = np.isfinite(found.volume), np.isfinite(found.inverse.delivered) & (axes.quantity > 0.0)
     pairs = _pairs(axes.rail_pressure, np.broadcast_to(axes.energising_time, forward.shape), forward)
     pairs += _pairs(axes.rail_pressure, found.inverse.energising_time, inverse)
     # a needle that closes late is no failure: simulations end with their injection anyway
-    points = [replace(conditions.point(rail, time), horizon=time + LONGEST_AFTER) for rail, time in pairs]
+    points = [replace(conditions.point(rail, time), horizon=time + response.LONGEST_AFTER) for rail, time in pairs]
     study = replace(study, time_step=conditions.time_step)
     predicted = predict(study, best, points, draws=draws, levels=LEVELS, threads=conditions.threads)
     (band,) = predicted.bands
@@ -429,16 +420,6 @@ def with_bands(
         quantity[level] = _tables(found.volume, forward, [one[:count] for one in apart])
         delivered[level] = _tables(found.inverse.delivered, inverse, [one[count:] for one in apart])
     return replace(found, bands=MapBands(predicted.estimator, quantity, delivered))
-
-
-def _check_values(found: InjectionMap, best: Mapping[str, float]) -> None:
-    values = found.injector.values
-    for name, value in best.items():
-        if name in values and not np.isclose(values[name], value, rtol=SAME, atol=0.0):
-            raise ConfigurationError(
-                f"{found.injector.name} has {name} = {values[name]:g} and the fit {value:g}: the bands of a fit are "
-                "those of the injector that it has calibrated; omit the changes or the bands."
-            )
 
 
 def _pairs(rail_pressure: Floats, time: Floats, which: Bools) -> list[tuple[float, float]]:

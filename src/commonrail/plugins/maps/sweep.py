@@ -8,7 +8,7 @@ the two are fused into one, and only the total is a quantity of its own.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, overload
 
@@ -21,14 +21,8 @@ from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, SimulationError, nearest
 from commonrail.base.text import field_unit
 from commonrail.base.units import to_text
-from commonrail.engine.operating_point import (
-    ENERGISING_TIMES,
-    LONGEST,
-    OTHER_PRESSURES,
-    RAIL_PRESSURES,
-    Energising,
-    OperatingPoint,
-)
+from commonrail.engine import operating_point
+from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, Status
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
@@ -67,10 +61,18 @@ class Base(NamedTuple):
         rows = self._rows(changed)
         rail, cylinder, back, first, start, second = rows.T
         end = first if alone else start + second
-        sound = _within(rail, RAIL_PRESSURES) & _within(first, ENERGISING_TIMES) & (end + AFTER <= LONGEST)
+        sound = (
+            _within(rail, operating_point.RAIL_PRESSURES)
+            & _within(first, operating_point.ENERGISING_TIMES)
+            & (end + AFTER <= operating_point.LONGEST)
+        )
         for pressure in (cylinder, back):
-            sound &= _within(pressure, OTHER_PRESSURES) & (pressure < rail)
-        last = first > 0.0 if alone else _within(second, ENERGISING_TIMES) & ((start >= first) | ~(first > 0.0))
+            sound &= _within(pressure, operating_point.OTHER_PRESSURES) & (pressure < rail)
+        last = (
+            first > 0.0
+            if alone
+            else _within(second, operating_point.ENERGISING_TIMES) & ((start >= first) | ~(first > 0.0))
+        )
         others = {
             int(i): self.point({name: float(values[i]) for name, values in changed.items()}, alone)
             for i in np.flatnonzero(~(sound & last))
@@ -144,14 +146,14 @@ def _arguments(row: Sequence[float], alone: bool) -> dict[str, Any]:
 _energising = functools.lru_cache(maxsize=10_000)(Energising)  # the points of a sweep share most of theirs
 
 
-# Variables of the operating point and their SI units.
+# Variables of the operating point: SI unit, and the value where none is stated.
 OPERATING = {
-    "rail_pressure": "Pa",
-    "energising_time": "s",
-    "first_energising_time": "s",
-    "dwell": "s",
-    "cylinder_pressure": "Pa",
-    "return_pressure": "Pa",
+    "rail_pressure": ("Pa", 100e6),
+    "first_energising_time": ("s", 0.0),
+    "dwell": ("s", 1e-3),
+    "energising_time": ("s", 500e-6),
+    "cylinder_pressure": ("Pa", 5e6),
+    "return_pressure": ("Pa", 0.5e6),
 }
 SHORT = {"temperature": FUEL_TEMPERATURE}
 OF_THE_SECOND = ("energising_time", "dwell")  # variables that the first of two injections does not know
@@ -196,6 +198,8 @@ class Sweep(Shown):
         `Status` of each simulation.
     first_status : array of int
         Of the first of two injections alone; `OK` for a single injection.
+    fusion : sequence of (float, float)
+        Rail pressures [Pa] and the dwells below which two injections fuse [s], as far as they were searched for.
     """
 
     presenter = "commonrail.plugins.maps.sweep_page:SWEEP"
@@ -209,6 +213,7 @@ class Sweep(Shown):
     opening: Floats
     status: Ints
     first_status: Ints
+    fusion: Sequence[tuple[float, float]] = ()
 
     @property
     def two(self) -> bool:
@@ -236,7 +241,7 @@ def unit_of(name: str) -> tuple[str, str]:
     """Full name and SI unit of a variable; ConfigurationError if there is no such variable or parameter."""
     plain = name.replace("-", "_")
     if plain in OPERATING:
-        return plain, OPERATING[plain]
+        return plain, OPERATING[plain][0]
     full, known = SHORT.get(plain, name), parameter_quantities()
     if full not in known:
         raise ConfigurationError(
@@ -286,17 +291,9 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
         """Axes in the order of the variables, from (candidates, points)."""
         return np.asarray(table.reshape(sizes).transpose(order))
 
-    return Sweep(
-        injector,
-        base,
-        tuple(variables),
-        shaped(total),
-        shaped(second),
-        shaped(fused),
-        shaped(both.opening),
-        shaped(both.status.astype(np.int64)),
-        shaped(first_status.astype(np.int64)),
-    )
+    statuses = (status.astype(np.int64) for status in (both.status, first_status))
+    arrays: list[Any] = list(map(shaped, (total, second, fused, both.opening, *statuses)))
+    return Sweep(injector, base, tuple(variables), *arrays)
 
 
 def _first_alone(base: Base, columns: Mapping[str, Floats], count: int) -> tuple[Sequence[OperatingPoint], IndexArray]:
@@ -401,13 +398,10 @@ class WithoutNumber(NamedTuple):
 
 def without_number(found: Sweep) -> list[WithoutNumber]:
     """Reasons for missing numbers, the most frequent first."""
-    groups = [*_groups(found, found.status, False)]
-    groups += _groups(found, np.where(found.status == OK, found.first_status, OK), True)
+    groups = []
+    for alone, statuses in enumerate((found.status, np.where(found.status == OK, found.first_status, OK))):
+        for status in np.unique(statuses[statuses != OK]).tolist():
+            places = np.argwhere(statuses == status)
+            first = {v.name: float(v.values[i]) for v, i in zip(found.variables, places[0].tolist(), strict=True)}
+            groups.append(WithoutNumber(Status(status), len(places), first, bool(alone)))
     return sorted(groups, key=lambda group: (group.alone, -group.combinations))
-
-
-def _groups(found: Sweep, statuses: Ints, alone: bool) -> Iterator[WithoutNumber]:
-    for status in np.unique(statuses[statuses != OK]).tolist():
-        places = np.argwhere(statuses == status)
-        first = {v.name: float(v.values[i]) for v, i in zip(found.variables, places[0].tolist(), strict=True)}
-        yield WithoutNumber(Status(status), len(places), first, alone)

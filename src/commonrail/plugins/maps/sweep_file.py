@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.base.arrays import Floats
 from commonrail.base.csv_output import write_csv
 from commonrail.base.text import number, numbers
 from commonrail.base.units import convert
 from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.compensation import Compensation
+from commonrail.plugins.maps.file import conditions_record
 from commonrail.plugins.maps.sweep import Sweep, table_unit, without_number
 from commonrail.plugins.maps.table import notes_of
 
@@ -28,16 +28,13 @@ def write_sweep(path: Path, found: Sweep) -> None:
     lacking = [f"{g.combinations} of {found.volume.size} without a number: {g.sentence}" for g in without_number(found)]
     note = f"simulated by commonrail, not measured: {found.injector.name} ({found.injector.variant.label})"
     dwell = "dwell: from the end of the first energising to the start of the second"
-    write_csv(path, (note, *([dwell] if found.two else []), *lacking), head, _rows(found))
-
-
-def _rows(found: Sweep) -> Iterator[Sequence[str]]:
     axes = [convert(v.values, v.unit, table_unit(v.unit)) for v in found.variables]
     places = product(*([f"{value:.9g}" for value in axis.tolist()] for axis in axes))
-    columns = [_texts(found.volume)]
-    if found.two:
-        columns += [_texts(found.second), ["yes" if fused else "no" for fused in found.fused.ravel().tolist()]]
-    return ((*place, *values) for place, *values in zip(places, *columns, strict=True))
+    columns = [[_text(value) for value in (volume.ravel() * 1e9).tolist()] for volume in (found.volume, found.second)]
+    columns.append(["yes" if fused else "no" for fused in found.fused.ravel().tolist()])
+    columns = columns if found.two else columns[:1]
+    rows = ((*place, *values) for place, *values in zip(places, *columns, strict=True))
+    write_csv(path, (note, *([dwell] if found.two else []), *lacking), head, rows)
 
 
 def write_compensation(path: Path, found: Compensation) -> None:
@@ -63,35 +60,24 @@ def write_compensation(path: Path, found: Compensation) -> None:
     write_csv(path, (*notes_of(found.alone), note), head, rows())
 
 
-def sweep_record(found: Sweep, fusion: Sequence[tuple[float, float]] = ()) -> dict[str, Any]:
-    """Record of a sweep [SI], with rail pressures [Pa] and the dwells below which two injections fuse [s].
-
-    Null where there is no number.
-    """
-    conditions = found.base.conditions
+def sweep_record(found: Sweep) -> dict[str, Any]:
+    """Record of a sweep [SI]; null where there is no number."""
+    base = {name: value for name, value in found.base._asdict().items() if name != "conditions"}
     return {
         "schema": 1,
         "kind": "sweep",
         "injector": found.injector.name,
         "synthetic": found.injector.synthetic,
-        "base": {k: v for k, v in found.base._asdict().items() if k != "conditions"}
-        | {k: v for k, v in conditions._asdict().items() if k != "threads"},
+        "base": base | conditions_record(found.base.conditions),
         "variables": [{"name": v.name, "unit": v.unit, "values": v.values.tolist()} for v in found.variables],
         "injected_volume": numbers(found.volume),
         "second_volume": numbers(found.second) if found.two else None,
         "fused": found.fused.tolist() if found.two else None,
         "opening": numbers(found.opening),
         "without_number": [
-            {
-                "status": g.status.name,
-                "combinations": g.combinations,
-                "first": dict(g.first),
-                "alone": g.alone,
-                "sentence": g.sentence,
-            }
-            for g in without_number(found)
+            {**g._asdict(), "status": g.status.name, "sentence": g.sentence} for g in without_number(found)
         ],
-        "fusion": [{"rail_pressure": p, "dwell": number(d)} for p, d in fusion],
+        "fusion": [{"rail_pressure": p, "dwell": number(d)} for p, d in found.fusion],
     }
 
 
@@ -111,11 +97,6 @@ def compensation_record(found: Compensation) -> dict[str, Any]:
         "alone": numbers(found.alone.inverse.energising_time),
         "state": [[[CellState(s).name for s in row] for row in part.state.tolist()] for part in found.inverses],
     }
-
-
-def _texts(volumes: Floats) -> list[str]:
-    """Volumes [m³] in mm³, all of them in a row."""
-    return [_text(value) for value in (volumes.ravel() * 1e9).tolist()]
 
 
 def _text(value: float) -> str:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import BOTH, Figure, Panel, Series, points
-from commonrail.base.table import Table, tabulated
+from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import counted, fixed, in_print, megapascal, pressure, quantity, significant
 from commonrail.base.units import convert
 from commonrail.data.records import MICROSECOND, MM3
@@ -16,7 +16,7 @@ from commonrail.physics.injector import FUEL_TEMPERATURE
 from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.compensation import Compensation
 from commonrail.plugins.maps.page import page
-from commonrail.plugins.maps.sweep import Sweep, Variable, WithoutNumber, table_unit, without_number
+from commonrail.plugins.maps.sweep import OPERATING, Sweep, Variable, table_unit, without_number
 from commonrail.plugins.maps.table import notes_of
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 
@@ -25,35 +25,23 @@ SHORT_NAMES = {FUEL_TEMPERATURE: "temperature"}
 DWELL = "Dwell: from the end of the first energising to the start of the second."
 
 
-def sweep_html(found: Sweep, fusion: Sequence[tuple[float, float]] = ()) -> str:
-    """Page of a sweep, with rail pressures [Pa] and the dwells below which two injections fuse [s]."""
-    tables = [fusion_table(fusion)] if fusion else []
-    title = f"Sweep: {found.injector.name}"
-    return page(title, [found.injector], sweep_lines(found), sweep_figures(found), tables, facts=_facts(found))
+def sweep_html(found: Sweep) -> str:
+    """Page of a sweep."""
+    title, lines, tables = f"Sweep: {found.injector.name}", sweep_lines(found), sweep_tables(found)
+    return page(title, [found.injector], lines, sweep_figures(found), tables, facts=_facts(found))
 
 
 def _facts(found: Sweep) -> list[tuple[str, str]]:
     """Model, and the conditions that are not varied."""
-    varied = {v.name for v in found.variables}
-    base = found.base
-    given = [
-        ("rail_pressure", base.rail_pressure, "Pa"),
-        ("first_energising_time", base.first_energising_time, "s"),
-        ("dwell", base.dwell, "s"),
-        ("energising_time", base.energising_time, "s"),
-        ("cylinder_pressure", base.conditions.cylinder_pressure, "Pa"),
-        ("return_pressure", base.conditions.return_pressure, "Pa"),
-        (FUEL_TEMPERATURE, found.injector.values[FUEL_TEMPERATURE], "K"),
-    ]
-    single = () if found.two else ("first_energising_time", "dwell")
-    names = {FUEL_TEMPERATURE: "Fuel temperature"}
+    base, injector = found.base, found.injector
+    values = base._asdict() | base.conditions._asdict()
+    facts = {name: _shown(values[name], unit) for name, (unit, _) in OPERATING.items()}
+    facts[FUEL_TEMPERATURE] = _shown(injector.values[FUEL_TEMPERATURE], "K")
+    for name in (*(v.name for v in found.variables), *(() if found.two else ("first_energising_time", "dwell"))):
+        facts.pop(name, None)
     return [
-        ("Model", f"{found.injector.title or found.injector.name} ({found.injector.variant.label})"),
-        *(
-            (names.get(name, name.replace("_", " ").capitalize()), _shown(value, unit))
-            for name, value, unit in given
-            if name not in varied and name not in single
-        ),
+        ("Model", f"{injector.title or injector.name} ({injector.variant.label})"),
+        *((name.replace("_", " ").replace(".", " ").capitalize(), text) for name, text in facts.items()),
         ("Time step", _shown(base.conditions.time_step, "s")),
     ]
 
@@ -68,43 +56,33 @@ def sweep_lines(found: Sweep) -> list[str]:
     """Sentences: what was varied, the range of the quantities, fused and failed injections."""
     names = [f"{_title(v)} ({counted(len(v.values), 'value')})" for v in found.variables]
     sound = found.volume[np.isfinite(found.volume)]
-    lines = [
-        f"{counted(found.volume.size, 'combination')} of {', '.join(names)}: {fixed(sound.min(), 2, MM3)} to "
-        f"{fixed(sound.max(), 2, MM3)} mm³."
-    ]
+    count = counted(found.volume.size, "combination")
+    lines = [f"{count} of {', '.join(names)}: {fixed(sound.min(), 2, MM3)} to {fixed(sound.max(), 2, MM3)} mm³."]
     if found.two:
-        second = found.second[np.isfinite(found.second)]
-        lines.append(
-            f"{int(found.fused.sum())} are fused: the needle does not close between the two injections. {DWELL}"
-        )
+        second, fused = found.second[np.isfinite(found.second)], int(found.fused.sum())
+        lines.append(f"{fused} are fused: the needle does not close between the two injections. {DWELL}")
         if len(second):
             low, high = fixed(second.min(), 2, MM3), fixed(second.max(), 2, MM3)
             lines.append(f"The second injection, total less the first alone, has {low} to {high} mm³.")
-    return [*lines, *(_reason(found, group) for group in without_number(found))]
+    for group in without_number(found):
+        first = ", ".join(f"{_title(v)} {_shown(group.first[v.name], v.unit)}" for v in found.variables)
+        lacking = "no number"
+        if group.alone:
+            lacking = "no quantity of the second injection, since the first one alone failed"
+        have, which = ("has", "at") if group.combinations == 1 else ("have", "the first at")
+        lines.append(f"{group.combinations} of {count} {have} {lacking}, {which} {first}: {group.sentence}")
+    return lines
 
 
-def _reason(found: Sweep, group: WithoutNumber) -> str:
-    """Sentence on combinations without a number: how many, the first of them, and the reason."""
-    first = ", ".join(f"{_title(v)} {_shown(group.first[v.name], v.unit)}" for v in found.variables)
-    lacking = "no quantity of the second injection, since the first one alone failed" if group.alone else "no number"
-    have = "has" if group.combinations == 1 else "have"
-    which = "at" if group.combinations == 1 else "the first at"
-    count = f"{group.combinations} of {counted(found.volume.size, 'combination')}"
-    return f"{count} {have} {lacking}, {which} {first}: {group.sentence}"
-
-
-def fusion_table(fusion: Sequence[tuple[float, float]]) -> Table:
-    """Dwells below which two injections fuse."""
-    return tabulated(
-        "Dwell below which the injections fuse",
-        fusion,
-        [
-            ("rail pressure, MPa", lambda r: megapascal(r[0])),
-            ("dwell, µs", lambda r: fixed(r[1], 0, MICROSECOND)),
-        ],
-        f"Found to 1 µs; a dash: fused at the longest dwell of the sweep too, or a simulation failed. {DWELL}",
-        0,
-    )
+def sweep_tables(found: Sweep) -> list[Table]:
+    """Dwells below which two injections fuse, where they were searched for."""
+    columns: list[Column] = [
+        ("rail pressure, MPa", lambda r: megapascal(r[0])),
+        ("dwell, µs", lambda r: fixed(r[1], 0, MICROSECOND)),
+    ]
+    note = f"Found to 1 µs; a dash: fused at the longest dwell of the sweep too, or a simulation failed. {DWELL}"
+    table = tabulated("Dwell below which the injections fuse", found.fusion, columns, note, 0)
+    return [table] if table.rows else []
 
 
 def _title(variable: Variable) -> str:
@@ -144,10 +122,10 @@ def _shown(value: float, unit: str) -> str:
 
 def compensation_html(found: Compensation) -> str:
     """Page of energising times that hold quantities over a condition."""
-    title = f"{'Second injection' if found.first_energising_time else 'Energising times'}: {found.alone.injector.name}"
+    injector, tables = found.alone.injector, [compensation_table(found)]
+    title = f"{'Second injection' if found.first_energising_time else 'Energising times'}: {injector.name}"
     facts = [("Conditions", note) for note in notes_of(found.alone)]
-    injector, table = found.alone.injector, compensation_table(found)
-    return page(title, [injector], _compensation_lines(found), _compensation_figures(found), [table], facts=facts)
+    return page(title, [injector], _compensation_lines(found), _compensation_figures(found), tables, facts=facts)
 
 
 def _compensation_lines(found: Compensation) -> list[str]:
@@ -205,5 +183,5 @@ def _arrays(found: Sweep) -> Arrays:
     return Arrays({v.name: in_common_unit((v.name,), v.values, v.unit) for v in found.variables}, values, "Sweep")
 
 
-SWEEP = Presenter(sweep_lines, figures=sweep_figures, arrays=_arrays)
+SWEEP = Presenter(sweep_lines, sweep_tables, sweep_figures, _arrays)
 COMPENSATION = Presenter(_compensation_lines, lambda found: [compensation_table(found)], _compensation_figures)

@@ -11,32 +11,16 @@ import click
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.base.output import write_text
 from commonrail.base.units import parse
+from commonrail.cli import options
 from commonrail.cli.console import SIMULATING, print_result, print_table, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import (
-    CylinderPressure,
-    Json,
-    ReturnPressure,
-    Settings,
-    Threads,
-    check_distinct,
-    check_file,
-    check_report,
-    is_given,
-    read_axis,
-    refuse_return_pressure,
-    refuse_unused,
-    with_overrides,
-)
 from commonrail.plugins.maps.verb import read_conditions, read_quantities
 
 SECOND, SINGLE = "tiSecond", "tiEnergising"  # labels where none is given
 
 if TYPE_CHECKING:
-    from commonrail.physics.injector import Injector
-    from commonrail.plugins.maps.compensation import Compensation
-    from commonrail.plugins.maps.sweep import Base, Sweep, Variable
-    from commonrail.plugins.maps.table import MapTable
+    from commonrail.base.arrays import Floats
+    from commonrail.plugins.maps.sweep import Sweep, Variable
 
 
 @verb
@@ -75,11 +59,11 @@ def sweep(
             "time with --hold (a map for each quantity), else of its quantity.",
         ),
     ] = False,
-    cylinder_pressure: CylinderPressure = None,
-    return_pressure: ReturnPressure = None,
+    cylinder_pressure: options.CylinderPressure = None,
+    return_pressure: options.ReturnPressure = None,
     longest: Annotated[str, Option(help="Longest energising time of --hold.")] = "2ms",
     time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
-    set_: Settings = (),
+    set_: options.Settings = (),
     label: Annotated[
         str | None,
         Option(
@@ -92,8 +76,8 @@ def sweep(
         Option(metavar="FILE", help="File: .csv; of --hold and --change also those of commonrail map; repeatable."),
     ] = (),
     report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with the curves.")] = None,
-    threads: Threads = None,
-    json: Json = False,
+    threads: options.Threads = None,
+    json: options.Json = False,
 ) -> None:
     """Sweep variables, or the dwell of injections.
 
@@ -112,13 +96,18 @@ def sweep(
       commonrail sweep cri2-16 --vary rail_pressure=40:160:20MPa --vary temperature=-20:80:20degC --hold 0.1mm3 \\
           --label InjVlv_tiDead_MAP --out dead.dcm
     """
+    from dataclasses import replace
+    from functools import partial
+
     from commonrail.cli.model_name import read_model_name
-    from commonrail.plugins.maps.file import check_map_file
+    from commonrail.plugins.maps import sweep_file, sweep_page, table
+    from commonrail.plugins.maps.compensation import hold_quantities
+    from commonrail.plugins.maps.file import check_map_file, write_map_file
+    from commonrail.plugins.maps.response import density_at
     from commonrail.plugins.maps.sweep import Base
     from commonrail.plugins.maps.sweep import sweep as run
-    from commonrail.plugins.maps.table import check_label
 
-    refuse_unused(
+    options.refuse_unused(
         {
             "longest": (hold is not None, "--hold"),
             "label": (
@@ -130,15 +119,15 @@ def sweep(
     )
     _refuse_varied(vary)
     for path in out:
-        check_file(path, "--out")
+        options.check_file(path, "--out")
         if hold is not None or change:
             check_map_file(path)
         elif path.suffix.lower() != ".csv":
             raise InputError(
                 f"--out: {path}: a sweep is written as .csv, with --change also as a map; all numbers: --json."
             )
-    check_report(report)
-    check_distinct(*out, report)
+    options.check_report(report)
+    options.check_distinct(*out, report)
     named = read_model_name(model)
     base = Base(
         parse(rail_pressure, "Pa", "--rail-pressure"),
@@ -147,26 +136,51 @@ def sweep(
         parse(dwell, "s", "--dwell"),
         read_conditions((cylinder_pressure, return_pressure), time_step, threads, named.folder),
     )
-    injector = with_overrides(named.injector, set_)
-    refuse_return_pressure(injector)
+    injector = options.with_overrides(named.injector, set_)
+    options.refuse_return_pressure(injector)
     variables = [_variable(text) for text in vary]
-    check_label(label or SECOND)
+    table.check_label(label or SECOND)
     if hold is None:
-        tables = _change(injector, variables, base, label or SECOND) if change else None
+        if change and ({v.name for v in variables} != {"dwell", "rail_pressure"} or not base.first_energising_time):
+            raise InputError("--change: vary rail_pressure and dwell alone, and give --first-energising-time.")
         say(SIMULATING)
-        outcome = _swept(run(injector, variables, base), tables)
+        swept = run(injector, variables, base)
+        swept = replace(swept, fusion=_fusion(swept))
+        outcome = _Outcome(
+            partial(sweep_file.write_sweep, found=swept),
+            partial(sweep_page.sweep_html, swept),
+            partial(sweep_file.sweep_record, swept),
+            partial(print_text, sweep_page.sweep_lines(swept), sweep_page.sweep_tables(swept)),
+        )
+        maps = [table.change_table(swept, _alone(swept), label or SECOND)] if change else []
     else:
-        second = _held(injector, variables, base, hold, parse(longest, "s", "--longest"))
-        outcome = _compensated(second, label, change)
+        quantity = read_quantities(hold, density_at(injector, base.conditions), "--hold")
+        limit = parse(longest, "s", "--longest")
+        say(SIMULATING)
+        try:
+            held = hold_quantities(injector, variables, quantity, base, limit)
+        except ConfigurationError as error:
+            raise InputError(f"--hold: {error}") from error
+        outcome = _Outcome(
+            partial(sweep_file.write_compensation, found=held),
+            partial(sweep_page.compensation_html, held),
+            partial(sweep_file.compensation_record, held),
+            partial(print_table, sweep_page.compensation_table(held)),
+        )
+        label = label or (SECOND if held.first_energising_time else SINGLE)
+        maps = table.held_tables(held, label, change) if out else []
     for path in out:
-        outcome.write(path)
+        if path.suffix.lower() == ".csv" and not change:
+            outcome.write(path)
+        else:
+            write_map_file(path, maps)
     if report is not None:
         write_text(report, outcome.html())
     print_result(json, outcome.record, outcome.show, (*out, report))
 
 
 class _Outcome(NamedTuple):
-    """Outputs of a result: a file, a page, a record, and text in the terminal."""
+    """Outputs of a result: rows of a CSV file, a page, a record, and text in the terminal."""
 
     write: Callable[[Path], None]
     html: Callable[[], str]
@@ -177,7 +191,7 @@ class _Outcome(NamedTuple):
 def _refuse_varied(vary: tuple[str, ...]) -> None:
     """Refuse an option that states what `--vary` varies."""
     for name in (text.partition("=")[0].strip() for text in vary):
-        if name in click.get_current_context().params and is_given(name):
+        if name in click.get_current_context().params and options.is_given(name):
             raise InputError(f"--{name.replace('_', '-')}: --vary {name} gives its values; omit one of the two.")
 
 
@@ -188,38 +202,18 @@ def _variable(text: str) -> Variable:
     if not (name and equals and values):
         raise InputError(f'--vary {text}: expected NAME=VALUES, such as "dwell=0:3000:100us".')
     full, unit = unit_of(name)
-    return Variable(full, unit, read_axis(values, unit, f"--vary {name}"))
+    return Variable(full, unit, options.read_axis(values, unit, f"--vary {name}"))
 
 
-def _change(injector: Injector, variables: list[Variable], base: Base, label: str) -> Callable[[Sweep], MapTable]:
-    """Table of the change of a second quantity; InputError if other variables than dwell and pressure are varied."""
+def _alone(found: Sweep) -> Floats:
+    """Quantities (pressures,) [m³] of the second injection without a first one."""
     from commonrail.plugins.maps.sweep import sweep as run
-    from commonrail.plugins.maps.table import change_table
 
-    pressures = [v for v in variables if v.name == "rail_pressure"]
-    if {v.name for v in variables} != {"dwell", "rail_pressure"} or not base.first_energising_time:
-        raise InputError("--change: vary rail_pressure and dwell alone, and give --first-energising-time.")
-    return lambda found: change_table(
-        found, run(injector, pressures, base._replace(first_energising_time=0.0)).volume, label
-    )
+    pressures = [v for v in found.variables if v.name == "rail_pressure"]
+    return run(found.injector, pressures, found.base._replace(first_energising_time=0.0)).volume
 
 
-def _swept(found: Sweep, table: Callable[[Sweep], MapTable] | None) -> _Outcome:
-    from commonrail.plugins.maps.file import write_map_file
-    from commonrail.plugins.maps.sweep_file import sweep_record, write_sweep
-    from commonrail.plugins.maps.sweep_page import fusion_table, sweep_html, sweep_lines
-
-    fusion = _fusion(found)
-    tables = [fusion_table(fusion)] if fusion else []
-    return _Outcome(
-        lambda path: write_map_file(path, [table(found)]) if table else write_sweep(path, found),
-        lambda: sweep_html(found, fusion),
-        lambda: sweep_record(found, fusion),
-        lambda: print_text(sweep_lines(found), tables),
-    )
-
-
-def _fusion(found: Sweep) -> list[tuple[float, float]]:
+def _fusion(found: Sweep) -> tuple[tuple[float, float], ...]:
     """Rail pressures [Pa] and the dwells below which the injections fuse [s], where a dwell is varied."""
     import numpy as np
 
@@ -227,43 +221,7 @@ def _fusion(found: Sweep) -> list[tuple[float, float]]:
 
     varied = {v.name: v.values for v in found.variables}
     if not ("dwell" in varied and set(varied) <= {"dwell", "rail_pressure"}):
-        return []
+        return ()
     rails = varied.get("rail_pressure", np.array([found.base.rail_pressure]))
     dwells = fusion_dwell(found.injector, found.base, rails, float(varied["dwell"][-1]))
-    return list(zip(rails.tolist(), dwells.tolist(), strict=True))
-
-
-def _held(injector: Injector, variables: list[Variable], base: Base, hold: str, longest: float) -> Compensation:
-    from commonrail.plugins.maps.compensation import hold_quantities
-    from commonrail.plugins.maps.response import density_at
-
-    quantity = read_quantities(hold, density_at(injector, base.conditions), "--hold")
-    say(SIMULATING)
-    try:
-        return hold_quantities(injector, variables, quantity, base, longest)
-    except ConfigurationError as error:
-        raise InputError(f"--hold: {error}") from error
-
-
-def _compensated(found: Compensation, label: str | None, change: bool) -> _Outcome:
-    from commonrail.plugins.maps.file import write_map_file
-    from commonrail.plugins.maps.sweep_file import compensation_record, write_compensation
-    from commonrail.plugins.maps.sweep_page import compensation_html, compensation_table
-    from commonrail.plugins.maps.table import compensation_tables, condition_tables
-
-    two = found.first_energising_time > 0.0
-    label = label or (SECOND if two else SINGLE)
-
-    def write(path: Path) -> None:
-        if path.suffix.lower() == ".csv" and not change:
-            write_compensation(path, found)
-        else:
-            tables = compensation_tables(found, label) if two and not change else condition_tables(found, label, change)
-            write_map_file(path, tables)
-
-    return _Outcome(
-        write,
-        lambda: compensation_html(found),
-        lambda: compensation_record(found),
-        lambda: print_table(compensation_table(found)),
-    )
+    return tuple(zip(rails.tolist(), dwells.tolist(), strict=True))

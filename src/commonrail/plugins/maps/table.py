@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.base.arrays import Bools, Floats
+from commonrail.base.arrays import Bools, Floats, Ints
 from commonrail.base.errors import InputError
 from commonrail.base.units import compatible, convert, fits
 from commonrail.engine.operating_point import RAIL_PRESSURES
@@ -40,6 +42,7 @@ class MapUnits(NamedTuple):
 
 
 ECU_UNITS = MapUnits()
+READABLE = ("MPa", "mm3", "us")  # units of files that people read
 
 
 class Axis(NamedTuple):
@@ -93,8 +96,16 @@ class MapTable:
             )
 
 
-def check_units(units: MapUnits) -> MapUnits:
-    """Return the units, refused with an InputError if one is unknown or of another kind."""
+def units_for(path: Path, stated: Sequence[str | None], like: MapTable | None = None) -> MapUnits:
+    """Units of a file: those of a map `like` which it is written, else those `stated`, else what suits its format.
+
+    InputError if one is unknown or of another kind.
+    """
+    if like is not None:
+        return units_of(like)
+    usual = ECU_UNITS[:3] if path.suffix.lower() in (".dcm", ".cdfx") else READABLE
+    pressure, quantity, time = (one or default for one, default in zip(stated, usual, strict=True))
+    units = MapUnits(pressure, quantity, time)
     convert(0.0, "Pa", units.pressure)
     convert(0.0, "kg" if compatible(units.quantity, "kg") else "m3", units.quantity)
     convert(0.0, "s", units.time)
@@ -120,17 +131,16 @@ def inverse_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) 
     InputError if a unit is unknown or of another kind, or the label cannot be used.
     """
     inverse = found.inverse
-    states = np.vectorize(_state, otypes=[object])(inverse.state.T, found.inverse_ballistic.T)
     decimals = _decimals(units.decimals, found.adjustment.time_resolution, "s", units.time)
     return MapTable(
         check_label(label),
         f"Energising time of {found.injector.name} over rail pressure and quantity",
         "energising_time",
         units.time,
-        _pressure_axis(found, units),
-        Axis("quantity", units.quantity, _quantities(found, found.axes.quantity, units)),
+        _axis("rail_pressure", found.axes.rail_pressure, "Pa", units.pressure),
+        Axis("quantity", units.quantity, _rounded(_quantities(found, found.axes.quantity, units))),
         np.round(convert(inverse.energising_time.T, "s", units.time), decimals),
-        tuple(map(tuple, states.tolist())),
+        _states(inverse.state.T, found.inverse_ballistic.T),
         notes_of(found),
         () if found.bands is None else _layers(found, found.bands.delivered, units),
         decimals,
@@ -207,35 +217,36 @@ def shaped_like(table: MapTable, like: MapTable) -> MapTable:
     return replace(table, title=like.title or table.title, x=x, y=y)
 
 
-def compensation_tables(found: Compensation, label: str) -> list[MapTable]:
-    """Energising time of the second injection over rail pressure (x) and quantity (y), a table for each dwell.
+def held_tables(found: Compensation, label: str, change: bool) -> list[MapTable]:
+    """Energising times that hold quantities.
 
-    The dwell in µs joins the label: ``label_600us``. InputError as `inverse_table`.
+    Of a second injection over rail pressure (x) and quantity (y), a table for each dwell, whose µs join the label:
+    ``label_600us``. Of a single injection, and where the `change` against an injection alone is asked for, over the
+    condition (x) and rail pressure (y), a table for each quantity, which joins the label where there are several.
+    InputError as `inverse_table`.
     """
+    if change or not found.first_energising_time > 0.0:
+        return _condition_tables(found, label, change)
     tables = []
     for dwell, inverse in zip(found.condition.values.tolist(), found.inverses, strict=True):
         ballistic = np.zeros(inverse.state.shape, bool)
         table = inverse_table(replace(found.alone, inverse=inverse, inverse_ballistic=ballistic), label)
-        pause = (
-            f"dwell {dwell * 1e6:g} us from the end of the first energising ({found.first_energising_time * 1e6:g} us)"
-        )
+        first = f"{found.first_energising_time * 1e6:g} us"
+        pause = f"dwell {dwell * 1e6:g} us from the end of the first energising ({first})"
         title = f"Energising time of the second injection of {found.alone.injector.name}, {pause}"
         name = check_label(f"{label}_{dwell * 1e6:g}us".replace(".", "_"))
         tables.append(replace(table, label=name, title=title, notes=(*table.notes, f"second injection: {pause}")))
     return tables
 
 
-def condition_tables(found: Compensation, label: str, change: bool) -> list[MapTable]:
-    """Energising time over the condition (x) and rail pressure (y), or its change against the time of one alone.
-
-    A table for each quantity; where there are several, the quantity joins the label. InputError as `inverse_table`.
-    """
+def _condition_tables(found: Compensation, label: str, change: bool) -> list[MapTable]:
+    """Tables over the condition (x) and rail pressure (y)."""
     alone = found.alone
     times = found.energising_time - alone.inverse.energising_time if change else found.energising_time
     times = convert(times, "s", ECU_UNITS.time)
     what = "Correction of the energising time" if change else "Energising time"
-    states = np.vectorize(_state, otypes=[object])(np.array([inverse.state for inverse in found.inverses]), False)
-    volumes = _quantities(alone, alone.axes.quantity, ECU_UNITS).tolist()
+    states = np.array([inverse.state for inverse in found.inverses])
+    volumes = _rounded(_quantities(alone, alone.axes.quantity, ECU_UNITS)).tolist()
     note, injection = f"varied: {found.condition.name}", f"{alone.injector.name} for"
     if found.first_energising_time > 0.0:
         note = f"first injection: {found.first_energising_time * 1e6:g} us; dwell: from its end to the second's start"
@@ -247,9 +258,9 @@ def condition_tables(found: Compensation, label: str, change: bool) -> list[MapT
             "correction" if change else "energising_time",
             ECU_UNITS.time,
             Axis(found.condition.name, found.unit, np.array(found.values)),
-            _pressure_axis(alone, ECU_UNITS),
+            _axis("rail_pressure", alone.axes.rail_pressure, "Pa", ECU_UNITS.pressure),
             np.round(times[:, :, j].T, DECIMALS),
-            tuple(map(tuple, states[:, :, j].T.tolist())),
+            _states(states[:, :, j].T, np.array(False)),
             (*notes_of(alone), note),
         )
         for j, volume in enumerate(volumes)
@@ -276,8 +287,8 @@ def change_table(found: Sweep, alone: Floats, label: str) -> MapTable:
         f"Change of the quantity of a second injection of {found.injector.name}",
         "change",
         ECU_UNITS.quantity,
-        Axis("dwell", ECU_UNITS.time, _rounded(convert(axes["dwell"], "s", ECU_UNITS.time))),
-        Axis("rail_pressure", ECU_UNITS.pressure, _rounded(convert(axes["rail_pressure"], "Pa", ECU_UNITS.pressure))),
+        _axis("dwell", axes["dwell"], "s", ECU_UNITS.time),
+        _axis("rail_pressure", axes["rail_pressure"], "Pa", ECU_UNITS.pressure),
         np.round(change, DECIMALS),
         tuple(map(tuple, states.tolist())),
         (*_conditions(found.injector, base.conditions), pause),
@@ -286,7 +297,6 @@ def change_table(found: Sweep, alone: Floats, label: str) -> MapTable:
 
 def quantity_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) -> MapTable:
     """Quantity over rail pressure (x) and energising time (y). InputError as `inverse_table`."""
-    times = _rounded(convert(found.axes.energising_time, "s", units.time))
     states = np.where(np.isfinite(found.volume), np.where(found.ballistic, "ballistic", "reached"), "failed").T
     finest, by_mass = found.adjustment.quantity_resolution, compatible(units.quantity, "kg")
     finest = finest * found.density if finest is not None and by_mass else finest
@@ -296,9 +306,9 @@ def quantity_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS)
         f"Injected quantity of {found.injector.name} over rail pressure and energising time",
         "quantity",
         units.quantity,
-        _pressure_axis(found, units),
-        Axis("energising_time", units.time, times),
-        np.round(_quantities(found, found.volume.T, units, exact=True), decimals),
+        _axis("rail_pressure", found.axes.rail_pressure, "Pa", units.pressure),
+        _axis("energising_time", found.axes.energising_time, "s", units.time),
+        np.round(_quantities(found, found.volume.T, units), decimals),
         tuple(map(tuple, states.tolist())),
         notes_of(found),
         () if found.bands is None else _layers(found, found.bands.quantity, units),
@@ -308,15 +318,12 @@ def quantity_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS)
 
 def _layers(found: InjectionMap, edges: Edges, units: MapUnits) -> tuple[Layer, ...]:
     """Edges of bands (pressures, y) in the unit of the file."""
-    return tuple(
-        Layer(
-            f"quantity{BAND}{100.0 * level:g}_{side}",
-            units.quantity,
-            np.round(_quantities(found, volume.T, units, exact=True), DECIMALS),
-        )
-        for level, pair in edges.items()
-        for side, volume in zip(("lower", "upper"), pair, strict=True)
-    )
+    layers = []
+    for level, pair in edges.items():
+        for side, volume in zip(("lower", "upper"), pair, strict=True):
+            values = np.round(_quantities(found, volume.T, units), DECIMALS)
+            layers.append(Layer(f"quantity{BAND}{100.0 * level:g}_{side}", units.quantity, values))
+    return tuple(layers)
 
 
 def notes_of(found: InjectionMap) -> tuple[str, ...]:
@@ -352,22 +359,25 @@ _BEYOND = {
 }
 
 
-def _pressure_axis(found: InjectionMap, units: MapUnits) -> Axis:
-    return Axis("rail_pressure", units.pressure, _rounded(convert(found.axes.rail_pressure, "Pa", units.pressure)))
+def _axis(name: str, values: Floats, si_unit: str, unit: str) -> Axis:
+    return Axis(name, unit, _rounded(convert(values, si_unit, unit)))
 
 
-def _quantities(found: InjectionMap, volume: Floats, units: MapUnits, exact: bool = False) -> Floats:
+def _quantities(found: InjectionMap, volume: Floats, units: MapUnits) -> Floats:
     """Volumes [m³] in the unit of the file, which may be one of mass."""
     by_mass = compatible(units.quantity, "kg")
-    values = convert(volume * found.density if by_mass else volume, "kg" if by_mass else "m3", units.quantity)
-    return values if exact else _rounded(values)
+    return convert(volume * found.density if by_mass else volume, "kg" if by_mass else "m3", units.quantity)
 
 
 def _rounded(values: Floats) -> Floats:
     return np.array([float(f"{value:.{DIGITS}g}") for value in values.tolist()])
 
 
-def _state(state: int, ballistic: bool) -> str:
-    found = CellState(state)
-    words = found.name.lower().replace("beyond", "unreachable").replace("zero", "no quantity")
-    return "ballistic" if ballistic and found is CellState.REACHED else words
+_WORDS = {CellState.BEYOND: "unreachable", CellState.ZERO: "no quantity"}
+
+
+def _states(states: Ints, ballistic: Bools) -> tuple[tuple[str, ...], ...]:
+    """Words of the states of cells (y, x), which may be `ballistic`."""
+    words = {int(state): _WORDS.get(state, state.name.lower()) for state in CellState}
+    texts = np.where(ballistic & (states == CellState.REACHED), "ballistic", np.vectorize(words.get)(states))
+    return tuple(map(tuple, texts.tolist()))

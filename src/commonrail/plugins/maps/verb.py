@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,25 +13,9 @@ from commonrail.base.errors import CommonrailError, InputError
 from commonrail.base.output import write_text
 from commonrail.base.text import counted
 from commonrail.base.units import fits, parse
+from commonrail.cli import options
 from commonrail.cli.console import print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
-from commonrail.cli.options import (
-    NUMBER,
-    CylinderPressure,
-    Json,
-    ReturnPressure,
-    Settings,
-    Threads,
-    check_distinct,
-    check_file,
-    check_report,
-    is_given,
-    read_axis,
-    read_models,
-    read_pressures,
-    refuse_return_pressure,
-    refuse_unused,
-)
 from commonrail.plugins.maps.choices import Beyond, Several
 
 if TYPE_CHECKING:
@@ -41,8 +26,7 @@ if TYPE_CHECKING:
     from commonrail.plugins.maps.adjust import Adjustment
     from commonrail.plugins.maps.axes import MapAxes
     from commonrail.plugins.maps.response import Conditions
-    from commonrail.plugins.maps.run import InjectionMap
-    from commonrail.plugins.maps.table import MapTable, MapUnits
+    from commonrail.plugins.maps.table import MapTable
 
 
 class Bands(StrEnum):
@@ -56,7 +40,7 @@ class Bands(StrEnum):
 
 
 INVERSE, QUANTITY = "tiEnergising", "qInjected"  # labels where none is given
-READABLE = ("MPa", "mm3", "us")  # units of files that people read
+UNITS = ("pressure_unit", "quantity_unit", "time_unit")  # options of a file's units
 
 
 @verb
@@ -89,10 +73,10 @@ def map_(
             "number format; a DCM file of --out is that DCM file with new times.",
         ),
     ] = None,
-    cylinder_pressure: CylinderPressure = None,
-    return_pressure: ReturnPressure = None,
+    cylinder_pressure: options.CylinderPressure = None,
+    return_pressure: options.ReturnPressure = None,
     time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
-    set_: Settings = (),
+    set_: options.Settings = (),
     several: Annotated[Several, Option(help="Energising time where several deliver a quantity.")] = Several.NEIGHBOURS,
     unreachable: Annotated[
         Beyond, Option(help="Rule for quantities that the longest energising time does not deliver.")
@@ -136,8 +120,8 @@ def map_(
     ] = None,
     time_unit: Annotated[str | None, Option(help="Unit of energising times in files. [default: us]")] = None,
     report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with heat maps and curves.")] = None,
-    threads: Threads = None,
-    json: Json = False,
+    threads: options.Threads = None,
+    json: options.Json = False,
 ) -> None:
     """Compute the quantity map of an injector and its inverse.
 
@@ -151,47 +135,67 @@ def map_(
       commonrail map cri2-16 --monotone --resolution 0.4us --resolution 0.01mm3 --out et.dcm --quantity-out q.dcm
       commonrail map runs/a cri2-16 --rail-pressure 20:160:20MPa --quantity 1,2,5,10,20,50mm3 --report change.html
     """
+    from commonrail.plugins.maps import table as tables
     from commonrail.plugins.maps.difference import compare_with, read_measured_map
     from commonrail.plugins.maps.ecu_file import read_axes
-    from commonrail.plugins.maps.file import check_map_file, map_record, write_map_file
+    from commonrail.plugins.maps.file import check_map_file, map_record, write_map_file, write_map_like
     from commonrail.plugins.maps.inverse import Rules
     from commonrail.plugins.maps.page import map_html, map_lines, map_tables
     from commonrail.plugins.maps.response import density_at
-    from commonrail.plugins.maps.run import injection_map
-    from commonrail.plugins.maps.table import check_label, quantity_table, simulated_columns
+    from commonrail.plugins.maps.run import injection_map, with_bands
 
-    _refuse_unused(out, quantity_out)
-    if axes is not None:
-        _refuse_beside_axes(axes)
+    any_file = bool(out or quantity_out), "--out or --quantity-out"
+    options.refuse_unused(
+        {
+            "label": (_have_labels(out), "a file of --out with labels (no CSV)"),
+            "quantity_label": (_have_labels(quantity_out), "a file of --quantity-out with labels (no CSV)"),
+            **dict.fromkeys(UNITS, any_file),
+        }
+    )
+    for name in ("rail_pressure", "quantity", *UNITS) if axes is not None else ():
+        if options.is_given(name):
+            raise InputError(f"--{name.replace('_', '-')}: --axes {axes} gives axes and units; omit one of the two.")
     for path in (*out, *quantity_out):
-        check_file(path, "--out")
+        options.check_file(path, "--out")
         check_map_file(path)
-    check_report(report)
-    check_distinct(*out, *quantity_out, report)
+    options.check_report(report)
+    options.check_distinct(*out, *quantity_out, report)
     if len(models) > 2 or (len(models) == 2 and measured is not None):
         raise InputError("Give one or two models, or one model and --measured.")
     like = None if axes is None else read_axes(axes)
-    units = {path: _units(path, (pressure_unit, quantity_unit, time_unit), like) for path in (*out, *quantity_out)}
+    stated = (pressure_unit, quantity_unit, time_unit)
+    units = {path: tables.units_for(path, stated, like) for path in (*out, *quantity_out)}
     kept = like.label if like is not None and fits(like.unit, "s") else INVERSE
-    check_label(label or kept), check_label(quantity_label)
-    named = read_models(models, set_)
+    for name in (label or kept, quantity_label):
+        tables.check_label(name)
+    named = options.read_models(models, set_)
     conditions = read_conditions((cylinder_pressure, return_pressure), time_step, threads, named[0].folder)
     injector = named[0].injector
     for model in named:
-        refuse_return_pressure(model.injector)
+        options.refuse_return_pressure(model.injector)
     wanted = _axes(injector, conditions, (rail_pressure, quantity, energising_time), like)
     points = None if measured is None else read_measured_map(measured, density_at(injector, conditions))
-    fit = _fit(named[0], bands)
+    fit = None
+    with _no_bands_if_refused(bands):
+        fit = _fit(named[0], bands)
     rules = Rules(several, unreachable)
     adjustment = _adjustment(smooth, monotone, resolution, density_at(injector, conditions))
     found = {m.label: injection_map(m.injector, wanted, conditions, rules, say, adjustment) for m in named}
-    first = found[named[0].label] = _with_bands(found[named[0].label], fit, bands)
-    if like is not None and not (columns := simulated_columns(like, conditions)).all():
+    first = found[named[0].label]
+    if fit is not None:
+        say("predicting the bands of its cells ...")
+        with _no_bands_if_refused(bands):
+            first = found[named[0].label] = with_bands(first, *fit)
+    if like is not None and not (columns := tables.simulated_columns(like, conditions)).all():
         say(f"at or below the cylinder pressure {counted(int((~columns).sum()), 'column')} of {axes} kept as before")
     for path in out:
-        _write_inverse(path, first, label, units[path], (axes, like))
+        table = tables.inverse_table(first, label or kept, units[path])
+        if like is None or axes is None or not fits(like.unit, "s"):
+            write_map_file(path, [table])
+        else:
+            write_map_like(path, tables.with_columns_of(table, like, conditions), like, axes)
     for path in quantity_out:
-        write_map_file(path, [quantity_table(first, quantity_label, units[path])])
+        write_map_file(path, [tables.quantity_table(first, quantity_label, units[path])])
     compared = None if points is None else compare_with(first, points, str(measured))
     if report is not None:
         write_text(report, map_html(found, compared))
@@ -211,90 +215,34 @@ def read_conditions(
     """Conditions from the options of cylinder and return pressure and of the same names; `run`: folder of the model."""
     from commonrail.plugins.maps.response import Conditions
 
-    return Conditions(*read_pressures(*pressures, run), parse(time_step, "s", "--time-step"), threads)
+    return Conditions(*options.read_pressures(*pressures, run), parse(time_step, "s", "--time-step"), threads)
 
 
-def _refuse_beside_axes(axes: Path) -> None:
-    """Refuse options that state what the map of a file states."""
-    for name in ("rail_pressure", "quantity", "pressure_unit", "quantity_unit", "time_unit"):
-        if is_given(name):
-            raise InputError(f"--{name.replace('_', '-')}: --axes {axes} gives axes and units; omit one of the two.")
+def _have_labels(paths: Sequence[Path]) -> bool:
+    return any(path.suffix.lower() != ".csv" for path in paths)
 
 
-def _write_inverse(
-    path: Path, found: InjectionMap, label: str | None, units: MapUnits, file: tuple[Path | None, MapTable | None]
-) -> None:
-    """Write the inverse, in the shape of the map of times that gave the axes, if there is one."""
-    from commonrail.plugins.maps.dcm import write_into_dcm
-    from commonrail.plugins.maps.file import write_map_file
-    from commonrail.plugins.maps.table import inverse_table, shaped_like, with_columns_of
-
-    axes, like = file
-    if axes is None or like is None or not fits(like.unit, "s"):
-        write_map_file(path, [inverse_table(found, label or INVERSE, units)])
-        return
-    table = with_columns_of(inverse_table(found, label or like.label, units), like, found.conditions)
-    table = shaped_like(table, like)
-    if path.suffix.lower() == axes.suffix.lower() == ".dcm":
-        write_into_dcm(path, axes, like.label, table)
-    else:
-        write_map_file(path, [table])
-
-
-def _refuse_unused(out: Sequence[Path], quantity_out: Sequence[Path]) -> None:
-    """Refuse options of files that are not written; a CSV file has no label."""
-    files = bool(out or quantity_out), "--out or --quantity-out"
-    refuse_unused(
-        {
-            "label": (any(path.suffix.lower() != ".csv" for path in out), "a file of --out with labels (no CSV)"),
-            "quantity_label": (
-                any(path.suffix.lower() != ".csv" for path in quantity_out),
-                "a file of --quantity-out with labels (no CSV)",
-            ),
-            "pressure_unit": files,
-            "quantity_unit": files,
-            "time_unit": files,
-        }
-    )
+@contextmanager
+def _no_bands_if_refused(wanted: Bands | None) -> Iterator[None]:
+    """Say why there are no bands in place of raising it, where they are not asked for."""
+    try:
+        yield
+    except CommonrailError as error:
+        if wanted is not None:
+            raise
+        say(f"no bands: {error}")
 
 
 def _fit(model: NamedModel, wanted: Bands | None) -> tuple[Study, dict[str, float], Floats | None] | None:
-    """Study, best values and draws (m, d) of the run that bands are those of; None without bands.
-
-    Why a run has none is said where they are not asked for.
-    """
+    """Study, best values and draws (m, d) of the run that bands are those of; None without bands."""
     if wanted is Bands.NONE or (wanted is None and model.run is None):
         return None
     if model.run is None:
         raise InputError(f"--bands: {model.text} is no run folder as it was calibrated, and only a fit has bands.")
     from commonrail.runs.folder import read_draws, read_fit
 
-    try:
-        study, best = read_fit(model.run)
-        return study, best, read_draws(model.run, study.space.names)
-    except CommonrailError as error:
-        if wanted is not None:
-            raise
-        say(f"no bands: {error}")
-        return None
-
-
-def _with_bands(
-    found: InjectionMap, fit: tuple[Study, dict[str, float], Floats | None] | None, wanted: Bands | None
-) -> InjectionMap:
-    """Map with the bands of a fit; why there are none is said where they are not asked for."""
-    if fit is None:
-        return found
-    from commonrail.plugins.maps.run import with_bands
-
-    try:
-        say("predicting the bands of its cells ...")
-        return with_bands(found, *fit)
-    except CommonrailError as error:
-        if wanted is not None:
-            raise
-        say(f"no bands: {error}")
-        return found
+    study, best = read_fit(model.run)
+    return study, best, read_draws(model.run, study.space.names)
 
 
 def _axes(
@@ -313,11 +261,11 @@ def _axes(
         pressure, wanted = axes_of(like, density)
         pressure = pressure[simulated_columns(like, conditions)]
     if texts[0] is not None:
-        pressure = read_axis(texts[0], "Pa", "--rail-pressure", increasing=True)
+        pressure = options.read_axis(texts[0], "Pa", "--rail-pressure", increasing=True)
     if texts[1] is not None:
         wanted = read_quantities(texts[1], density, "--quantity")
     if texts[2] is not None:
-        time = read_axis(texts[2], "s", "--energising-time", increasing=True)
+        time = options.read_axis(texts[2], "s", "--energising-time", increasing=True)
     return MapAxes(pressure, wanted, time)
 
 
@@ -337,7 +285,7 @@ def _adjustment(smooth: str | None, monotone: bool, resolution: Sequence[str], d
 
 
 def _has_unit_of(text: str, kind: str) -> bool:
-    number = NUMBER.fullmatch(text)
+    number = options.NUMBER.fullmatch(text)
     return number is not None and fits(number[2], kind)
 
 
@@ -348,16 +296,5 @@ def _read_quantity(text: str, density: float, option: str) -> float:
 def read_quantities(text: str, density: float, option: str) -> Floats:
     """Quantities (n,) by volume [m³], increasing; masses are divided by the reference density [kg/m³]."""
     if _has_unit_of(re.split("[,:]", text)[-1], "kg"):
-        return read_axis(text, "kg", option, increasing=True) / density
-    return read_axis(text, "m3", option, increasing=True)
-
-
-def _units(path: Path, given: tuple[str | None, str | None, str | None], like: MapTable | None) -> MapUnits:
-    """Units of a file: those of the map of --axes, those that were asked for, or that suit its format."""
-    from commonrail.plugins.maps.table import ECU_UNITS, MapUnits, check_units, units_of
-
-    if like is not None:
-        return units_of(like)
-    usual = ECU_UNITS[:3] if path.suffix.lower() in (".dcm", ".cdfx") else READABLE
-    pressure, quantity, time = (one or default for one, default in zip(given, usual, strict=True))
-    return check_units(MapUnits(pressure, quantity, time))
+        return options.read_axis(text, "kg", option, increasing=True) / density
+    return options.read_axis(text, "m3", option, increasing=True)

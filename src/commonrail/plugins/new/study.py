@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import COUNTS
+from commonrail.base.arguments import COUNTS, file_path
 from commonrail.base.arrays import Floats
-from commonrail.base.errors import CommonrailError, InputError, nearest, one_line
+from commonrail.base.errors import CommonrailError, ConfigurationError, InputError, nearest, one_line
 from commonrail.base.hooks import note, quiet
 from commonrail.base.input import read_plain
 from commonrail.base.output import replacing, write_text, writing
@@ -136,6 +136,45 @@ class Started(NamedTuple):
     open: tuple[str, ...]
     assumed: tuple[str, ...]
     free: tuple[str, ...]
+
+
+def new(
+    folder: str | Path,
+    injector: str | Path | None = None,
+    files: Sequence[str | Path] = (),
+    stated: StatedByUser | None = None,
+) -> Started:
+    """Write a small study to start from, into a new or empty folder.
+
+    Parameters
+    ----------
+    folder : str or path
+    injector : str or path, optional
+        Name of the catalogue or file, for a study of data files.
+    files : list of path
+        Data files of the study: maps, traces, records of shots. Without any, the study has a synthetic example curve.
+    stated : StatedByUser, optional
+        What the files do not tell, such as the cylinder pressure of the bench.
+
+    Returns
+    -------
+    Started
+        Files written; keys that are to be stated or checked.
+
+    Raises
+    ------
+    InputError
+        If something is in the folder, or a file cannot be read or is no data of a study.
+    ConfigurationError
+        If files have no injector, or an injector or a statement no files.
+    """
+    path = file_path(folder, "folder")
+    if files and injector is not None:
+        return write_study_from(path, str(injector), [Path(file) for file in files], stated or StatedByUser({}))
+    if files or injector is not None or stated is not None:
+        raise ConfigurationError("A study of data files needs both files and an injector; give both, or neither.")
+    written = write_new(path)
+    return Started(path / "study.toml", tuple(written), (), (), (), ())
 
 
 def write_study_from(folder: Path, injector: str, sources: Sequence[Path], stated: StatedByUser) -> Started:

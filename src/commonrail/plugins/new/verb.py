@@ -94,8 +94,17 @@ def new(
             raise InputError(
                 "Give --injector and one or more files with --from, or neither; `commonrail catalogue` lists injectors."
             )
+        from commonrail.plugins.new.study import write_study_from
+
         stated = read_stated(pressures, points, (encoding, decimal, sheet), units, from_)
-        _of_files(folder, injector, from_, stated._replace(free=free), json)
+        started = write_study_from(folder, injector, from_, stated._replace(free=free))
+        if json:
+            taken = {found.path.name: found.taken_for for found in started.surveys}
+            files = [str(path) for path in started.files]
+            assumed = {"assumed": list(started.assumed), "free": list(started.free)}
+            print_json({"kind": "new", "files": files, "taken for": taken, "open": list(started.open)} | assumed)
+        else:
+            _print(started)
         return
     if of_data:
         raise InputError("Pressures, times, units, form of the files and --free belong to --from; omit them.")
@@ -148,19 +157,6 @@ def write_plugin(folder: Path, name: str) -> list[Path]:
         for path, file in _TEMPLATES.items()
     }
     return write_into(folder, {path: text.encode() for path, text in texts.items()})
-
-
-def _of_files(folder: Path, injector: str, sources: Sequence[Path], stated: StatedByUser, json: bool) -> None:
-    from commonrail.plugins.new.study import write_study_from
-
-    started = write_study_from(folder, injector, sources, stated)
-    if json:
-        taken = {found.path.name: found.taken_for for found in started.surveys}
-        files = [str(path) for path in started.files]
-        assumed = {"assumed": list(started.assumed), "free": list(started.free)}
-        print_json({"kind": "new", "files": files, "taken for": taken, "open": list(started.open)} | assumed)
-        return
-    _print(started)
 
 
 def read_stated(

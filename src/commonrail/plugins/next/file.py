@@ -7,7 +7,7 @@ from typing import Any
 
 from commonrail.base.csv_output import write_csv
 from commonrail.base.text import number
-from commonrail.plugins.next.run import Measurement, Plan
+from commonrail.plugins.next.run import Measurement, MeasurementPlan
 from commonrail.plugins.next.study import place_of
 
 HEADER = (
@@ -24,7 +24,7 @@ HEADER = (
 )
 
 
-def write_plan(path: Path, plan: Plan) -> None:
+def write_plan(path: Path, plan: MeasurementPlan) -> None:
     """Write a measuring plan, one line for each measurement."""
     rows = [[str(k), *_row(one)] for k, one in enumerate(plan.measurements, 1)]
     write_csv(path, ["commonrail measuring plan", *plan.notes], HEADER, rows)
@@ -64,13 +64,12 @@ def _record(one: Measurement) -> dict[str, Any]:
     }
 
 
-def plan_record(plan: Plan) -> dict[str, Any]:
+def plan_record(plan: MeasurementPlan) -> dict[str, Any]:
     """JSON-able form of a plan [SI]."""
     settings = plan.settings
     return {
         "kind": "next",
         "criterion": settings.criterion.value,
-        "draws": settings.draws,
         "seed": settings.seed,
         "candidates": plan.candidates,
         "failed": plan.failed,

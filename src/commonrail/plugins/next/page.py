@@ -14,8 +14,9 @@ from commonrail.data.base import Role
 from commonrail.data.records import MICROSECOND, MPA
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.physics.meters import known_quantity
-from commonrail.plugins.next.run import Measurement, Plan
-from commonrail.plugins.next.study import Criterion, place_of
+from commonrail.plugins.next.run import Measurement, MeasurementPlan
+from commonrail.plugins.next.settings import Criterion
+from commonrail.plugins.next.study import place_of
 from commonrail.report.analysis import result_html
 from commonrail.report.fit.rules import Tile
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
@@ -29,13 +30,10 @@ _AIMS = {
 }
 
 
-def plan_tables(plan: Plan) -> list[Table]:
+def plan_tables(plan: MeasurementPlan) -> list[Table]:
     """Measurements in order, and standard errors before and after them."""
     rows = list(enumerate(plan.measurements, 1))
-    note = (
-        f"Factor: {_AIMS[plan.settings.criterion]}, with this measurement and those above it, over that before; "
-        f"averaged over {plan.settings.draws} draws of the parameters."
-    )
+    note = f"Factor: {_AIMS[plan.settings.criterion]}, with this measurement and those above it, over that before."
     first = tabulated(
         "Next measurements",
         rows,
@@ -68,7 +66,7 @@ def plan_tables(plan: Plan) -> list[Table]:
 _KINDS = {"quantities": "a quantity", "rate": "a rate curve", "return quantities": "a return quantity"}
 
 
-def plan_headline(plan: Plan) -> str:
+def plan_headline(plan: MeasurementPlan) -> str:
     """Cost of the plan, its gain, whether that is worth measuring, and the gain by another kind."""
     texts = [f"{counted(len(plan.measurements), 'measurement')} at cost {plan.cost:g}"]
     for last in plan.measurements[-1:]:
@@ -90,7 +88,7 @@ def _where(one: Measurement) -> str:
     return f"{pressure(rail)}, {fixed(time, 0, MICROSECOND)} µs"
 
 
-def plan_lines(plan: Plan) -> list[str]:
+def plan_lines(plan: MeasurementPlan) -> list[str]:
     """Gain and cost, number of candidates, and what the plan takes for granted."""
     lines = [plan_headline(plan), f"chosen from {plan.candidates} candidates"]
     if len(plan.measurements) < plan.settings.points:
@@ -100,17 +98,17 @@ def plan_lines(plan: Plan) -> list[str]:
             "the distance between points; state more rail pressures or energising times, or a smaller distance."
         )
     if plan.failed:
-        lines.append(f"{plan.failed} pairs of a candidate and a draw could not be simulated; they count as no news.")
+        lines.append(f"{plan.failed} pairs of a candidate and a draw could not be simulated; they are left out.")
     return lines + list(plan.notes)
 
 
-def plan_html(plan: Plan, study: Study) -> str:
+def plan_html(plan: MeasurementPlan, study: Study) -> str:
     """Page of a plan for a study."""
     fitted = [point for data in study.data if data.role is Role.FIT for point in data.points]
     return result_html("Plan", study, plan_lines(plan), plan_tiles(plan), plan_figures(plan, fitted), plan_tables(plan))
 
 
-def plan_tiles(plan: Plan) -> list[Tile]:
+def plan_tiles(plan: MeasurementPlan) -> list[Tile]:
     """The first measurements, and what the plan gains until then."""
     tiles = []
     for k, one in enumerate(plan.measurements[:TILES], 1):
@@ -120,7 +118,7 @@ def plan_tiles(plan: Plan) -> list[Tile]:
     return tiles
 
 
-def plan_figures(plan: Plan, measured: Sequence[OperatingPoint] = ()) -> list[Chart]:
+def plan_figures(plan: MeasurementPlan, measured: Sequence[OperatingPoint] = ()) -> list[Chart]:
     """Measurements among the operating points `measured` that the fit has seen; none of an empty plan."""
     planned = [one.candidate.point for one in plan.measurements]
     series = [Series("planned", "best", *_coordinates(planned), MARKERS, 1)]  # squares among discs
@@ -139,7 +137,7 @@ def _dwell(one: Measurement) -> str:
     return fixed(place_of(one.candidate.point)[2], 0, 1e6) if len(one.candidate.point.pulses) > 1 else "–"
 
 
-def _arrays(found: Plan) -> Arrays:
+def _arrays(found: MeasurementPlan) -> Arrays:
     """Measurements in their order."""
     ones = found.measurements
     places = np.array([place_of(one.candidate.point) for one in ones]).reshape(-1, 3)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import array, chosen, instance, number, settle, thread_count, whole
+from commonrail.base.arguments import instance, number, thread_count
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, nearest
@@ -21,19 +21,14 @@ from commonrail.data.registry import in_order, of_role
 from commonrail.data.simulator import Simulator
 from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.noise_fit import FittedNoise
-from commonrail.plugins.certainty.run import certify
+from commonrail.plugins.certainty.run import certainty as certify
 from commonrail.plugins.certainty.uncertain import with_uncertain_free
-from commonrail.plugins.next.problem import (
-    Responder,
-    Response,
-    has_discrepancy,
-    problem_of,
-)
+from commonrail.plugins.next.problem import Response, has_discrepancy, problem_of, responses_of
+from commonrail.plugins.next.settings import DesignSettings
 from commonrail.plugins.next.study import (
     KINDS,
     MOST_CANDIDATES,
     Candidate,
-    Criterion,
     Problem,
     fitted_kinds,
     grid,
@@ -141,58 +136,8 @@ def _ordered(problem: Problem, rules: Rules, plan: Sequence[int]) -> list[int]:
 
 TRUSTED = 5.0  # degrees of freedom from which a scale that was estimated is believed
 WORTH = 0.1  # fall of an error from which it is worth measuring: an error that 50 values estimate is uncertain by that
+DRAWS, DRAWS_EACH = 100, 5  # draws at which candidates are simulated, or more of many parameters
 MOST_TRIED = 16  # places at which a kind that is not planned is tried: the best of them is named, no plan is made
-
-
-@dataclass(frozen=True)
-class DesignSettings:
-    """Settings of a plan.
-
-    Attributes
-    ----------
-    points : int
-        Largest number of measurements.
-    criterion : Criterion
-    parameters : tuple of str
-        Parameters that criteria D and A are about; all if empty.
-    budget : float
-        Largest cost of the plan.
-    pressure_cost : float
-        Cost of every rail pressure that the plan uses.
-    apart : (float, float)
-        Rail pressure [Pa] and energising time [s]: a measurement is refused that is closer in both to another of its
-        kind, planned or made. Zeros allow repetitions.
-    draws : int
-        Draws of the parameters, over which the criterion is averaged.
-    seed : int
-        Of the draws.
-
-    Raises
-    ------
-    ConfigurationError
-        If a number is out of range.
-    """
-
-    points: int = 3
-    criterion: Criterion = Criterion.V
-    parameters: tuple[str, ...] = ()
-    budget: float = math.inf
-    pressure_cost: float = 0.0
-    apart: tuple[float, float] = (20e6, 30e-6)
-    draws: int = 12
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        whole(self.points, "points", 1)
-        whole(self.draws, "draws", 1)
-        whole(self.seed, "seed")
-        settle(self, criterion=chosen(self.criterion, Criterion, "criterion"))
-        apart = array(self.apart, "1", "apart of a plan", 1)
-        limits = array([self.budget, self.pressure_cost, *apart], "1", "budget and pressure_cost", 1, finite=False)
-        if len(apart) != 2 or not (limits >= 0.0).all():
-            raise ConfigurationError(
-                "The budget, the pressure_cost and both numbers of apart of a plan must be zero or greater."
-            )
 
 
 class Measurement(NamedTuple):
@@ -212,7 +157,7 @@ class Measurement(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class Plan(Shown):
+class MeasurementPlan(Shown):
     """Plan of measurements.
 
     Attributes
@@ -224,9 +169,9 @@ class Plan(Shown):
     candidates : int
         Number that the plan was chosen from.
     before, after : mapping of str to float
-        Standard error of each parameter [SI] at the most likely values, without and with the plan.
+        Standard error of each parameter [SI], without and with the plan.
     failed : int
-        Simulations of candidates that failed, each at one draw; there the candidate counts as telling nothing.
+        Simulations of candidates that failed, each at one draw.
     notes : tuple of str
         What the plan takes for granted.
     widest : str
@@ -285,7 +230,7 @@ def next_measurements(
     *,
     threads: int | None = None,
     note: Callable[[str], None] = lambda _: None,
-) -> Plan:
+) -> MeasurementPlan:
     """Measurements that would make parameters or predictions most certain, with the noise of the data that there are.
 
     Parameters
@@ -321,17 +266,26 @@ def next_measurements(
     n, wanted = len(wanted), [*wanted, *_of_other_kinds(wanted, data)]
     note("fitting the noise of the data ...")
     certainty = certify(study, best, threads=threads, seed=settings.seed)
-    found, likelihood = certainty.estimate, certainty.estimate.likelihood
-    noises, notes = _trusted(found, data)
-    chosen_draws = np.random.default_rng(settings.seed).permutation(len(certainty.draws.unit))[: settings.draws - 1]
-    unit = np.vstack([found.unit, certainty.draws.unit[chosen_draws]])
-    note(f"simulating {len(wanted)} candidates at {len(unit)} draws of the parameters ...")
+    estimate, draws = certainty.estimate, certainty.draws.unit
+    noises, notes = _trusted(estimate, data)
+    many = min(max(DRAWS, DRAWS_EACH * draws.shape[1]), len(draws))
+    unit = draws[np.random.default_rng(settings.seed).permutation(len(draws))[:many]]
+    note(f"simulating {len(wanted)} candidates at {many} draws of the parameters ...")
+    likelihood = estimate.likelihood.with_noises(noises)
     simulator = Simulator(free.injector, likelihood.names, study.time_step, threads, same_bits=study.same_bits)
     by_kind = {one.kind: noise for one, noise in reversed(list(zip(data, noises, strict=True)))}
-    responses = Responder(simulator, likelihood.space, unit).of(wanted, data, by_kind)
-    trusted = likelihood.with_noises(noises)
-    aim = settings.criterion, columns, study.space.dimension, n
-    problem = problem_of(found, trusted, data, unit, responses, aim)
+    responses = responses_of(wanted, data, by_kind, simulator, likelihood.space.from_unit(unit), unit)
+    problem = problem_of(
+        settings.criterion,
+        estimate,
+        likelihood,
+        draws,
+        data,
+        responses,
+        parameters=columns,
+        own=study.space.dimension,
+        predicted=n,
+    )
     rules = _rules(wanted, data, settings)
     plan = select(problem, rules._replace(costs=np.where(np.arange(len(wanted)) < n, rules.costs, np.inf)))
     if not plan:
@@ -339,7 +293,7 @@ def next_measurements(
             "No candidate may be measured within the budget and the distance to the points that there are, or none "
             "tells anything; state other rail pressures and energising times, or a smaller distance."
         )
-    before, after = (_standard_errors(study, found, problem, chosen) for chosen in ([], plan))
+    before, after = (_standard_errors(study, estimate, problem, chosen) for chosen in ([], plan))
     widest = max(study.space.parameters, key=lambda one: before[one.name] / (one.upper - one.lower)).name
     column = study.space.names.index(widest)
     others, scores = list[Measurement](), np.where(np.isfinite(rules.costs), problem.scores([]), np.inf)
@@ -348,7 +302,7 @@ def next_measurements(
         others += _measurements(problem, [best_one], responses, column) if np.isfinite(scores[best_one]) else []
     measurements, failed = tuple(_measurements(problem, plan, responses, column)), sum(r.failed for r in responses[:n])
     gains = before, after, failed, tuple(notes), widest, tuple(others)
-    return Plan(measurements, rules.cost(plan), settings, n, *gains)
+    return MeasurementPlan(measurements, rules.cost(plan), settings, n, *gains)
 
 
 def _of_other_kinds(wanted: Sequence[Candidate], data: Sequence[DataSet]) -> list[Candidate]:
@@ -391,7 +345,7 @@ def _trusted(found: Estimate, data: Sequence[DataSet]) -> tuple[list[FittedNoise
 
 def _rules(wanted: Sequence[Candidate], data: Sequence[DataSet], settings: DesignSettings) -> Rules:
     places = np.array([place_of(one.point) for one in wanted])
-    least = np.array([*settings.apart, settings.apart[1]])
+    least = np.array([settings.apart_pressure, settings.apart_time, settings.apart_time])
     kinds = np.array([one.kind for one in wanted])
     blocked = too_close(places, places, least) & (kinds[:, None] == kinds)
     taken = np.zeros(len(wanted), bool)
@@ -400,7 +354,7 @@ def _rules(wanted: Sequence[Candidate], data: Sequence[DataSet], settings: Desig
         taken |= too_close(places, made, least).any(axis=1) & (kinds == one.kind)
     costs = np.where(taken, np.inf, np.array([one.cost for one in wanted]))
     _, levels = np.unique(places[:, 0], return_inverse=True)
-    budget = min(settings.budget, 1e300)  # less than what a taken place costs
+    budget = 1e300 if settings.budget is None else settings.budget  # less than what a taken place costs
     return Rules(costs, levels.reshape(-1), settings.pressure_cost, blocked, settings.points, budget)
 
 
@@ -408,20 +362,20 @@ def _measurements(
     problem: Problem, plan: Sequence[int], responses: Sequence[Response], column: int
 ) -> Iterator[Measurement]:
     """Measurements of a plan; `column`: of the widest parameter."""
-    first, prior = problem.score([]), problem.covariance([])[0]
+    first, prior = problem.score([]), problem.covariance([])
     for k, i in enumerate(plan, 1):
         one = responses[i]
-        d = one.plain.shape[1]
-        deviation = math.sqrt(float(one.plain[0] @ prior[:d, :d] @ one.plain[0])) * one.scale
-        ratio = math.sqrt(problem.covariance(plan[:k])[0, column, column] / prior[column, column])
+        d = len(one.plain)
+        deviation = math.sqrt(float(one.plain @ prior[:d, :d] @ one.plain)) * one.scale
+        ratio = math.sqrt(problem.covariance(plan[:k])[column, column] / prior[column, column])
         factor = math.exp(problem.score(plan[:k]) - first)
         yield Measurement(one.candidate, one.value, deviation, factor, ratio)
 
 
-def _standard_errors(study: Study, found: Estimate, problem: Problem, plan: Sequence[int]) -> dict[str, float]:
-    """Standard error of each parameter of a study [SI] at the most likely values, after a plan."""
-    scale = found.likelihood.scaled(found.unit)
-    deviations = np.sqrt(np.diag(problem.covariance(plan)[0])[: len(scale)]) * scale
+def _standard_errors(study: Study, estimate: Estimate, problem: Problem, plan: Sequence[int]) -> dict[str, float]:
+    """Standard error of each parameter of a study [SI], after a plan."""
+    scale = estimate.likelihood.scaled(estimate.unit)
+    deviations = np.sqrt(np.diag(problem.covariance(plan))[: len(scale)]) * scale
     return dict(zip(study.space.names, deviations.tolist(), strict=False))
 
 

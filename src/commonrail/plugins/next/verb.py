@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -12,20 +12,14 @@ from commonrail.base.units import parse
 from commonrail.cli.console import print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, Threads, check_distinct, check_file, check_report, read_axis, refuse_unused
+from commonrail.plugins.next.settings import Criterion, DesignSettings
 
 
 @verb
 def next_(
     run: Annotated[Path, Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
     *,
-    points: Annotated[int, Option(min=1, max=100, help="Largest number of measurements.")] = 3,
-    criterion: Annotated[
-        str,
-        Option(
-            help="v: mean variance of predictions on the grid; d: volume of the region of the parameters; "
-            "a: their mean squared relative standard error."
-        ),
-    ] = "v",
+    settings: DesignSettings,
     parameter: Annotated[
         tuple[str, ...],
         Option(metavar="NAME", help="Parameter that criteria d and a are about; repeatable. [default: all]"),
@@ -48,16 +42,6 @@ def next_(
             "repeatable. [default: the first of these that was fitted, cost 1]",
         ),
     ] = (),
-    budget: Annotated[float | None, Option(min=0.0, help="Largest cost. [default: none]")] = None,
-    pressure_cost: Annotated[float, Option(min=0.0, help="Cost of every rail pressure that is used.")] = 0.0,
-    apart_pressure: Annotated[
-        str, Option(help="Rail pressure within which points are too close, if their times are too.")
-    ] = "20MPa",
-    apart_time: Annotated[
-        str, Option(help="Energising time within which points are too close, if their pressures are too.")
-    ] = "30us",
-    draws: Annotated[int, Option(min=1, max=1000, help="Draws of the parameters that are averaged over.")] = 12,
-    seed: Annotated[int, Option(min=0, help="Seed of the draws.")] = 0,
     out: Annotated[Path | None, Option(metavar="FILE.csv", help="File for the measuring plan.")] = None,
     report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with the plan among the data.")] = None,
     threads: Threads = None,
@@ -65,36 +49,25 @@ def next_(
 ) -> None:
     """Advise which points to measure next.
 
-    Noise and correlation are those of the run's data. The criterion is averaged over draws of the parameters from what
-    the data leave open, so that the plan does not rest on one set of values.
+    Noise and correlation are those of the run's data. Candidates are simulated at draws of what the data leave open, so
+    that the plan does not rest on one set of values.
 
     \b
     Examples:
       commonrail next runs/first --points 3 --out plan.csv
       commonrail next runs/first --criterion d --parameter nozzle.discharge_maximum --rail-pressure 40:160:20MPa
     """
-    from commonrail.base.arguments import chosen
     from commonrail.plugins.next.file import plan_record, write_plan
     from commonrail.plugins.next.page import plan_html, plan_lines, plan_tables
-    from commonrail.plugins.next.run import DesignSettings, candidates_of, next_measurements
-    from commonrail.plugins.next.study import Criterion
+    from commonrail.plugins.next.run import candidates_of, next_measurements
     from commonrail.runs.folder import read_fit
 
-    refuse_unused({"parameter": (criterion in ("d", "a"), "--criterion d or a")})
+    refuse_unused({"parameter": (settings.criterion is not Criterion.V, "--criterion d or a")})
     refuse_unused({"first_energising_time": (dwell is not None, "--dwell")})
     check_file(out, "--out")
     check_report(report)
     check_distinct(out, report)
-    settings = DesignSettings(
-        points,
-        chosen(criterion, Criterion, "criterion"),
-        parameter,
-        math.inf if budget is None else budget,
-        pressure_cost,
-        (parse(apart_pressure, "Pa", "--apart-pressure"), parse(apart_time, "s", "--apart-time")),
-        draws,
-        seed,
-    )
+    settings = replace(settings, parameters=parameter)
     study, best = read_fit(run)
     candidates = candidates_of(
         study,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -107,18 +106,15 @@ def _accuracy(
     belief, squares = Belief.before(settings.states), []
     for k in range(SHOTS):
         one = responses[k % len(responses)]
-        done = update(belief.walked(settings.states), settings.states, one.shown, covariance, partial(_same, one), 1)
+        # with a pressure equal to that of the response at any states, the filter stays where it is
+        walked = belief.walked(settings.states)
+        done = update(walked, settings.states, one.shown, covariance, lambda _, one=one: one, 1)  # type: ignore[misc]
         assert done is not None
         belief = done.belief
         squares.append((done.deviations[:, 0] / [one.figures[0, 0], 1.0, 1.0]) ** 2)
     flow = [state.name == "nozzle flow" for state in settings.states]  # none where it is known
     found = np.sqrt(np.mean(squares[-len(responses) :], axis=0))
     return [*found.tolist(), float(np.diag(belief.covariance)[flow].sum() ** 0.5)]
-
-
-def _same(response: Response, states: Floats) -> Response:
-    """The response at any states: with a pressure equal to it the filter stays where it is."""
-    return response
 
 
 def design_tables(rows: Sequence[DesignRow]) -> list[Table]:

@@ -64,12 +64,12 @@ class ObservedShot(NamedTuple):
     rail_pressure: float
     energisings: tuple[Energising, ...]
     open_loop: Floats | None
-    figures: Floats | None
-    deviations: Floats | None
-    drift: Floats | None
-    drift_deviations: Floats | None
-    consistency: float | None
-    alarm: Alarm | None
+    figures: Floats | None = None
+    deviations: Floats | None = None
+    drift: Floats | None = None
+    drift_deviations: Floats | None = None
+    consistency: float | None = None
+    alarm: Alarm | None = None
     rate: Floats | None = None
     rate_deviation: Floats | None = None
     rate_open_loop: Floats | None = None
@@ -116,14 +116,9 @@ class Compensated(NamedTuple):
 
     def record(self) -> dict[str, Any]:
         """JSON-able form, SI."""
-        tables = {key: numbers(getattr(self, key)) for key in self._fields[1:-1]}
-        return {
-            "rail_pressure": self.train.rail_pressure,
-            "dwells": self.train.dwells,
-            "wanted": self.train.quantities,
-            **tables,
-            "met": self.met,
-        }
+        train, tables = self.train, {key: numbers(getattr(self, key)) for key in self._fields[1:-1]}
+        asked = {"rail_pressure": train.rail_pressure, "dwells": train.dwells, "wanted": train.quantities}
+        return {**asked, **tables, "met": self.met}
 
 
 @dataclass(frozen=True, repr=False)
@@ -172,18 +167,15 @@ class Observation(Shown):
                 rows.append(row | {"alarm": shot["alarm"] and shot["alarm"]["state"]})
         return rows
 
-    def _further(self) -> dict[str, list[float]]:
-        """Noise of a sample [A] or of a shot's quantity [1], and discrepancy, of each further sensor."""
-        given = self.settings
-        figures = {
-            "current": (given.current_noise, given.current_discrepancy),
-            "return": (given.return_deviation * given.return_shots**0.5, given.return_discrepancy),
-        }
-        return {name: numbers(np.array(figures[name], float)) for name in given.further}
-
     def record(self) -> dict[str, Any]:
         """JSON-able form, SI; what does not exist is None."""
         settings = self.settings
+        # noise of a sample [A] or of a shot's quantity [1], and discrepancy
+        further = {
+            "current": (settings.current_noise, settings.current_discrepancy),
+            "return": (settings.return_deviation * settings.return_shots**0.5, settings.return_discrepancy),
+        }
+        kept = ("sensor", "learning", "horizon", "significance", "discrepancy")
         return {
             **record_head("observer", f"Injected quantities of {self.injector.title}", self.injector.synthetic),
             "injector": {"title": self.injector.title, "variant": self.injector.variant.label},
@@ -192,12 +184,8 @@ class Observation(Shown):
             "log": dict(self.origin),
             "pressures": [settings.cylinder_pressure, settings.return_pressure],
             "rail_volume": float(self.injector.values["rail.volume"]),
-            "sensor": settings.sensor,
-            "learning": settings.learning,
-            "horizon": settings.horizon,
-            "significance": settings.significance,
-            "discrepancy": settings.discrepancy,
-            "further": self._further(),
+            **{name: getattr(settings, name) for name in kept},
+            "further": {name: numbers(np.array(further[name], float)) for name in settings.further},
             "time_step": settings.time_step,
             "states": [state._asdict() for state in settings.states],
             "disturbance": self.disturbance._asdict(),
@@ -295,14 +283,9 @@ def read_log(path: Path, columns: LogColumns) -> Log:
         further[name] = np.interp(clock, own, table.columns[heading])
     if columns.energisings is None:
         return Log(clock, pressure, *_read_command(tables[1], columns.time, columns.command), further, volume)
-    pairs = take_columns(
-        open_sheet(columns.energisings, columns.form),
-        [
-            Column("start", "s", increasing=True, stating=""),
-            Column("duration", "s", domain=Domain.POSITIVE, stating=""),
-        ],
-        1,
-    )
+    start = Column("start", "s", increasing=True, stating="")
+    duration = Column("duration", "s", domain=Domain.POSITIVE, stating="")
+    pairs = take_columns(open_sheet(columns.energisings, columns.form), [start, duration], 1)
     pulses = list(zip(*(pairs.columns[name].tolist() for name in ("start", "duration")), strict=True))
     return Log(clock, pressure, pulses, (), further, volume)
 

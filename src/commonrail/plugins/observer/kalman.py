@@ -159,23 +159,26 @@ def update(
         if np.max(np.abs(step) / spread) < CONVERGED:
             break
     assert found is not None  # there is one iteration or more
-    information, score = _of_states(white, rest, n, scatter)
+    # what the shot says of the states, about those before it, without what it has for itself
+    gram, gain = white.T @ white, white.T @ rest
+    shared = np.linalg.solve(gram[n:, n:] + np.diag(scatter**-2.0), np.column_stack([gram[n:, :n], gain[n:]])).T
+    information, score = gram[:n, :n] - shared[:n] @ gram[n:, :n], gain[:n] - gram[:n, n:] @ shared[n]
     figure_slopes, rate_slopes = _twice(found.figure_slopes, extra), _twice(found.rate_slopes, extra)
     variances = np.einsum("abi,ij,abj->ab", figure_slopes, posterior, figure_slopes)
     variances[1:] += TIMES**2
     return Update(
-        Belief(z[:n], posterior[:n, :n]),
-        found.figures + figure_slopes @ step,
-        np.sqrt(variances),
-        consistency,
-        measured - found.shown - slopes @ step,
-        found.rate + rate_slopes @ step,
-        np.sqrt(np.einsum("ti,ij,tj->t", rate_slopes, posterior, rate_slopes)),
-        at,
-        _own(z, n, extra),
-        found,
-        information,
-        score + information @ belief.mean,
+        belief=Belief(z[:n], posterior[:n, :n]),
+        figures=found.figures + figure_slopes @ step,
+        deviations=np.sqrt(variances),
+        consistency=consistency,
+        residual=measured - found.shown - slopes @ step,
+        rate=found.rate + rate_slopes @ step,
+        rate_deviation=np.sqrt(np.einsum("ti,ij,tj->t", rate_slopes, posterior, rate_slopes)),
+        at=at,
+        own=_own(z, n, extra),
+        response=found,
+        information=information,
+        score=score + information @ belief.mean,
     )
 
 
@@ -184,13 +187,6 @@ def _own(z: Floats, n: int, extra: list[int]) -> Floats:
     own = z[:n].copy()
     own[extra] += z[n:]
     return own
-
-
-def _of_states(white: Floats, rest: Floats, n: int, scatter: Floats) -> tuple[Floats, Floats]:
-    """Information and score, about the states before a shot, without what it has for itself."""
-    gram, score = white.T @ white, white.T @ rest
-    shared = np.linalg.solve(gram[n:, n:] + np.diag(scatter**-2.0), np.column_stack([gram[n:, :n], score[n:]])).T
-    return gram[:n, :n] - shared[:n] @ gram[n:, :n], score[:n] - gram[:n, n:] @ shared[n]
 
 
 def _twice(slopes: Floats, extra: list[int]) -> Floats:

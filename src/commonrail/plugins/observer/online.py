@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -27,19 +28,10 @@ from commonrail.plugins.export.fmu import Instance, tools_of, write_instance
 from commonrail.plugins.export.library import Library, write_library_with
 from commonrail.plugins.export.object_files import Target, compiler_for, own_platform, target_named
 from commonrail.plugins.export.sources import Model, model_of
-from commonrail.plugins.observer import kalman, response, run
+from commonrail.plugins.observer import kalman, response, run, study
 from commonrail.plugins.observer.disturbance import MEAN, TREND, Disturbance
 from commonrail.plugins.observer.file import Observation
-from commonrail.plugins.observer.study import (
-    DELAY,
-    GAIN,
-    OFFSET,
-    SENSORS,
-    DriftState,
-    ObserverSettings,
-    check_model,
-    states_of,
-)
+from commonrail.plugins.observer.study import DriftState, ObserverSettings
 from commonrail.report.html import render
 
 INJECTIONS = 5  # of a shot at most
@@ -93,16 +85,13 @@ def check_online(place: Path) -> list[Target]:
     return targets
 
 
-def write_online(online: Online, place: Path) -> list[str]:
+def write_online(online: Online, place: Path) -> None:
     """Write the observer for this machine: as an FMU if `place` ends with .fmu, else as a library in that folder.
 
-    Returns what was written. Errors as of `check_online` and `write_observer_library`.
+    Errors as of `check_online` and `write_observer_library`.
     """
-    targets = check_online(place)
-    if place.suffix.lower() == ".fmu":
-        write_observer_fmu(online, place, targets)
-        return [str(place)]
-    return [str(path) for path in write_observer_library(online, place, targets).files]
+    write = write_observer_fmu if place.suffix.lower() == ".fmu" else write_observer_library
+    write(online, place, check_online(place))
 
 
 def write_observer_library(online: Online, folder: Path, targets: Sequence[Target]) -> Library:
@@ -134,16 +123,9 @@ def write_observer_fmu(online: Online, out: Path, targets: Sequence[Target], fmi
         "fmu.h": _template("observer_fmu.h").replace("/*START*/", f"/*START*/\n#define CR_FMU_RAIL {RAIL!r}"),
         "fmu.c": _template("observer_fmu.c"),
     }
-    page = render(
-        "online.html",
-        package=__package__,
-        title=titled.title,
-        injector=online.injector,
-        sampling=1e6 * online.sampling,
-        pause=1e3 * online.settings.gap,
-        variables=listed,
-        version=version("commonrail"),
-    )
+    numbers = {"sampling": 1e6 * online.sampling, "pause": 1e3 * online.settings.gap, "version": version("commonrail")}
+    about: dict[str, Any] = {"title": titled.title, "injector": online.injector, "variables": listed}
+    page = render("online.html", package=__package__, **about, **numbers)
     made = Instance(model._replace(injector=titled, stamp=stamp), listed, texts, page, blocks=True)
     return write_instance(made, out, targets, fmi)
 
@@ -151,7 +133,7 @@ def write_observer_fmu(online: Online, out: Path, targets: Sequence[Target], fmi
 def online_variables(online: Online) -> list[Variable]:
     """Variables of the observer's FMU, in the order of the fields of ``cr_observed`` behind the inputs."""
     real = partial(Kind, "Real")
-    states = states_of(online.injector, online.settings)
+    states = study.states_of(online.injector, online.settings)
     work = "inner work of a sample at most, in time steps of a block of injectors"
     energised = "share of the time in which the coil is energised, 0 to 1"
     low, high = online.injector.fuel.pressure_range
@@ -180,19 +162,14 @@ def online_variables(online: Online) -> list[Variable]:
             (f"injection[{i}].{name}_deviation", unit, f"standard deviation of the {name} of injection {i}")
             for name, unit, _ in figures
         ]
-    names = [state.name.replace(" ", "_").replace("-", "_") for state in states]
     for kind, text in (("drift", "drift state: {}"), ("drift_deviation", "standard deviation of the drift state: {}")):
-        outputs += [
-            (f"{kind}.{name}", state.unit, text.format(state.name)) for name, state in zip(names, states, strict=True)
-        ]
+        outputs += [(f"{kind}.{re.sub('[ -]', '_', s.name)}", s.unit, text.format(s.name)) for s in states]
+    shown = real("output", "continuous")
     return [
         Variable("pressure", 0, real("input", "continuous"), "Pa", "measured pressure", RAIL, low, high),
         Variable("command", 1, real("input", "continuous"), "1", energised, 0.0, 0.0, 1.0),
         Variable("work", 2, real("parameter", "fixed"), "1", work, _work(states, online.sampling), 0.0),
-        *(
-            Variable(name, 100 + i, real("output", "continuous"), unit, text)
-            for i, (name, unit, text) in enumerate(outputs)
-        ),
+        *(Variable(name, 100 + i, shown, unit, text) for i, (name, unit, text) in enumerate(outputs)),
     ]
 
 
@@ -208,8 +185,8 @@ def _work(states: Sequence[DriftState], sampling: float) -> float:
 def observer_texts(online: Online) -> dict[str, str]:
     """Headers and source of the observer by name, with ``cr`` in place of the model's name."""
     injector = online.injector
-    check_model(injector)
-    settings = replace(online.settings, states=states_of(injector, online.settings))
+    study.check_model(injector)
+    settings = replace(online.settings, states=study.states_of(injector, online.settings))
     names = tuple(state.parameter for state in settings.states if state.parameter)
     if settings.disturbance is None:
         raise ConfigurationError(
@@ -235,14 +212,10 @@ def observer_texts(online: Online) -> dict[str, str]:
         name: sizes.pop(name) for name in ("STATES", "MOST_INJECTIONS", "SAMPLING", "PAUSE", "WORK_OF_STEP", "TRUSTED")
     }
     constants = sizes | _constants(injector, settings, settings.disturbance)
-    private = "".join(
-        [
-            "/* Generated: states and figures of an observer. */\n",
-            "#ifndef CR_OBSERVER_MODEL\n#define CR_OBSERVER_MODEL\n",
-            _defines({f"O_{name}": value for name, value in constants.items()}),
-            _tables(injector, settings),
-            "#endif\n",
-        ]
+    private = (
+        "/* Generated: states and figures of an observer. */\n#ifndef CR_OBSERVER_MODEL\n#define CR_OBSERVER_MODEL\n"
+        + _defines({f"O_{name}": value for name, value in constants.items()})
+        + f"{_tables(injector, settings)}#endif\n"
     )
     return {
         "observer.h": _template("observer.h").replace("/*SIZES*/\n", _defines(public)),
@@ -291,17 +264,15 @@ def _constants(injector: Injector, settings: ObserverSettings, disturbance: Dist
     rows, paths = make_rows(wired, 1), wiring(wired).state.paths
     point = OperatingPoint(100e6, (), settings.cylinder_pressure, settings.return_pressure, horizon=1e-3)
     names = [state.name for state in settings.states]
-    place = {
-        key: names.index(name) if name in names else -1
-        for key, name in (("GAIN", GAIN), ("OFFSET", OFFSET), ("DELAY", DELAY))
-    }
+    sensor = {"GAIN": study.GAIN, "OFFSET": study.OFFSET, "DELAY": study.DELAY}
+    place = {key: names.index(name) if name in names else -1 for key, name in sensor.items()}
     parameters = [state.parameter for state in settings.states]
     warm = parameters.index(FUEL_TEMPERATURE) if FUEL_TEMPERATURE in parameters else -1
     return {
         **place,
         "TEMPERATURE": warm,
         "WARMER": 1 + sum(bool(parameter) for parameter in parameters[:warm]) if warm >= 0 else -1,
-        "ROW_PRESSURE": rows.state + paths.index(SENSORS[settings.sensor]),
+        "ROW_PRESSURE": rows.state + paths.index(study.SENSORS[settings.sensor]),
         "ROW_INJECTED": rows.state + paths.index("nozzle.injected"),
         "STEP": float(settings.time_step),
         "BEFORE": settings.before,
@@ -316,11 +287,7 @@ def _constants(injector: Injector, settings: ObserverSettings, disturbance: Dist
         "TREND": TREND,
         **{f"DISTURBANCE_{name.upper()}": value for name, value in disturbance._asdict().items()},
         "TURN": 2.0 * math.pi,
-        "LATER": response.LATER,
-        "LOWER": response.LOWER,
-        "OPEN": response.OPEN,
-        "BODY": response.BODY,
-        "LATEST": response.LATEST,
+        **{name: getattr(response, name) for name in ("LATER", "LOWER", "OPEN", "BODY", "LATEST")},
         "TIMES": kalman.TIMES,
         "CONVERGED": kalman.CONVERGED,
         "SIGNIFICANCE": settings.significance,

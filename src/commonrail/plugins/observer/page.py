@@ -32,6 +32,7 @@ HELD = (
     "intervals of 95 % held 97 % of the quantities."
 )
 FURTHER_WORDS = {"current": ("the coil's current", "--current"), "return": ("the return flow", "--return-flow")}
+SHOWN_UNITS = {"1": (100.0, "%"), "Pa": (MPA, "MPa"), "s": (MICROSECOND, "µs")}  # of states in figures
 TWO = 1.96  # standard deviations to both sides that hold 95 % of a normal distribution
 
 
@@ -76,8 +77,7 @@ def observer_lines(record: Record) -> list[str]:
     lines = [
         f"{counted(len(record['shots']), 'shot')} with {counted(len(rows), 'injection')}; quantity, opening and "
         f"closing of {len(found)} follow from the pressure at the {_place(record)}{_further(record)} and the command, "
-        "by the model of "
-        f"{record['injector']['title']}.",
+        f"by the model of {record['injector']['title']}.",
         f"Rail volume {_volume(record)}.",
     ]
     if record.get("horizon", 1) > 1 and len(record["shots"]) > 1:
@@ -85,8 +85,7 @@ def observer_lines(record: Record) -> list[str]:
             f"Shots are estimated {record['horizon']} together, so that later ones correct those before them; the last "
             "stands as the filter found it, and so do the alarms."
         )
-    strange = _strange(record)
-    if strange:
+    if strange := _strange(record):
         lines.append(
             f"{counted(strange, 'shot')} changed no state, since the pressure{_further(record)} is not what model and "
             "disturbance allow (consistency above 3), as where another injector injects at once; their figures are "
@@ -147,11 +146,6 @@ def warning_lines(record: Record) -> list[str]:
             f"Check rail.volume ({_volume(record).partition(' (')[0]}), the pressure's unit (--pressure-unit; "
             f"{quantity(rest, 'Pa', 3)} before the shots, median), {more}and whether the command is this injector's."
         )
-    return lines + _left_out_lines(record)
-
-
-def _left_out_lines(record: Record) -> list[str]:
-    lines = []
     for name, (words, option) in FURTHER_WORDS.items():
         counts = [shot["further"][name] for shot in record["shots"] if name in shot.get("further", ())]
         if out := counts.count(False):
@@ -238,10 +232,10 @@ def _injections(record: Record) -> list[Record]:
 
 def observer_figures(record: Record) -> list[Chart]:
     """Quantities, map of the drift, and the states that the pressure tells of."""
-    more = [_compensation(record)] if _trains(record) else []
+    charts: list[Chart] = [_compensation(record)] if _trains(record) else []
     if all(shot["drift"] is None for shot in record["shots"]):
-        return [*more]
-    return [_quantities(record), _drift_map(record), _drift(record), *more]
+        return charts
+    return [_quantities(record), _drift_map(record), _drift(record), *charts]
 
 
 def _trains(record: Record) -> list[Record]:
@@ -321,19 +315,18 @@ def _quantities(record: Record) -> Figure:
 def _drift_map(record: Record) -> HeatMap:
     kept = [k for k, shot in enumerate(record["shots"]) if shot["drift"] is not None]
     kept = kept[:: max(-(-len(kept) // MOST_COLUMNS), 1)]  # even steps
-    rows = list(enumerate(record["states"]))
-    drift = np.array([record["shots"][k]["drift"] for k in kept])
+    states = record["states"]
+    drift = np.array([record["shots"][k]["drift"] for k in kept]) / [state["deviation"] for state in states]
+    rows = drift.T.tolist()
     return HeatMap(
         "Map of the drift",
         "Estimate of each state after a shot, in its standard deviation before the first.",
         "shot",
         "",
         tuple(str(k + 1) for k in kept),
-        tuple(state["name"] for _, state in rows),
-        tuple(points(drift[:, i] / state["deviation"]) for i, state in rows),
-        tuple(
-            tuple(fixed(round(value / state["deviation"], 1) + 0.0, 1) for value in drift[:, i]) for i, state in rows
-        ),
+        tuple(state["name"] for state in states),
+        tuple(map(points, rows)),
+        tuple(tuple(fixed(round(value, 1) + 0.0, 1) for value in row) for row in rows),
         "st. dev.",
         diverging=True,
     )
@@ -346,7 +339,7 @@ def _drift(record: Record) -> Figure:
     panels = []
     for i in _learnt(record):
         state = record["states"][i]
-        scale, unit = _unit_of(state)
+        scale, unit = SHOWN_UNITS.get(state["unit"], (1.0, state["unit"]))
         mean, spread = (np.array([s[key][i] for _, s in shots]) * scale for key in ("drift", "drift_deviations"))
         panels.append(
             Panel(
@@ -359,10 +352,6 @@ def _drift(record: Record) -> Figure:
         )
     caption = "States of which the pressure tells most; bands: 95 % of the stated uncertainty."
     return Figure("Drift", caption, "shot", tuple(panels))
-
-
-def _unit_of(state: Record) -> tuple[float, str]:
-    return {"1": (100.0, "%"), "Pa": (MPA, "MPa"), "s": (MICROSECOND, "µs")}.get(state["unit"], (1.0, state["unit"]))
 
 
 def _learnt(record: Record, most: int = 4) -> list[int]:
@@ -434,7 +423,7 @@ def _shot_table(record: Record) -> Table:
 
 def _facts(record: Record) -> list[tuple[str, str]]:
     d = record["disturbance"]
-    return [
+    facts = [
         ("Injector", record["injector"]["title"]),
         ("Variant", record["injector"]["variant"]),
         *((name, record["log"][name.lower()]) for name in ("Command", "Log") if record["log"]),
@@ -448,18 +437,13 @@ def _facts(record: Record) -> list[tuple[str, str]]:
             f"{quantity(d['wave'], 'Pa', 2)} at {significant(d['frequency'] * 1e-3, 2)} kHz",
         ),
         ("Discrepancy", f"{percent(record['discrepancy'])} % of the drop of the pressure"),
-        *_further_facts(record),
     ]
-
-
-def _further_facts(record: Record) -> list[tuple[str, str]]:
-    facts = []
     for name, (noise, lacks) in record.get("further", {}).items():
-        words = {
+        what, words = {
             "current": ("Current", f"noise of a sample {quantity(noise, 'A', 2)}"),
             "return": ("Return flow", f"standard deviation of a shot's {percent(noise)} %"),
         }[name]
-        facts.append((words[0], f"{words[1]}; discrepancy {percent(lacks)} %"))
+        facts.append((what, f"{words}; discrepancy {percent(lacks)} %"))
     return facts
 
 

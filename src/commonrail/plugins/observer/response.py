@@ -17,18 +17,9 @@ from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.status import which_failed
 from commonrail.physics.components.solenoid import Parameters
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths
+from commonrail.plugins.observer import study
 from commonrail.plugins.observer.further import PATHS, coil_current, flowing, metered
-from commonrail.plugins.observer.study import (
-    CURRENT_DELAY,
-    DELAY,
-    GAIN,
-    METER_GAIN,
-    OFFSET,
-    SENSOR_STATES,
-    SENSORS,
-    ObserverSettings,
-    ShotRecord,
-)
+from commonrail.plugins.observer.study import ObserverSettings, ShotRecord
 
 # Steps of the temperature at which the fuel is computed, which takes as long as a shot; linear between [K].
 WARMTH = 5.0
@@ -102,7 +93,7 @@ class Simulator:
         self._variant = injector.wired(self.names)
         paths = lanes.trace_paths(self._variant)
         more = [path for name in settings.further for path in PATHS[name]]
-        self._rows = {path: paths.index(path) for path in (SENSORS[settings.sensor], "nozzle.injected", *more)}
+        self._rows = {path: paths.index(path) for path in (study.SENSORS[settings.sensor], "nozzle.injected", *more)}
         self.simulations = 0
         self.refused: ConfigurationError | None = None  # why the first shot was refused that no state could cure
 
@@ -131,11 +122,11 @@ class Simulator:
 
     def _at(self, shot: ShotRecord, rest: float, x: Floats) -> Response | None:
         n, by_name = len(self.states), {state.name: i for i, state in enumerate(self.states)}
-        sensor = {name: x[by_name[name]] if name in by_name else 0.0 for name in SENSOR_STATES}
+        sensor = {name: x[by_name[name]] if name in by_name else 0.0 for name in study.SENSOR_STATES}
         steps = np.array([1.0 if s.parameter == FUEL_TEMPERATURE else STEP * s.deviation for s in self.states])
         changed = [x + steps[i] * np.eye(n)[i] for i, state in enumerate(self.states) if state.parameter]
-        scale = 1.0 + sensor[GAIN]
-        true = (rest - sensor[OFFSET]) / scale
+        scale = 1.0 + sensor[study.GAIN]
+        true = (rest - sensor[study.OFFSET]) / scale
         true = float(np.round(true)) if self.settings.grid else true
         found = self._traces(shot, true, np.array([x, *changed]))
         if found is None:
@@ -156,7 +147,7 @@ class Simulator:
                 slopes[:, i] = (shown[lane] - shown[0]) / steps[i]
                 figure_slopes[..., i] = (figures[lane] - figures[0]) / steps[i]
                 rate_slopes[:, i] = (rates[lane] - rates[0]) / steps[i]
-            elif state.name not in (GAIN, OFFSET):
+            elif state.name not in (study.GAIN, study.OFFSET):
                 by = LATER if state.unit == "s" else STEP * state.deviation
                 other = self._shown(shot, found, {**sensor, state.name: sensor[state.name] + by})[0]
                 slopes[:, i] = (other - shown[0]) / by
@@ -168,20 +159,16 @@ class Simulator:
             figures_by_rest = (lowered - figures[0]) / LOWER
             rate_by_rest = (rate_of(time, lower.injected)[0] / density[0] - rates[0]) / LOWER
             own = np.where(np.arange(len(shown[0])) < len(self.averaged(shot.time, shot.time)), shown[0], 0.0)
-            for name, drop, error in ((OFFSET, 0.0, 1.0 / scale), (GAIN, 1.0 / scale, true / scale)):
+            for name, drop, error in ((study.OFFSET, 0.0, 1.0 / scale), (study.GAIN, 1.0 / scale, true / scale)):
                 if name in by_name:
                     slopes[:, by_name[name]] = drop * own + error * by_rest
                     figure_slopes[..., by_name[name]] = error * figures_by_rest
                     rate_slopes[:, by_name[name]] = error * rate_by_rest
         sound = np.isfinite(slopes).all(axis=0)  # a change that cannot be simulated tells nothing
-        return Response(
-            shown[0],
-            np.where(sound, slopes, 0.0),
-            figures[0],
-            np.where(sound, np.nan_to_num(figure_slopes), 0.0),
-            rates[0],
-            np.where(sound, rate_slopes, 0.0),
+        own, of_figures, of_rate = (
+            np.where(sound, table, 0.0) for table in (slopes, np.nan_to_num(figure_slopes), rate_slopes)
         )
+        return Response(shown[0], own, figures[0], of_figures, rates[0], of_rate)
 
     def figures(self, shot: ShotRecord, rest: float) -> tuple[Floats, Floats] | None:
         """Figures (3, injections) and rate (times,) at states of zero, as in `Response`; None where that fails."""
@@ -193,13 +180,10 @@ class Simulator:
             return None
         if found is None:
             return None
-        time, injected = found.time, found.injected
-        figures, density = (
-            figures_of(time, injected[0], cuts_of(time, injected[0], shot.energisings)),
-            self._densities(x),
-        )
-        figures[0] /= density[0]
-        return figures, rate_of(time, injected)[0] / density[0]
+        time, injected, density = found.time, found.injected, self._densities(x)[0]
+        figures = figures_of(time, injected[0], cuts_of(time, injected[0], shot.energisings))
+        figures[0] /= density
+        return figures, rate_of(time, injected)[0] / density
 
     def values(self, x: Floats) -> Floats:
         """Values (candidates, names) of the parameters at states (candidates, states), SI."""
@@ -238,31 +222,30 @@ class Simulator:
         failed = which_failed(plan.statuses_of(self.names, theta, prepared, outcome))[:, 0] | ~inside
         if failed[0]:
             return None
-        rows = {
-            name: np.where(
-                failed[:, None], np.nan, np.moveaxis(trace[:, :, row, :], 1, 2).reshape(-1, trace.shape[1])[: len(x)]
-            )
-            for name, row in self._rows.items()
-        }
+        rows = {}
+        for name, row in self._rows.items():
+            samples = np.moveaxis(trace[:, :, row, :], 1, 2).reshape(-1, trace.shape[1])[: len(x)]
+            rows[name] = np.where(failed[:, None], np.nan, samples)
         further = {name: rows[PATHS[name][0]] for name in self.settings.further}
         if "current" in further:
             column = parameter_paths(self.injector.variant.actuation).index
             names = ("valve.lift", *(f"solenoid.{name}" for name in Parameters._fields))
-            further["current"] = coil_current(
-                {name: theta[:, column(name), None] for name in names}, *(rows[path] for path in PATHS["current"])
-            )
+            coil = {name: theta[:, column(name), None] for name in names}
+            further["current"] = coil_current(coil, *(rows[path] for path in PATHS["current"]))
         time = np.asarray(dt * np.arange(trace.shape[1]))
-        return Traced(time, rows[SENSORS[self.settings.sensor]], rows["nozzle.injected"], further)
+        return Traced(time, rows[study.SENSORS[self.settings.sensor]], rows["nozzle.injected"], further)
 
     def _shown(self, shot: ShotRecord, traced: Traced, sensor: Mapping[str, float]) -> Floats:
         """Readings of the sensors (candidates, rows), as `Response.shown`, with errors of the sensors by name."""
         time, pressure = traced.time, traced.pressure
-        parts = [(1.0 + sensor[GAIN]) * (self._sampled(shot, time, pressure, sensor[DELAY]) - pressure[:, :1])]
+        parts = [
+            (1.0 + sensor[study.GAIN]) * (self._sampled(shot, time, pressure, sensor[study.DELAY]) - pressure[:, :1])
+        ]
         if "current" in shot.further:
             flows = flowing(shot, self.averaged(shot.time, shot.time))
-            parts.append(self._sampled(shot, time, traced.further["current"], sensor[CURRENT_DELAY])[:, flows])
+            parts.append(self._sampled(shot, time, traced.further["current"], sensor[study.CURRENT_DELAY])[:, flows])
         if "return" in shot.further:
-            parts.append(metered(traced.further["return"], time, shot.period, sensor[METER_GAIN]))
+            parts.append(metered(traced.further["return"], time, shot.period, sensor[study.METER_GAIN]))
         return np.hstack(parts)
 
     def _sampled(self, shot: ShotRecord, time: Floats, pressure: Floats, delay: float) -> Floats:

@@ -20,21 +20,14 @@ from commonrail.base.text import quantity
 from commonrail.data.currents import LIMIT
 from commonrail.engine.operating_point import RAIL_PRESSURES, Energising, read_pulses
 from commonrail.physics.injector import Injector
+from commonrail.plugins.observer import study
 from commonrail.plugins.observer.disturbance import Disturbance, learn
 from commonrail.plugins.observer.file import SLOWEST, Memory, Observation, ObservedShot
 from commonrail.plugins.observer.further import check_further, flowing, joined, noise_found
 from commonrail.plugins.observer.horizon import Horizon, Measured
-from commonrail.plugins.observer.kalman import TRUSTED, Alarm, Belief, StepTest, Update, innovation, update
+from commonrail.plugins.observer.kalman import TRUSTED, Belief, StepTest, Update, innovation, update
 from commonrail.plugins.observer.response import Response, Simulator
-from commonrail.plugins.observer.study import (
-    FURTHER,
-    METER_GAIN,
-    ObserverSettings,
-    ShotRecord,
-    check_model,
-    cut_log,
-    states_of,
-)
+from commonrail.plugins.observer.study import ObserverSettings, ShotRecord
 
 UNEVEN = 0.01  # largest deviation of a sampling interval from the median one
 MEMORY = 0.1e-3  # correlation time of what the model's pressure lacks: about a period of the waves in a line [s]
@@ -98,19 +91,19 @@ def observe(
         If an argument is of the wrong kind, times are not evenly spaced, the injector has an ideal rail, or the log
         holds no whole shot.
     """
-    check_model(instance(injector, Injector, "injector"))
+    study.check_model(instance(injector, Injector, "injector"))
     given = mapping(further or {}, "further", '{"current": amperes}')
     settings = _settings(injector, settings, previous, tuple(given))
-    check_model(injector, settings.further)
+    study.check_model(injector, settings.further)
     report = function(progress, "progress") or (lambda _: None)
     clock, shown = array(time, "s", "time", 1), array(pressure, "Pa", "pressure", 1)
     pulses = read_pulses(energisings)
     _check_log(clock, shown, pulses)
-    more = {name: array(given[name], FURTHER[name], name, 1) for name in settings.further}
+    more = {name: array(given[name], study.FURTHER[name], name, 1) for name in settings.further}
     for name, samples in more.items():
         if len(samples) != len(clock):
             raise ConfigurationError(f'The log has {len(clock)} times, but {len(samples)} samples of "{name}".')
-    shots = cut_log(clock, shown, tuple(pulses), settings, more)
+    shots = study.cut_log(clock, shown, tuple(pulses), settings, more)
     if not shots:
         raise ConfigurationError(
             "The log holds no whole shot: each needs pressure from before its first energising to behind its last one; "
@@ -136,7 +129,7 @@ def _settings(
     if previous is None:
         settings = ObserverSettings() if settings is None else instance(settings, ObserverSettings, "settings")
         settings = replace(settings, further=settings.further or further)
-        known = replace(settings, states=states_of(injector, settings))
+        known = replace(settings, states=study.states_of(injector, settings))
     else:
         known = instance(previous, Observation, "previous").settings
         if settings is not None or injector is not previous.injector:
@@ -217,7 +210,9 @@ class _Run:
             self.memory, self.disturbance = copy.deepcopy(previous.memory), previous.disturbance
             return
         test = StepTest(settings.states, settings.window, settings.significance)
-        free = [one._replace(deviation=FREE if one.name == METER_GAIN else one.deviation) for one in settings.states]
+        free = [
+            one._replace(deviation=FREE if one.name == study.METER_GAIN else one.deviation) for one in settings.states
+        ]
         self.memory = Memory(Belief.before(settings.states), test, 0, Belief.before(tuple(free)))
         clock = shots[0].time
         many = settings.averaged_samples(clock)
@@ -238,16 +233,16 @@ class _Run:
                     break
                 before = belief.walked(states)
                 self.alone = self.alone.walked(states)
-                rest, open_loop, made, done, further = self._one(shot, before)
+                observed, made, done = self._one(shot, before)
                 alarm = None
                 if done is not None:
                     belief = done.belief
                     if earlier + k >= self.settings.learning and done.consistency <= TRUSTED:
                         test.add(before, belief)
                         alarm = test.alarm()
-                found.append(_observed(shot, rest, open_loop, done, alarm)._replace(further=further))
-                if done is not None:
+                    observed = _corrected(observed._replace(consistency=done.consistency, alarm=alarm), done)
                     horizon.add(k, made, done, before)
+                found.append(observed)
                 if alarm is not None:  # what has changed is learnt again
                     changed = np.array([(state.name == alarm.state) * state.deviation**2 for state in states])
                     horizon.change(alarm.ago, changed)
@@ -268,23 +263,18 @@ class _Run:
             reason = "" if refused is None else f" The first that was refused: {refused}"
             note(f"{failed} of {len(found)} shots could not be simulated and have no figures.{reason}")
         return Observation(
-            self.injector,
-            self.settings,
-            self.disturbance,
-            Memory(belief, test, earlier + len(found), self.alone if self.settings.further else belief),
-            tuple(found),
-            len(self.shots),
-            self.simulator.simulations,
-            time.perf_counter() - begin,
+            injector=self.injector,
+            settings=self.settings,
+            disturbance=self.disturbance,
+            memory=Memory(belief, test, earlier + len(found), self.alone if self.settings.further else belief),
+            shots=tuple(found),
+            asked=len(self.shots),
+            injections=self.simulator.simulations,
+            seconds=time.perf_counter() - begin,
         )
 
-    def _one(
-        self, shot: ShotRecord, belief: Belief
-    ) -> tuple[float, tuple[Floats, Floats] | None, Measured, Update | None, dict[str, bool]]:
-        """Pressure at rest [Pa] of a shot, figures and rate of the model alone, what was measured, and the update.
-
-        Last, whether each further sensor counts.
-        """
+    def _one(self, shot: ShotRecord, belief: Belief) -> tuple[ObservedShot, Measured, Update | None]:
+        """Shot as the model alone has it, with whether each further sensor counts; what was measured; the update."""
         at = self.simulator.averaged(shot.time, shot.time)
         at = np.where(np.abs(at) < 1e-6 * (at[1] - at[0]), 0.0, at)  # a sample at the start is there but for rounding
         samples = self.simulator.averaged(shot.pressure, shot.time)
@@ -308,7 +298,9 @@ class _Run:
         covariance = with_discrepancy(self.disturbance, self.settings, at, shot)
         made = Measured(np.concatenate(list(rows.values())), covariance, simulate)
         done = update(belief, self.settings.states, *made, self.settings.iterations)
-        return rest, self.simulator.figures(shot, rest), made, done, further
+        open_loop, rate = self.simulator.figures(shot, rest) or (None, None)
+        observed = ObservedShot(shot.start, rest, shot.energisings, open_loop, rate_open_loop=rate, further=further)
+        return observed, made, done
 
     def _fitting(
         self, shot: ShotRecord, at: Floats, rows: dict[str, Floats], first: Response, x: Floats
@@ -327,7 +319,7 @@ class _Run:
             both = np.flatnonzero((names == "") | (names == name))
             white = innovation(own, states, off[both], first.slopes[both], spread[np.ix_(both, both)])
             fits[name] = bool(np.mean(white[len(at) :] ** 2) <= FITTING[name])
-        gains = [i for i, state in enumerate(states) if state.name == METER_GAIN]
+        gains = [i for i, state in enumerate(states) if state.name == study.METER_GAIN]
         counts = bool(gains) and fits.get("return", False)
         kept = np.flatnonzero((names == "") | ((names == "return") & counts))
         cut = first._replace(shown=first.shown[kept], slopes=first.slopes[kept])
@@ -341,21 +333,6 @@ class _Run:
             fits = dict.fromkeys(fits, True)
         self.alone = taught.belief
         return fits
-
-
-def _observed(
-    shot: ShotRecord,
-    rest: float,
-    open_loop: tuple[Floats, Floats] | None,
-    done: Update | None,
-    alarm: Alarm | None,
-) -> ObservedShot:
-    figures, rate = (None, None) if open_loop is None else open_loop
-    shown = shot.start, rest, shot.energisings, figures
-    if done is None:
-        return ObservedShot(*shown, None, None, None, None, None, None, None, None, rate)
-    observed = ObservedShot(*shown, None, None, None, None, done.consistency, alarm, None, None, rate)
-    return _corrected(observed, done)
 
 
 def _corrected(shot: ObservedShot, done: Update) -> ObservedShot:

@@ -321,22 +321,21 @@ def states_of(injector: Injector, settings: ObserverSettings) -> tuple[DriftStat
     Those of a further sensor are left out where there is none.
     """
     unread = unread_parameters(injector.variant)
-    for name, parameter in ((state.name, state.parameter) for state in settings.states):
-        if parameter not in injector.values and (parameter or name not in SENSOR_STATES):
-            like = nearest(parameter, injector.values)
-            raise ConfigurationError(f'Drift state "{name}" changes "{parameter}", which is no parameter{like}.')
-    found = tuple(
-        state
-        for state in settings.states
-        if (not state.of or state.of in settings.further)
-        and (
-            not state.parameter
-            or (state.parameter not in unread and (state.power == 0.0 or injector.values[state.parameter] > 0.0))
-        )
-    )
-    if not found:
+    for state in settings.states:
+        if (path := state.parameter) not in injector.values and (path or state.name not in SENSOR_STATES):
+            like = nearest(path, injector.values)
+            raise ConfigurationError(f'Drift state "{state.name}" changes "{path}", which is no parameter{like}.')
+
+    def applies(state: DriftState) -> bool:
+        if state.of and state.of not in settings.further:
+            return False
+        path = state.parameter
+        return not path or (path not in unread and (state.power == 0.0 or injector.values[path] > 0.0))
+
+    states = tuple(filter(applies, settings.states))
+    if not states:
         raise ConfigurationError(f"{injector.name} reads the parameter of no drift state; leave others free.")
-    return found
+    return states
 
 
 class ShotRecord(NamedTuple):
@@ -406,10 +405,8 @@ def cut_log(
                         "fuel returns in each cycle; check its column (--return-flow), its sign and its zero."
                     )
                 own["return"] = np.array([flow * (following - start)])
-            one = ShotRecord(
-                start, pulses, time[first:last] - start, pressure[first:last], quiet, own, following - start
-            )
-            shots.append(one)
+            shown = time[first:last] - start, pressure[first:last]
+            shots.append(ShotRecord(start, pulses, *shown, quiet, own, following - start))
         free = stop
     if 0 < len(shots) < len(groups):
         before, after = (quantity(span, "s", 3) for span in (settings.before, settings.after))

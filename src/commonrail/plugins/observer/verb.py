@@ -5,33 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from commonrail.base.errors import CommonrailError, InputError
+from commonrail.base.errors import CommonrailError, InputError, nearest
 from commonrail.base.units import parse, parse_difference
+from commonrail.cli import options
 from commonrail.cli.console import Bar, Stage, print_json, print_result, print_text, say
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.guard import INTERRUPTED
-from commonrail.cli.options import (
-    CylinderPressure,
-    DecimalSign,
-    Encoding,
-    Json,
-    ReturnPressure,
-    Settings,
-    SheetName,
-    Threads,
-    command_again,
-    is_given,
-    read_axis,
-    read_form,
-    read_pressures,
-    refuse_unused,
-    with_overrides,
-)
 
 if TYPE_CHECKING:
     from commonrail.physics.injector import Injector
-    from commonrail.plugins.observer.file import Log, Observation
+    from commonrail.plugins.observer.file import Observation
     from commonrail.plugins.observer.study import InjectionTrain, ObserverSettings
+
+
+# Options of a log, which a design does not have.
+OF_LOG = (
+    "current current_noise current_unit return_flow return_deviation return_shots return_unit time pressure command "
+    "energisings time_unit pressure_unit encoding decimal sheet sensor noise learning horizon wanted out online"
+)
 
 
 @verb
@@ -65,13 +56,13 @@ def observe(
     ] = None,
     time_unit: Annotated[str | None, Option(help="Unit of the time, if the file has none.")] = None,
     pressure_unit: Annotated[str | None, Option(help="Unit of the pressure, if the file has none.")] = None,
-    encoding: Encoding = None,
-    decimal: DecimalSign = None,
-    sheet: SheetName = None,
+    encoding: options.Encoding = None,
+    decimal: options.DecimalSign = None,
+    sheet: options.SheetName = None,
     sensor: Annotated[str, Option(help="Place of the sensor: rail, or line for the injector's end of it.")] = "rail",
-    cylinder_pressure: CylinderPressure = None,
-    return_pressure: ReturnPressure = None,
-    set_: Settings = (),
+    cylinder_pressure: options.CylinderPressure = None,
+    return_pressure: options.ReturnPressure = None,
+    set_: options.Settings = (),
     noise: Annotated[
         str | None,
         Option(help="Standard deviation of a sample, e.g. 0.1MPa. [default: from the pressure before shots]"),
@@ -111,8 +102,8 @@ def observe(
     design: Annotated[
         bool, Option("--design", help="Table of the accuracy of sensors by rate and noise, without a log.")
     ] = False,
-    threads: Threads = None,
-    json: Json = False,
+    threads: options.Threads = None,
+    json: options.Json = False,
 ) -> None:
     """Observe injected quantities by a measured pressure.
 
@@ -136,6 +127,7 @@ def observe(
     from commonrail.physics.injector import FUEL_TEMPERATURE
     from commonrail.plugins.observer.file import LogColumns, read_log
     from commonrail.plugins.observer.page import observer_lines, observer_tables, warning_lines
+    from commonrail.plugins.observer.run import observe as run
     from commonrail.plugins.observer.study import CURRENT_DELAY, FURTHER, ObserverSettings, check_model
     from commonrail.readers.location import Place, located
     from commonrail.readers.toml import UNSTATED
@@ -147,21 +139,17 @@ def observe(
         )
         raise InputError(f"{words} one of the two.")
     if design:
-        of_log = "current current_noise current_unit return_flow return_deviation return_shots return_unit "
-        of_log += "time pressure command energisings time_unit pressure_unit encoding decimal sheet sensor noise"
-        of_log += " learning horizon wanted out online"
-        refuse_unused({name: (False, "a LOG") for name in of_log.split()})
-    refuse_unused({f"current_{name}": (current is not None, "--current") for name in ("noise", "unit")})
-    refuse_unused(
-        {f"return_{name}": (return_flow is not None, "--return-flow") for name in ("deviation", "shots", "unit")}
-    )
+        options.refuse_unused({name: (False, "a LOG") for name in OF_LOG.split()})
+    options.refuse_unused({f"current_{name}": (current is not None, "--current") for name in ("noise", "unit")})
+    of_return = ("return_deviation", "return_shots", "return_unit")
+    options.refuse_unused(dict.fromkeys(of_return, (return_flow is not None, "--return-flow")))
     headings = {"current": current, "return": return_flow}
     further = {name: heading for name, heading in headings.items() if heading is not None}
     if online is not None and further:
         raise InputError("--online: an observer without Python reads one pressure; omit the columns of other sensors.")
-    refuse_unused({name: (wanted is not None, "--wanted") for name in ("dwells", "rail_pressures")})
+    options.refuse_unused({name: (wanted is not None, "--wanted") for name in ("dwells", "rail_pressures")})
     asked = _Wanted.read(wanted, dwells, rail_pressures)
-    if energisings is not None and is_given("command"):
+    if energisings is not None and options.is_given("command"):
         raise InputError("--command: the energisings are those of --energisings; keep one of the two.")
     if online is not None:
         from commonrail.plugins.observer.online import check_online
@@ -170,9 +158,9 @@ def observe(
         if out is not None and out.resolve() == online.resolve():
             raise InputError("--online: it is the folder of --out too; name another.")
     named = read_model_name(model)
-    injector = with_overrides(named.injector, set_)
+    injector = options.with_overrides(named.injector, set_)
     check_model(injector, tuple(further))
-    cylinder, back = read_pressures(cylinder_pressure, return_pressure, named.folder)
+    cylinder, back = options.read_pressures(cylinder_pressure, return_pressure, named.folder)
     settings = ObserverSettings(
         sensor=sensor,
         further=tuple(further),
@@ -202,7 +190,7 @@ def observe(
         energisings,
         time_unit,
         pressure_unit,
-        read_form(encoding, decimal, sheet, files),
+        options.read_form(encoding, decimal, sheet, files),
         further,
         {"current": current_unit, "return": return_unit},
     )
@@ -219,15 +207,24 @@ def observe(
     source = injector.sources.get("rail.volume", UNSTATED)
     origin = {
         "log": log.name,
-        "command": command_again("online", out="again"),
+        "command": options.command_again("online", out="again"),
         "volume_source": "--set" if "rail.volume" in " ".join(set_) else f"{model}: {source.mark}, {source.text}",
         "errors": [error if error < float("inf") else None for error in read.errors],
     }
     refused: list[str] = []
 
     def observed() -> Observation:
-        with located(Place(log.name)):
-            found = replace(_run(injector, read, settings, threads), origin=origin)
+        with located(Place(log.name)), Bar("shots") as bar:
+            found = run(
+                injector,
+                *read[:3],
+                settings,
+                errors=read.errors,
+                further=read.further,
+                threads=threads,
+                progress=lambda p: bar.show(Stage("observing", p.done, p.total, injector.name)),
+            )
+        found = replace(found, origin=origin)
         try:
             return asked.added(found, threads)
         except (CommonrailError, KeyboardInterrupt) as error:  # the shots are written all the same
@@ -271,7 +268,7 @@ class _Wanted(NamedTuple):
     def read(cls, wanted: str | None, dwells: str | None, rail_pressures: str | None) -> _Wanted:
         unit = "kg" if "g" in (wanted or "") else "m3"  # a mass or a volume
         axes = [(wanted, unit, "--wanted"), (dwells, "s", "--dwells"), (rail_pressures, "Pa", "--rail-pressures")]
-        values = [[] if one is None else read_axis(one, kind, name).tolist() for one, kind, name in axes]
+        values = [[] if one is None else options.read_axis(one, kind, name).tolist() for one, kind, name in axes]
         read = cls(values[0], values[1], values[2], unit)
         if unit == "kg" and (beyond := [one for one in read.quantities if not 1e-8 <= one <= 5e-4]):
             raise InputError(
@@ -320,42 +317,19 @@ class _Wanted(NamedTuple):
 def _deviations(texts: tuple[str, ...], further: tuple[str, ...]) -> dict[str, float]:
     from commonrail.plugins.observer.study import STATES
 
-    lacking = {state.name: state.of for state in STATES if state.of and state.of not in further}
-    found: dict[str, float] = {}
-    for name, value in map(_deviation, texts):
-        if name in found:
+    states = {state.name: state for state in STATES}
+    deviations: dict[str, float] = {}
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not (equals and value):
+            raise InputError(f'--uncertain {text}: expected STATE=VALUE, such as "nozzle flow=3%".')
+        if name not in states:
+            like, known = nearest(name, states), ", ".join(states)
+            raise InputError(f"--uncertain {text}: there is no such state{like}; choose from {known}.")
+        if name in deviations:
             raise InputError(f"--uncertain {name}: it is given twice; keep one of the two.")
-        if name in lacking:
-            raise InputError(f"--uncertain {name}: it is a state where the {lacking[name]} is measured alone; omit it.")
-        found[name] = value
-    return found
-
-
-def _deviation(text: str) -> tuple[str, float]:
-    from commonrail.base.errors import nearest
-    from commonrail.plugins.observer.study import STATES
-
-    name, equals, value = (part.strip() for part in text.partition("="))
-    units = {state.name: state.unit for state in STATES}
-    if not (equals and value):
-        raise InputError(f'--uncertain {text}: expected STATE=VALUE, such as "nozzle flow=3%".')
-    if name not in units:
-        raise InputError(
-            f"--uncertain {text}: there is no such state{nearest(name, units)}; choose from {', '.join(units)}."
-        )
-    return name, parse_difference(value, units[name], f"--uncertain {name}")  # of a temperature: 2 degC are 2 K
-
-
-def _run(injector: Injector, read: Log, settings: ObserverSettings, threads: int | None) -> Observation:
-    from commonrail.plugins.observer.run import observe as run
-
-    with Bar("shots") as bar:
-        return run(
-            injector,
-            *read[:3],
-            settings,
-            errors=read.errors,
-            further=read.further,
-            threads=threads,
-            progress=lambda p: bar.show(Stage("observing", p.done, p.total, injector.name)),
-        )
+        if (of := states[name].of) and of not in further:
+            raise InputError(f"--uncertain {name}: it is a state where the {of} is measured alone; omit it.")
+        # of a temperature: 2 degC are 2 K
+        deviations[name] = parse_difference(value, states[name].unit, f"--uncertain {name}")
+    return deviations

@@ -13,7 +13,6 @@ from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.base.hooks import ALL_ENTRIES, lasting
 from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
-from commonrail.data.quantities.page import USUAL_LIMIT
 from commonrail.data.records import JUDGED, Record
 from commonrail.data.simulator import Simulator
 from commonrail.physics.fuel_polynomials import fuel_coefficients
@@ -21,6 +20,7 @@ from commonrail.physics.injector import FUEL_TEMPERATURE
 from commonrail.plugins.page.module import wasm_module
 from commonrail.plugins.page.page import FIRST_POINT, bench_numbers, curve_numbers, embedded, map_numbers, packed
 from commonrail.plugins.page.subject import Subject, limits_of, read_subject, stable_sliders, variant_of
+from commonrail.report.data.quantities import USUAL_LIMIT
 from commonrail.report.figure import LOOKS, colour_of
 from commonrail.report.fit.record import by_kind
 from commonrail.report.html import render

@@ -16,14 +16,15 @@ from markupsafe import Markup
 from numpy.typing import ArrayLike
 
 from commonrail.base import registry
+from commonrail.base.arguments import file_path, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Figure, Panel, Series
 from commonrail.base.hooks import ALL_ENTRIES, lasting
+from commonrail.base.output import write_text
 from commonrail.base.text import in_print, number
 from commonrail.base.units import convert, to_text
 from commonrail.calibration.space import Space
 from commonrail.data.curves.data import RateData
-from commonrail.data.curves.page import RATE
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.quantities.dead_times import FLATTEST, neighbours
 from commonrail.data.records import origin_of
@@ -42,6 +43,7 @@ from commonrail.plugins.page.module import MOST_ROWS, MOST_STEPS, wasm_module
 from commonrail.plugins.page.subject import ONE, Slider, Subject, limits_of, read_subject, stable_sliders, variant_of
 from commonrail.readers.injector_writer import injector_text
 from commonrail.report.axis import INK
+from commonrail.report.data.curves import RATE
 from commonrail.report.figure import DASHES, LOOKS, colour_of, figure_html, line_of, small_html
 from commonrail.report.html import render
 from commonrail.report.simulation import DASHES as CHANNEL_DASHES
@@ -70,6 +72,8 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
     nodes, at = _nodes(injector)
     simulator = Simulator(injector, (), subject.time_step)
     data = [curve_numbers(d, simulator, nodes) for d in subject.data]
+    pressures = np.linspace(*limits["cylinder"], CYLINDERS)
+    densities = injector.fuel.density(pressures, np.array(nodes)[:, None])
     return {
         **bench_numbers(subject, sliders, first),
         "title": subject.title,
@@ -82,7 +86,7 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
             "at": at,
             "coefficients": [packed(fuel_coefficients(injector.fuel, t)) for t in nodes],
         },
-        "density": _densities(injector, limits["cylinder"], nodes),
+        "density": {"cylinders": pressures.tolist(), "rows": np.round(densities, 9).tolist()},
         "limits": limits,
         "narrowed": share,
         "data": data,
@@ -143,13 +147,6 @@ def _nodes(injector: Injector) -> tuple[list[float], int]:
     own = injector.values[FUEL_TEMPERATURE]
     below, above = int((own - low) / KELVIN), int((high - own) / KELVIN)
     return [own + KELVIN * i for i in range(-below, above + 1)], below
-
-
-def _densities(injector: Injector, ends: tuple[float, float], nodes: list[float]) -> dict[str, Any]:
-    """Density [kg/m³] over cylinder pressure, a row for each temperature."""
-    pressures = np.linspace(*ends, CYLINDERS)
-    rows = injector.fuel.density(pressures, np.array(nodes)[:, None])
-    return {"cylinders": pressures.tolist(), "rows": np.round(rows, 9).tolist()}
 
 
 def _slider(injector: Injector, s: Slider) -> dict[str, Any]:
@@ -383,6 +380,46 @@ def page_html(subject: Subject, point: OperatingPoint = FIRST_POINT) -> str:
         wasm=base64.b64encode(module).decode(),
         version=program,
     )
+
+
+def page(
+    model: str | Path,
+    out: str | Path = "bench.html",
+    *,
+    sliders: Sequence[str] = (),
+    point: OperatingPoint = FIRST_POINT,
+    threads: int | None = None,
+) -> Path:
+    """Write a page that simulates an injector in the browser, one HTML file without server or network.
+
+    Parameters
+    ----------
+    model : str or path
+        Run folder of `calibrate`, injector file or name of the catalogue.
+    out : str or path
+        Page to be written.
+    sliders : list of str
+        Further parameters on sliders.
+    point : OperatingPoint
+        First point of a page without data.
+    threads : int, optional
+        Threads that simulate fits near the best one; all usable processors by default.
+
+    Returns
+    -------
+    path
+        The page.
+
+    Raises
+    ------
+    InputError
+        If the model cannot be read, or there is no such parameter.
+    ConfigurationError
+        If the injector follows a measured voltage or current that the model does not hold.
+    """
+    path = file_path(out, "page")
+    write_text(path, page_html(read_subject(str(model), tuple(sliders), thread_count(threads)), point))
+    return path
 
 
 def page_of_run(folder: Path) -> str:

@@ -195,7 +195,8 @@ class Truth:
         for table, quantities in QUANTITIES.items():
             for name, q in quantities.items():
                 path, value = f"{table}.{name}", getattr(getattr(self, table), name)
-                yield f"{_plain(table)}, {_plain(name)}: {q.meaning}", _amount(value, q) + self._origin(path)
+                amount = "unlimited" if math.isinf(value) else quantity(value, q.unit) if value else "none"
+                yield f"{table}, {name}: ".replace("_", " ") + q.meaning, amount + self._origin(path)
         cells, step = self.resolution.cells, quantity(self.resolution.step, "s")
         yield "finite volumes", f"{cells[0]} in the feed pipe, {cells[1]} in the return line (numerical setting)"
         yield "time step", f"{step}, Runge–Kutta of order 4 (numerical setting)"
@@ -203,16 +204,6 @@ class Truth:
     def _origin(self, path: str) -> str:
         source = self.sources.get(path)
         return f" [{source.mark}] {source.text}" if source else ""
-
-
-def _amount(value: float, q: Q) -> str:
-    if math.isinf(value):
-        return "unlimited"
-    return quantity(value, q.unit) if value else "none"
-
-
-def _plain(name: str) -> str:
-    return name.replace("_", " ")
 
 
 # Virtual test bench: injection curves of a declared, hidden truth, in place of data that were never published.

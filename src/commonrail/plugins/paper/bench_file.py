@@ -21,37 +21,12 @@ from commonrail.base.units import to_text
 from commonrail.engine.reference import Resolution
 from commonrail.physics.injector import Injector, Source
 from commonrail.physics.law import Q
-from commonrail.plugins.paper import TRUTH
-from commonrail.plugins.paper.bench import (
-    ENERGISING_TIME,
-    FRICTION,
-    MASSES,
-    QUANTITIES,
-    RAIL_PRESSURES,
-    Curve,
-    Friction,
-    Scatter,
-    Sensor,
-    Truth,
-    bench_curve,
-)
+from commonrail.plugins.paper import TRUTH, bench
+from commonrail.plugins.paper.bench import FRICTION, QUANTITIES, Curve, Friction, Scatter, Sensor, Truth, bench_curve
+from commonrail.readers import toml
 from commonrail.readers.injector import component_quantities, components_of, load_injector
 from commonrail.readers.location import Place, Reach, located, read_text
-from commonrail.readers.toml import (
-    LARGEST_TOML,
-    FileModel,
-    Number,
-    ParameterTable,
-    Quantities,
-    Sourced,
-    Stated,
-    Text,
-    Values,
-    choice,
-    fault,
-    parse_toml,
-    read_model,
-)
+from commonrail.readers.toml import FileModel, Number, ParameterTable, Sourced, Stated, Text, Values
 
 _CATALOGUE = Catalogue("commonrail.plugins.paper", "truths", 'There is no truth "{}" of the virtual test bench')
 _RESOLUTION = Resolution((480, 120), method="explicit")
@@ -59,20 +34,20 @@ _RESOLUTION = Resolution((480, 120), method="explicit")
 
 def _cells(item: Any) -> int:
     if isinstance(item, bool) or not isinstance(item, int) or not 10 <= item <= 2000:
-        raise fault(f"this must be a whole number from 10 to 2000, not {item!r}")
+        raise toml.fault(f"this must be a whole number from 10 to 2000, not {item!r}")
     return item
 
 
 def _step(item: Number) -> float:
     if not 1e-9 <= item.value <= 1e-7:
-        raise fault(f"the time step must lie between 1 ns and 100 ns, not {to_text(item.value, 's')}")
+        raise toml.fault(f"the time step must lie between 1 ns and 100 ns, not {to_text(item.value, 's')}")
     return item.value
 
 
 def _nine(item: Any) -> Any:
-    if not isinstance(item, list) or len(item) != MASSES:
+    if not isinstance(item, list) or len(item) != bench.MASSES:
         found = f"{len(item)} values" if isinstance(item, list) else repr(item)
-        raise fault(f"this must be a list of {MASSES} values with unit, one for each mass, not {found}")
+        raise toml.fault(f"this must be a list of {bench.MASSES} values with unit, one for each mass, not {found}")
     return item
 
 
@@ -97,14 +72,15 @@ class _Head(FileModel):
     title: Text | None = None
     allow_outside: bool = False
     injector: Text
-    rail_boundary: Annotated[Boundary, choice(Boundary)] = Boundary.VOLUME
+    rail_boundary: Annotated[Boundary, toml.choice(Boundary)] = Boundary.VOLUME
     numerics: _Numerics = _Numerics()
     friction: _Friction = _Friction()
 
 
 def _tables(quantities: Mapping[str, Mapping[str, Q]]) -> Any:
     return {
-        name: (Annotated[ParameterTable, Quantities(known)], ParameterTable()) for name, known in quantities.items()
+        name: (Annotated[ParameterTable, toml.Quantities(known)], ParameterTable())
+        for name, known in quantities.items()
     }
 
 
@@ -118,14 +94,6 @@ _TruthModel = create_model("_TruthModel", __base__=_Head, **_fields)
 def truth_catalogue() -> list[str]:
     """Names that `load_truth` knows, sorted."""
     return _CATALOGUE.names()
-
-
-def truth_text(source: str | Path) -> tuple[str, str]:
-    """Text of a truth's file, and how to call the file in a message; InputError if it cannot be read."""
-    source = source_of(source, "source of a truth")
-    if isinstance(source, Path):
-        return read_text(source, LARGEST_TOML), str(source)
-    return _CATALOGUE.text(source), f"{source}.toml"
 
 
 def load_truth(source: str | Path) -> Truth:
@@ -150,13 +118,15 @@ def load_truth(source: str | Path) -> Truth:
         If `source` is neither a name nor a path, or the truth does not fit its injector.
     """
     source = source_of(source, "source of a truth")
-    text, file = truth_text(source)
-    folder = source.parent if isinstance(source, Path) else None
-    return _truth(parse_toml(text, file), Place(file), text, folder)
+    if isinstance(source, Path):
+        text, file, folder = read_text(source, toml.LARGEST_TOML), str(source), source.parent
+    else:
+        text, file, folder = _CATALOGUE.text(source), f"{source}.toml", None
+    return _truth(toml.parse_toml(text, file), Place(file), text, folder)
 
 
 def _truth(document: Mapping[str, Any], at: Place, text: str, folder: Path | None) -> Truth:
-    model = read_model(_TruthModel, document, at)
+    model = toml.read_model(_TruthModel, document, at)
     name, injector = Path(at.file).stem, model.injector
     if folder is not None and injector.endswith(".toml"):  # seen from where the truth's file is
         injector = str(Reach(Path(at.file), model.allow_outside).path(folder, injector, at / "injector"))
@@ -165,7 +135,7 @@ def _truth(document: Mapping[str, Any], at: Place, text: str, folder: Path | Non
         component: getattr(tables["values"], component).values() for component in document.get("values", {})
     }  # in the file's order
     chains = {table: tables[table].values() for table in QUANTITIES}
-    friction = model.friction
+    friction, numerics = model.friction, model.numerics
     forces = {name: [n.value for n in numbers] for name in FRICTION if (numbers := getattr(friction, name)) is not None}
     sources = _sources(components) | {f"friction.{name}": friction.origin() for name in forces} | _sources(chains)
     own = {table: {key: given.value for key, given in values.items()} for table, values in chains.items()}
@@ -176,9 +146,7 @@ def _truth(document: Mapping[str, Any], at: Place, text: str, folder: Path | Non
         {f"{part}.{key}": given.value for part, values in components.items() for key, given in values.items()},
         model.rail_boundary,
         Friction(**{name: tuple(values) for name, values in forces.items()}),
-        _RESOLUTION._replace(
-            cells=(model.numerics.feed_pipe_cells, model.numerics.return_line_cells), step=model.numerics.time_step
-        ),
+        _RESOLUTION._replace(cells=(numerics.feed_pipe_cells, numerics.return_line_cells), step=numerics.time_step),
         Sensor(**own["rate_meter"]),
         Sensor(**own["rail_sensor"]),
         Scatter(**own["scatter"]),
@@ -215,7 +183,7 @@ def _check_fit(truth: Truth, injector: Injector, at: Place) -> None:
 OWN = "# SYNTHETIC: virtual test bench of commonrail, not a measurement"  # first line of a file of the bench
 
 
-def write_bench_data(folder: Path, seed: int, truth: Truth | None = None) -> list[Path]:
+def virtual_bench(folder: Path, seed: int, truth: Truth | None = None) -> list[Path]:
     """Simulate the paper's three injection curves on the virtual test bench and write them to ``folder/data``.
 
     The same seed, of scatter and noise, gives the same files; `truth` is `TRUTH` if left out. InputError if the
@@ -224,9 +192,16 @@ def write_bench_data(folder: Path, seed: int, truth: Truth | None = None) -> lis
     """
     truth = truth or load_truth(TRUTH)
     injector = load_injector(truth.injector)
-    for pressure in RAIL_PRESSURES.values():
-        _refuse_to_overwrite(_path(folder / "data", pressure))
-    curves = [bench_curve(truth, injector, pressure, ENERGISING_TIME, seed) for pressure in RAIL_PRESSURES.values()]
+    for pressure in bench.RAIL_PRESSURES.values():
+        path = _path(folder / "data", pressure)
+        if path.exists() and not read_plain(path).startswith(OWN.encode()):  # it may be a measurement
+            raise InputError(
+                f"{path}: this file was not made by the virtual test bench; move it or name another folder."
+            )
+    curves = [
+        bench_curve(truth, injector, pressure, bench.ENERGISING_TIME, seed)
+        for pressure in bench.RAIL_PRESSURES.values()
+    ]
     try:
         (folder / "data").mkdir(parents=True, exist_ok=True)
         return [_write(folder / "data", curve, seed, truth) for curve in curves]
@@ -238,19 +213,13 @@ def _path(folder: Path, rail_pressure: float) -> Path:
     return folder / f"evi_{round(rail_pressure * 1e-6)}MPa.csv"
 
 
-def _refuse_to_overwrite(path: Path) -> None:
-    """Refuse a file that the bench has not made: it may be a measurement."""
-    if path.exists() and not read_plain(path).startswith(OWN.encode()):
-        raise InputError(f"{path}: this file was not made by the virtual test bench; move it or name another folder.")
-
-
 def _write(folder: Path, curve: Curve, seed: int, truth: Truth) -> Path:
     mpa = round(curve.rail_pressure * 1e-6)
     path = _path(folder, curve.rail_pressure)
     notes = (
         OWN.removeprefix("# "),
         f"truth {truth.name} ({' '.join(truth.title.split())}), seed {seed}",
-        f"asked for: rail pressure {mpa} MPa, energising time {ENERGISING_TIME * 1e6:g} us",
+        f"asked for: rail pressure {mpa} MPa, energising time {bench.ENERGISING_TIME * 1e6:g} us",
         "a row: mean rate over the 3 us that end at its time, and pressure at the injector's inlet at",
         "its time, each as its sensor shows it",
     )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import click
 
@@ -38,50 +39,30 @@ def virtual_bench(
       commonrail lab virtual-bench --show > my-truth.toml
       commonrail lab virtual-bench my-case --truth my-truth.toml
     """
+    from commonrail.plugins.paper.bench_file import load_truth, truth_catalogue
+    from commonrail.plugins.paper.bench_file import virtual_bench as make_bench
+
     if list_ + show + (folder is not None) != 1:
         raise InputError("Give one of DIR, --list and --show.")
+    record: dict[str, Any]
     if list_:
-        _list(json)
-    elif show:
-        _show(truth, json)
+        head = ["name", "title", "injector"]
+        rows = [[t.name, t.title, t.injector] for t in map(load_truth, truth_catalogue())]
+        record = {"kind": "truths", "truths": [dict(zip(head, row, strict=True)) for row in rows]}
+        tell = partial(print_rows, head, rows, "truths", texts=3)
+    elif folder is None:
+        declared = load_truth(truth)
+        facts = [{"name": name, "text": text} for name, text in declared.facts()]
+        named = {"kind": "truth", "name": declared.name, "title": declared.title}
+        record, tell = named | {"facts": facts, "text": declared.text}, partial(click.echo, declared.text, nl=False)
     else:
-        assert folder is not None
-        _write(folder, truth, seed, json)
-
-
-def _list(json: bool) -> None:
-    from commonrail.plugins.paper.bench_file import load_truth, truth_catalogue
-
-    truths = [load_truth(name) for name in truth_catalogue()]
+        check_folder(folder)
+        declared = load_truth(truth)
+        say("simulating the test bench with the reference engine; the first time its loop is compiled ...")
+        files = [str(path) for path in make_bench(folder, seed, declared)]
+        record = {"kind": "virtual-bench", "truth": declared.name, "seed": seed, "files": files}
+        tell = partial(click.echo, "\n".join(files))
     if json:
-        entries = [{"name": t.name, "title": t.title, "injector": t.injector} for t in truths]
-        print_json({"kind": "truths", "truths": entries})
-        return
-    print_rows(["name", "title", "injector"], [[t.name, t.title, t.injector] for t in truths], "truths", texts=3)
-
-
-def _show(source: str, json: bool) -> None:
-    from commonrail.plugins.paper.bench_file import load_truth
-
-    truth = load_truth(source)
-    if json:
-        facts = [{"name": name, "text": text} for name, text in truth.facts()]
-        print_json({"kind": "truth", "name": truth.name, "title": truth.title, "facts": facts, "text": truth.text})
-        return
-    click.echo(truth.text, nl=False)
-
-
-def _write(folder: Path, source: str, seed: int, json: bool) -> None:
-    from commonrail.plugins.paper.bench_file import load_truth, write_bench_data
-
-    check_folder(folder)
-    truth = load_truth(source)
-    say("simulating the test bench with the reference engine; the first time its loop is compiled ...")
-    written = write_bench_data(folder, seed, truth)
-    if json:
-        print_json(
-            {"kind": "virtual-bench", "truth": truth.name, "seed": seed, "files": [str(path) for path in written]}
-        )
-        return
-    for path in written:
-        click.echo(str(path))
+        print_json(record)
+    else:
+        tell()

@@ -120,7 +120,7 @@ def _best_configuration(f: Figures) -> Claim:
 
 def _compared(means: Floats, at: int) -> tuple[ClaimVerdict, str]:
     """True if row `at` of (configurations, seeds) is the lowest, by tests over the seeds."""
-    from scipy.stats import friedmanchisquare  # slow to import
+    from scipy.stats import friedmanchisquare, wilcoxon  # slow to import
 
     if means.shape[1] < 2 or not np.isfinite(means).all():
         return OPEN, "too few seeds with a number for a test"
@@ -129,7 +129,8 @@ def _compared(means: Floats, at: int) -> tuple[ClaimVerdict, str]:
     if not p < SIGNIFICANT:
         return OPEN, f"{text}: no difference found"
     others = [i for i in range(len(means)) if i != at]
-    ps = np.array([_wilcoxon(means[at], means[i]) for i in others])
+    pairs = ((means[at], means[i]) for i in others)
+    ps = np.array([1.0 if np.all(a == b) else float(wilcoxon(a, b).pvalue) for a, b in pairs])
     better = [i for i, corrected in zip(others, holm(ps), strict=True) if corrected < SIGNIFICANT]
     lower = [i for i in better if np.median(means[i] - means[at]) < 0.0]
     worse = [i for i in better if i not in lower]
@@ -137,12 +138,6 @@ def _compared(means: Floats, at: int) -> tuple[ClaimVerdict, str]:
         return FAILS, f"{text}; {len(lower)} of 8 are significantly lower, {len(worse)} significantly higher"
     verdict = HOLDS if len(worse) == len(others) else OPEN
     return verdict, f"{text}; significantly lower than {len(worse)} of 8, none is significantly lower"
-
-
-def _wilcoxon(a: Floats, b: Floats) -> float:
-    from scipy.stats import wilcoxon  # slow to import
-
-    return 1.0 if np.all(a == b) else float(wilcoxon(a, b).pvalue)
 
 
 def holm(p: Floats) -> Floats:
@@ -201,8 +196,8 @@ def _groups() -> tuple[_Group, ...]:
 
 def _stiffness(f: Figures, group: _Group) -> Claim:
     # whether the data say anything of these stiffnesses by themselves in most of the seeds
-    pinned = all(f.verdicts(i).get("pinned", 0) > 0.5 * len(f.seeds) for i in group.places)
-    comment = "" if pinned else " The curve at 160 MPa does not determine them by themselves."
+    determined = all(f.verdicts(i).get("determined", 0) > 0.5 * len(f.seeds) for i in group.places)
+    comment = "" if determined else " The curve at 160 MPa does not determine them by themselves."
     changes = ", ".join(f"k{i + 1} {_change(spread(f.change[:, i]).median)}" for i in group.places)
     return judged(
         group.name,

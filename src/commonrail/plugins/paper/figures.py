@@ -203,7 +203,7 @@ def oscillation(rate: Floats) -> float:
     return float(np.sum(np.abs(np.diff(rate))) - once) * MM3_PER_MS
 
 
-def ninety_percent(history: Sequence[cr.Generation]) -> float:
+def ninety_percent(history: Sequence[cr.fit.Generation]) -> float:
     """First generation at which 90 % of what the search gains over its initial population is reached."""
     best = np.array([g.best for g in history])
     if not np.isfinite(best[[0, -1]]).all():
@@ -235,7 +235,7 @@ class Figures:
         self.space, self.rigid_space = repetitions[0].space, repetitions[0].rigid_space  # the same for all
         self.theoretical = self.space.reference
         self.change = np.array([r.best.x for r in repetitions]) / self.theoretical - 1.0
-        random = cr.sample_feasible(self.space, RANDOM_POINTS, np.random.default_rng(0))
+        random = cr.fit.sample_feasible(self.space, RANDOM_POINTS, np.random.default_rng(0))
         self.random_change = random / self.theoretical - 1.0
         self.j = self._by_data_and_label(lambda r, i, label: float(r.data[i].misfit(r.rates[label][i])))
         self.phases = self._by_data_and_label(partial(_measure, j_by_phase))

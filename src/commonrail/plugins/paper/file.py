@@ -92,7 +92,16 @@ def reproduction_record(reproduction: Reproduction, quick: bool = False) -> dict
         "asked": reproduction.asked,
         "time_step": bench.time_step,
         "truth": {"title": bench.truth.title, "facts": [list(fact) for fact in bench.truth.facts()]},
-        "data": _data(f),
+        "data": [
+            {
+                "name": d.name,
+                "role": d.role.value,
+                "rail_pressure": study.RAIL_PRESSURES[d.name],
+                "energising_time": study.ENERGISING_TIME,
+                "samples": len(d.rate),
+            }
+            for d in f.repetitions[0].data
+        ],
         "labels": LABELS,
         "J": _each(f.j, numbers),
         "J_spread": _each(f.j, _spread),
@@ -100,11 +109,31 @@ def reproduction_record(reproduction: Reproduction, quick: bool = False) -> dict
         "rigid_fit": _rigid_fit(f),
         "table3": [_configuration(f, c) for c in study.CONFIGURATIONS],
         "treatments": [_treatment(f, t) for t in study.TREATMENTS],
-        "convergence": _convergence(f),
+        "convergence": {
+            "generation": list(range(study.BEST.generations + 1)),
+            "best": _band([r.best for r in f.repetitions], "best"),
+            "mean": _band([r.best for r in f.repetitions], "mean"),
+            "level": {"median": number(spread(f.j[study.FIT]["theoretical"]).median)},
+            "ninety": numbers(f.ninety),
+        },
         "search": _search(f),
         "phases": _phases(f),
-        "edges": _edges(f),
-        "overfitting": {name: _overfitting(f, name) for name in study.VALIDATION},
+        "edges": {
+            name: {
+                label: {which: _spread(f.edge_errors(name, label, which)) for which in ("opening", "closing")}
+                for label in LABELS
+            }
+            for name in study.RAIL_PRESSURES
+        },
+        "overfitting": {
+            name: {
+                "fitted_there": _spread(f.own_j(name)),
+                "fitted_at_160": _spread(f.j[name]["optimised"]),
+                "theoretical": _spread(f.j[name]["theoretical"]),
+                "gain_kept": _spread(f.gain_kept(name)),
+            }
+            for name in study.VALIDATION
+        },
         "meter": _meter(f),
         "claims": [c._asdict() | {"interval": list(c.interval)} for c in claims(f)],
         "shown_seed": f.seeds[0],
@@ -113,20 +142,7 @@ def reproduction_record(reproduction: Reproduction, quick: bool = False) -> dict
     }
 
 
-def _data(f: Figures) -> list[dict[str, Any]]:
-    return [
-        {
-            "name": d.name,
-            "role": d.role.value,
-            "rail_pressure": study.RAIL_PRESSURES[d.name],
-            "energising_time": study.ENERGISING_TIME,
-            "samples": len(d.rate),
-        }
-        for d in f.repetitions[0].data
-    ]
-
-
-def _table1(f: Figures, bench: cr.Bench) -> list[dict[str, Any]]:
+def _table1(f: Figures, bench: cr.lab.Bench) -> list[dict[str, Any]]:
     values = np.array([r.best.x for r in f.repetitions])
     true = bench.truth.hidden(bench.injector).values
     rows = []
@@ -157,7 +173,7 @@ def _table1(f: Figures, bench: cr.Bench) -> list[dict[str, Any]]:
 def _rigid_fit(f: Figures) -> list[dict[str, Any]]:
     """Stop and control volume of the rigid body fitted at 160 MPa."""
     values = np.array([r.rigid.x for r in f.repetitions])
-    meanings = cr.parameter_quantities()
+    meanings = cr.models.parameter_quantities()
     return [
         {
             "name": p.name,
@@ -212,16 +228,6 @@ def _treatment(f: Figures, t: study.TreatmentCase) -> dict[str, Any]:
     }
 
 
-def _convergence(f: Figures) -> dict[str, Any]:
-    return {
-        "generation": list(range(study.BEST.generations + 1)),
-        "best": _band([r.best for r in f.repetitions], "best"),
-        "mean": _band([r.best for r in f.repetitions], "mean"),
-        "level": {"median": number(spread(f.j[study.FIT]["theoretical"]).median)},
-        "ninety": numbers(f.ninety),
-    }
-
-
 def _band(searches: list[Found], which: str) -> dict[str, list[float | None]]:
     """Median and quartiles over the seeds in each generation."""
     table = np.array([[float(getattr(g, which)) for g in s.history] for s in searches])
@@ -261,18 +267,16 @@ def _meter(f: Figures) -> list[dict[str, Any]]:
     searches = {"none": [(r.best, r.table3[study.BEST][1]) for r in f.repetitions]}
     searches |= {label: [r.metered[label] for r in f.repetitions] for label in METERED}
     texts = {"none": "none, as in the paper"} | METERED
-    rows = []
+    rows, symbols = [], [p.name.rpartition(".")[2] for p in f.space.parameters]
     for label, found in searches.items():
         x, js = np.array([one.x for one, _ in found]), np.array([j for _, j in found])
+        stiffness = {k: {"values": numbers(x[:, i]), **_spread(x[:, i])} for i, k in enumerate(symbols)}
         rows.append(
             {
                 "label": label,
                 "text": texts[label],
                 "J": {name: _spread(js[:, i]) for i, name in enumerate(study.RAIL_PRESSURES)},
-                "stiffness": {
-                    p.name.rpartition(".")[2]: {"values": numbers(x[:, i]), **_spread(x[:, i])}
-                    for i, p in enumerate(f.space.parameters)
-                },
+                "stiffness": stiffness,
                 "delay": _spread(x[:, len(study.NAMES)]) if x.shape[1] > len(study.NAMES) else None,
             }
         )
@@ -282,25 +286,6 @@ def _meter(f: Figures) -> list[dict[str, Any]]:
 def _each(found: dict[str, dict[str, Floats]], make: Callable[[Floats], Any]) -> dict[str, dict[str, Any]]:
     """Results of a function of the arrays of each data set and label."""
     return {name: {label: make(values) for label, values in models.items()} for name, models in found.items()}
-
-
-def _edges(f: Figures) -> dict[str, Any]:
-    return {
-        name: {
-            label: {which: _spread(f.edge_errors(name, label, which)) for which in ("opening", "closing")}
-            for label in LABELS
-        }
-        for name in study.RAIL_PRESSURES
-    }
-
-
-def _overfitting(f: Figures, name: str) -> dict[str, Any]:
-    return {
-        "fitted_there": _spread(f.own_j(name)),
-        "fitted_at_160": _spread(f.j[name]["optimised"]),
-        "theoretical": _spread(f.j[name]["theoretical"]),
-        "gain_kept": _spread(f.gain_kept(name)),
-    }
 
 
 def _spread(values: ArrayLike) -> Mapping[str, float | None]:

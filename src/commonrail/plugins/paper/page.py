@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping
 from importlib.util import find_spec
-from itertools import chain, product
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ _EDGES = "An edge is where the rate passes 10 % of the experiment's greatest."
 
 
 def table1(record: Record) -> Table:
-    """Table 1: theoretical, the paper's optimal and ours [N/um], and what the data pin down."""
+    """Table 1: theoretical, the paper's optimal and ours [N/um], and what the data determine."""
     columns: list[Column] = [
         ("", "symbol"),
         ("theoretical", lambda k: significant(k["theoretical"], 4, PER_MICRON)),
@@ -239,14 +239,7 @@ def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plate
         groups=_grouped(record["claims"]),
         table1=table1(record),
         table3=table3(record),
-        models=[
-            j_table(record),
-            rigid_table(record),
-            meter_table(record),
-            phases_table(record),
-            edges_table(record),
-            overfitting_table(record),
-        ],
+        models=[table(record) for table in MODEL_TABLES],
         treatments=treatments_table(record),
         convergence=drawn[0],
         boxes=drawn[1],
@@ -257,6 +250,7 @@ def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plate
     )
 
 
+MODEL_TABLES = (j_table, rigid_table, meter_table, phases_table, edges_table, overfitting_table)
 # Claims by what they are about, in the order of the page; each stands for those whose identifiers begin so.
 GROUPS = {
     "Models and prediction": ("ordering", "optimised-", "no-overfitting", "theoretical-", "rigid-", "gains-", "window"),
@@ -268,18 +262,17 @@ ORDERING, FITTED = "ordering-", "ordering-fitted-"
 
 def _grouped(claims: list[Record]) -> list[tuple[str, list[dict[str, str]]]]:
     """Claims by group, those of none at the end."""
-    groups = {group: [_claim(c) for c in claims if c["id"].startswith(names)] for group, names in GROUPS.items()}
-    groups["Others"] = [_claim(c) for c in claims if not c["id"].startswith(tuple(chain(*GROUPS.values())))]
+    groups: dict[str, list[dict[str, str]]] = {group: [] for group in (*GROUPS, "Others")}
+    for claim in claims:
+        group = next((group for group, names in GROUPS.items() if claim["id"].startswith(names)), "Others")
+        groups[group].append(_claim(claim))
     return [(group, rows) for group, rows in groups.items() if rows]
 
 
 def _orders(record: Record) -> tuple[list[Record], list[Record]]:
     """Claims on the order of the models at each pressure: with the rigid body as drawn, and with a fitted one."""
-    found = [c for c in record["claims"] if c["id"].startswith(ORDERING)]
-    return (
-        [c for c in found if not c["id"].startswith(FITTED)],
-        [c for c in found if c["id"].startswith(FITTED)],
-    )
+    fitted = [c for c in record["claims"] if c["id"].startswith(FITTED)]
+    return [c for c in record["claims"] if c["id"].startswith(ORDERING) and c not in fitted], fitted
 
 
 def _seeds(claims: list[Record]) -> str:
@@ -308,10 +301,10 @@ def meaning(record: Record) -> list[str]:
         )
     covered, intervals = _totals(record, "covered", "intervals")
     verdicts = [k["verdicts"] for k in record["table1"]]
-    pinned, judged = sum(v.get("pinned", 0) for v in verdicts), sum(sum(v.values()) for v in verdicts)
+    determined, judged = sum(v.get("determined", 0) for v in verdicts), sum(sum(v.values()) for v in verdicts)
     found.append(
-        f"Single stiffnesses are another matter, since one curve determines mostly combinations of them: {pinned} of "
-        f"{judged} are pinned, and {covered} of {intervals} intervals hold the bench's true value."
+        f"Single stiffnesses are another matter, since one curve determines mostly combinations of them: "
+        f"{determined} of {judged} are determined, and {covered} of {intervals} intervals hold the bench's true value."
     )
     return [*found, *_behind_k7(record)]
 
@@ -380,10 +373,9 @@ def _claim(claim: Record) -> dict[str, str]:
 
 
 def _commands(record: Record, folder: str) -> list[tuple[str, str]]:
-    run = shlex.quote(folder)
-    options = f"--seeds {record['asked']}"
+    run, again = shlex.quote(folder), f"commonrail lab reproduce --seeds {record['asked']}"
     return [
-        ("Reproduce again, with the same truth", f"commonrail lab reproduce {options} --truth {run}/truth.toml"),
+        ("Reproduce again, with the same truth", f"{again} --truth {run}/truth.toml"),
         ("Change the truth", "commonrail lab virtual-bench --show > my-truth.toml"),
         ("Make this report again", f"commonrail report {run}"),
     ]

@@ -7,28 +7,16 @@ from io import BytesIO
 from typing import Any
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Sheet
-from matplotlib.ticker import LogLocator, NullLocator
 
-from commonrail.base.chart import MARKERS, Band, Boxes, Figure, Panel, Series
+from commonrail.base.chart import Figure
+from commonrail.report.plot import draw_panel
 
 MM = 1.0 / 25.4  # inch
 COLUMN, PAGE = 84.0, 174.0  # widths of print [mm]
 
-# Told apart in grey by dash and width; the colours are those of the page.
-_LOOKS: dict[str, dict[str, Any]] = {
-    "measured": {"color": "#8a949e", "linewidth": 1.8},
-    "rigid": {"color": "#b07d00", "linewidth": 0.9, "linestyle": (0, (4, 1.2, 1, 1.2))},
-    "rigid fitted": {"color": "#8f4a7d", "linewidth": 0.9, "linestyle": (0, (7, 1.5, 1, 1.5))},
-    "start": {"color": "#0072b2", "linewidth": 0.9, "linestyle": (0, (4, 1.5))},
-    "best": {"color": "#c1272d", "linewidth": 0.9},
-    "mean": {"color": "#0072b2", "linewidth": 0.9, "linestyle": (0, (4, 1.5))},
-    "paper": {"color": "#00795c", "linewidth": 0.9},
-    "level": {"color": "#6b7785", "linewidth": 0.8, "linestyle": (0, (1, 1.5))},
-    "solid": {"color": "#3a3a3a", "linewidth": 0.8},
-}
+THIN = 0.5  # points of a line's width by pixels of the pages
 _STYLE: Any = {  # matplotlib's own type for it lists every key there is
     "font.size": 8.0,
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same letters everywhere
@@ -49,7 +37,7 @@ def single(figure: Figure, size: tuple[float, float]) -> Sheet:
     """One panel, of a width and height [mm]."""
     sheet = _sheet(size)
     axes = sheet.subplots()
-    _panel(axes, figure.panels[0])
+    draw_panel(axes, figure.panels[0], THIN)
     axes.set_xlabel(figure.x_title)
     sheet.legend(*_entries([axes]), loc="outside upper left", ncols=2)
     return sheet
@@ -61,7 +49,7 @@ def side_by_side(figures: Sequence[Figure], size: tuple[float, float]) -> Sheet:
     grid = sheet.subplots(len(figures), 2, squeeze=False, sharex=True)
     for row, figure in zip(grid, figures, strict=True):
         for axes, panel in zip(row, figure.panels, strict=True):
-            _panel(axes, panel)
+            draw_panel(axes, panel, THIN)
         row[0].set_title(figure.title, fontsize=8.0, loc="left")
     for axes in grid[-1]:
         axes.set_xlabel(figures[-1].x_title)
@@ -84,60 +72,6 @@ def _entries(panels: Sequence[Axes]) -> tuple[list[Any], list[str]]:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
     return list(found.values()), list(found)
-
-
-def _panel(axes: Axes, panel: Panel) -> None:
-    for band in panel.bands:
-        _band(axes, band)
-    for boxes in panel.boxes:
-        _boxes(axes, boxes)
-    for series in panel.series:
-        _series(axes, series)
-    axes.set_ylabel(panel.y_title)
-    if panel.logarithmic:
-        axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_locator(NullLocator())
-    if panel.zero_line:
-        axes.axhline(0.0, color="#1d2733", linewidth=0.6, zorder=1)
-    if panel.categories:
-        axes.set_xticks(range(len(panel.categories)), panel.categories)
-    axes.set_axisbelow(True)
-
-
-def _series(axes: Axes, series: Series) -> None:
-    x, y = (np.array(values, dtype=float) for values in (series.x, series.y))  # None becomes NaN: a gap
-    look = _LOOKS[series.look]
-    label = series.label or "_nolegend_"
-    if series.mode == MARKERS:
-        marker = "_" if series.family is not None else "D"
-        axes.plot(x, y, marker, color=look["color"], markersize=4.0, label=label, zorder=4)
-    else:
-        axes.plot(x, y, label=label, **look)
-
-
-def _band(axes: Axes, band: Band) -> None:
-    x, low, high = (np.array(values, dtype=float) for values in (band.x, band.low, band.high))
-    axes.fill_between(x, low, high, color=_LOOKS[band.look]["color"], alpha=0.2, linewidth=0.0)
-
-
-def _boxes(axes: Axes, boxes: Boxes) -> None:
-    """Median thin, extremes thick, as the paper's Fig. 5."""
-    colour = _LOOKS[boxes.look]["color"]
-    names = ("whislo", "q1", "med", "q3", "whishi")
-    drawn = axes.bxp(
-        [dict(zip(names, box, strict=True)) for box in boxes.boxes],
-        positions=[i + boxes.offset for i in range(len(boxes.boxes))],
-        widths=0.26,
-        manage_ticks=False,
-        showfliers=False,
-        boxprops={"color": colour, "linewidth": 0.8},
-        whiskerprops={"color": colour, "linewidth": 0.8},
-        medianprops={"color": colour, "linewidth": 0.6},
-        capprops={"color": colour, "linewidth": 1.8},
-    )
-    drawn["boxes"][0].set_label(boxes.label)
 
 
 def printed(sheets: Mapping[str, Callable[[], Sheet]]) -> dict[str, bytes]:

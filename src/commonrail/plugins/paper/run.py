@@ -38,8 +38,8 @@ class Found:
 
     x: Floats
     cost: float
-    counts: cr.Counts
-    history: tuple[cr.Generation, ...]
+    counts: cr.fit.Counts
+    history: tuple[cr.fit.Generation, ...]
     members: Floats
     injections: int
 
@@ -53,15 +53,15 @@ class Repetition:
     failed. `best` is the search (70, 50) at 160 MPa; `table3` has each search at 160 MPa and the J (3,) of its best at
     all pressures. `own` are searches (70, 50) on each of the validation curves, `rigid` is the rigid body fitted at 160
     MPa. `random_j` (3, members) is J of random feasible stiffness: of the best search's first population. `identified`
-    is the certainty of each stiffness by the curve at 160 MPa, by name, as `certify` records it; empty if no simulation
-    succeeded. `metered` has by label of `METERED` the search (70, 50) at 160 MPa with a meter, and the J (3,) of its
-    best.
+    is the certainty of each stiffness by the curve at 160 MPa, by name, as `certainty` records it; empty if no
+    simulation succeeded. `metered` has by label of `METERED` the search (70, 50) at 160 MPa with a meter, and the J
+    (3,) of its best.
     """
 
     seed: int
     data: tuple[cr.RateData, ...]
-    space: cr.Space
-    rigid_space: cr.Space
+    space: cr.fit.Space
+    rigid_space: cr.fit.Space
     rates: dict[str, Floats]
     best: Found
     table3: dict[Configuration, tuple[Found, Floats]]
@@ -91,7 +91,7 @@ def generations_of_one() -> int:
     return table3 + others * (paper.BEST.generations + 1) + paper.RIGID_FIT.generations + 1
 
 
-def repeat(bench: cr.Bench, seed: int, after: Callable[[], None]) -> Repetition:
+def repeat(bench: cr.lab.Bench, seed: int, after: Callable[[], None]) -> Repetition:
     """Measure and search, on one thread, because repetitions run side by side.
 
     The seed is that of the measurement's scatter and noise, and of every search. `after` is called after every
@@ -134,11 +134,11 @@ def repeat(bench: cr.Bench, seed: int, after: Callable[[], None]) -> Repetition:
 
 
 def _with_meters(
-    bench: cr.Bench, data: Sequence[cr.RateData], seed: int, after: Callable[[], None]
+    bench: cr.lab.Bench, data: Sequence[cr.RateData], seed: int, after: Callable[[], None]
 ) -> Iterator[tuple[str, tuple[Found, Floats]]]:
     """Searches that see the simulation through the bench's own low-passes, and through a delay that is fitted too."""
     flexible, _ = _models(bench)
-    free = flexible._replace(space=paper.space_with_delay(bench.injector))
+    free = flexible._replace(space=cr.fit.Space([*flexible.space.parameters, paper.DELAY], [paper.ORDER]))
     known = bench.truth.rate_meter.as_meter(paper.METER)
     for label, model, meter in (("known", flexible, known), ("delay", free, cr.Meter(paper.METER))):
         seen = [d.changed(meter=meter) for d in data]
@@ -146,21 +146,23 @@ def _with_meters(
         yield label, (found, model.costs(seen, found.x[None, :])[:, 0])
 
 
-def measure(bench: cr.Bench, seed: int) -> tuple[cr.RateData, ...]:
+def measure(bench: cr.lab.Bench, seed: int) -> tuple[cr.RateData, ...]:
     """Synthetic measurement of one seed: curves at 160, 120 and 80 MPa with their rail pressure traces."""
     found = []
     for name, rail_pressure in paper.RAIL_PRESSURES.items():
-        curve = cr.bench_curve(bench.truth, bench.injector, rail_pressure, paper.ENERGISING_TIME, seed)
+        curve = cr.lab.bench_curve(bench.truth, bench.injector, rail_pressure, paper.ENERGISING_TIME, seed)
         bounds = np.concatenate(([0.0], curve.time))
         rail = cr.Trace.of(curve.trace_time, curve.rail)
         point = cr.OperatingPoint(rail, paper.ENERGISING_TIME, horizon=float(curve.time[-1]))
-        role = cr.Role.FIT if name == paper.FIT else cr.Role.VALIDATION
+        role = cr.data.Role.FIT if name == paper.FIT else cr.data.Role.VALIDATION
         source = f"virtual test bench of commonrail, seed {seed}"
         found.append(cr.RateData(name, role, point, bounds, curve.rate, 1.0, source, bench.truth.synthetic))
     return tuple(found)
 
 
-def search(bench: cr.Bench, data: cr.RateData, settings: cr.EvolutionSettings, seed: int | tuple[int, ...]) -> Found:
+def search(
+    bench: cr.lab.Bench, data: cr.RateData, settings: cr.fit.EvolutionSettings, seed: int | tuple[int, ...]
+) -> Found:
     """Fit k1…k7 to one curve; the seed is that of the search."""
     return _models(bench)[0].search(data, settings, seed, lambda: None)
 
@@ -169,28 +171,28 @@ class _Model(NamedTuple):
     """Subject of a search: an injector with its body, and its free parameters; the time step [s]."""
 
     injector: cr.Injector
-    space: cr.Space
+    space: cr.fit.Space
     time_step: float
 
-    def objective(self, data: cr.RateData) -> cr.Objective:
+    def objective(self, data: cr.RateData) -> cr.fit.Objective:
         """Objective of one curve."""
-        return cr.Objective(self.injector, self.space.names, [data], self.time_step, threads=1)
+        return cr.fit.Objective(self.injector, self.space.names, [data], self.time_step, threads=1)
 
     def search(
         self,
         data: cr.RateData,
-        settings: cr.EvolutionSettings,
+        settings: cr.fit.EvolutionSettings,
         seed: int | tuple[int, ...],
         after: Callable[[], None],
     ) -> Found:
         """Fit the free parameters to one curve by differential evolution; `after` is called after every generation."""
-        optimiser = cr.DifferentialEvolution(self.space, np.random.default_rng(seed), settings)
-        history: list[cr.Generation] = []
+        optimiser = cr.fit.DifferentialEvolution(self.space, np.random.default_rng(seed), settings)
+        history: list[cr.fit.Generation] = []
         members: list[Floats] = []
         injections = 0
-        for step in cr.steps(optimiser, self.objective(data)):
+        for step in cr.fit.steps(optimiser, self.objective(data)):
             injections += step.simulations
-            history.append(cr.Generation.of(len(history), optimiser))
+            history.append(cr.fit.Generation.of(len(history), optimiser))
             members.append(optimiser.population)
             after()
         best = optimiser.best
@@ -201,10 +203,10 @@ class _Model(NamedTuple):
 
         `found` is the end of the search on that curve, `seed` that of the measurement.
         """
-        method = cr.Method(paper.BEST.settings)
+        method = cr.fit.Method(paper.BEST.settings)
         study = cr.Study(data.name, self.injector, (data,), self.space, method, seed, self.time_step)
         best = dict(zip(self.space.names, found.x.tolist(), strict=True))
-        return {one["name"]: one for one in cr.certify(study, best, threads=1).record()["parameters"]}
+        return {one["name"]: one for one in cr.certainty(study, best, threads=1).record()["parameters"]}
 
     def costs(self, data: Sequence[cr.RateData], x: Floats) -> Floats:
         """J of values (n, d) on each curve (curves, n)."""
@@ -215,11 +217,12 @@ class _Model(NamedTuple):
         return np.array([d.simulated(self.objective(d).simulator, x[None, :])[0] for d in data])
 
 
-def _models(bench: cr.Bench) -> tuple[_Model, _Model]:
+def _models(bench: cr.lab.Bench) -> tuple[_Model, _Model]:
     """Flexible model with k1…k7 free, and rigid one with stop and control volume free."""
     injector = bench.injector
     flexible, rigid = (
-        replace(injector, variant=injector.variant._replace(body=body)) for body in (cr.Body.FLEXIBLE, cr.Body.RIGID)
+        replace(injector, variant=injector.variant._replace(body=body))
+        for body in (cr.models.Body.FLEXIBLE, cr.models.Body.RIGID)
     )
     return (
         _Model(flexible, paper.space(injector), bench.time_step),
@@ -241,7 +244,7 @@ class Reproduction:
     seconds : float
     """
 
-    bench: cr.Bench
+    bench: cr.lab.Bench
     repetitions: tuple[Repetition, ...]
     asked: int
     seconds: float
@@ -253,11 +256,11 @@ class Reproduction:
 
 
 def reproduce(
-    bench: cr.Bench,
+    bench: cr.lab.Bench,
     seeds: Sequence[int],
     *,
     threads: int | None = None,
-    progress: Callable[[cr.SeedProgress], None] | None = None,
+    progress: Callable[[cr.lab.SeedProgress], None] | None = None,
 ) -> Reproduction:
     """Repeat the paper's study once for each seed.
 
@@ -275,13 +278,13 @@ def reproduce(
     SimulationError
         If the truth cannot be simulated.
     """
-    if not isinstance(bench, cr.Bench):
-        raise cr.ConfigurationError(
+    if not isinstance(bench, cr.lab.Bench):
+        raise cr.errors.ConfigurationError(
             f"The bench must be a Bench, not a {type(bench).__name__}; "
-            "write commonrail.Bench(truth, injector, time_step)."
+            "write commonrail.lab.Bench(truth, injector, time_step)."
         )
     start = time.perf_counter()
-    found = cr.for_seeds(
+    found = cr.lab.for_seeds(
         lambda seed, after: repeat(bench, seed, after),
         seeds,
         generations=generations_of_one(),

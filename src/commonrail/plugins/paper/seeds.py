@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import suppress
 from contextvars import copy_context
 from typing import NamedTuple, TypeVar
@@ -69,19 +69,21 @@ def for_seeds(
     if not seeds or len(set(seeds)) < len(seeds):
         raise ConfigurationError("The seeds must be at least one, each once.")
     start = time.perf_counter()
-
-    def tell(futures: Sequence[Future[_Found]], pending: set[Future[_Found]]) -> None:
-        if progress is not None:
-            done = sum(future not in pending and future.exception() is None for future in futures)
-            seconds = time.perf_counter() - start
-            with suppress(OSError, ValueError):  # a terminal that went away must not end the work
-                progress(SeedProgress(counter.generations, len(futures) * generations, done, len(futures), seconds))
-
     with held_interrupts() as stop, ThreadPoolExecutor(threads or usable_threads()) as pool:
         counter = _Counter(stop)
         futures = [pool.submit(copy_context().run, search, seed, counter.count) for seed in seeds]
+        pending = set(futures)
         try:
-            _watch(futures, lambda pending: tell(futures, pending))
+            while pending:
+                ended, pending = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
+                for error in (future.exception() for future in ended):
+                    if error is not None and not isinstance(error, KeyboardInterrupt):
+                        raise error
+                if progress is not None:
+                    done = sum(future not in pending and future.exception() is None for future in futures)
+                    count, seconds = len(futures), time.perf_counter() - start
+                    with suppress(OSError, ValueError):  # a terminal that went away must not end the work
+                        progress(SeedProgress(counter.generations, count * generations, done, count, seconds))
         finally:
             counter.ended = True
             for future in futures:
@@ -106,15 +108,3 @@ class _Counter:
         if self.ended:
             raise KeyboardInterrupt
         self.stop.check()
-
-
-def _watch(futures: Sequence[Future[_Found]], tell: Callable[[set[Future[_Found]]], None]) -> None:
-    """Tell which are pending until all searches have ended; raise what ended one of them."""
-    pending = set(futures)
-    while pending:
-        done, pending = wait(pending, timeout=0.2, return_when=FIRST_COMPLETED)
-        for future in done:
-            error = future.exception()
-            if error is not None and not isinstance(error, KeyboardInterrupt):
-                raise error
-        tell(pending)

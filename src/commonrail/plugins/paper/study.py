@@ -32,9 +32,9 @@ class Configuration(NamedTuple):
     members: int
 
     @property
-    def settings(self) -> cr.EvolutionSettings:
+    def settings(self) -> cr.fit.EvolutionSettings:
         """The paper's settings, Sec. 4 and 5."""
-        return cr.EvolutionSettings(self.members, self.generations)
+        return cr.fit.EvolutionSettings(self.members, self.generations)
 
 
 # Table 3: minimum J at 160, 120, 80 MPa and their mean, by (G_max, N_pop). Its unit is not stated.
@@ -62,10 +62,10 @@ class TreatmentCase(NamedTuple):
     initial: str
 
     @property
-    def settings(self) -> cr.EvolutionSettings:
+    def settings(self) -> cr.fit.EvolutionSettings:
         """The paper's (70, 50) with this treatment."""
-        treatment, initial = cr.Treatment(self.treatment), cr.InitialSampling(self.initial)
-        return cr.EvolutionSettings(BEST.members, BEST.generations, treatment=treatment, initial=initial)
+        treatment, initial = cr.fit.Treatment(self.treatment), cr.fit.InitialSampling(self.initial)
+        return cr.fit.EvolutionSettings(BEST.members, BEST.generations, treatment=treatment, initial=initial)
 
 
 # The first is what this project uses; the second is the paper read literally, with (17) in the whole box.
@@ -82,7 +82,7 @@ TREATMENTS = (
 # far and how fast a rigid body moves, from a tenth to ten times the drawing's, far beyond where any search has ended.
 RIGID_NAMES = ("plunger_needle.stop_lift", "control_chamber.volume")
 RIGID_RANGE = 10.0
-RIGID_FIT = cr.EvolutionSettings(30, 40)
+RIGID_FIT = cr.fit.EvolutionSettings(30, 40)
 
 # The paper does not tell how its rate meter changes the rate. Where a delay is fitted in its place: its bounds [s].
 METER = "bench"
@@ -91,32 +91,27 @@ DELAY = cr.Parameter(
 )
 
 
-def space(injector: cr.Injector) -> cr.Space:
+def space(injector: cr.Injector) -> cr.fit.Space:
     """The search space of Eq. (14) to (16) around the theoretical stiffness of an injector."""
     parameters = [
-        _parameter(injector, name, cr.percent_bounds(injector.values[name], BELOW, ABOVE, name)) for name in NAMES
+        _parameter(injector, name, cr.fit.percent_bounds(injector.values[name], BELOW, ABOVE, name)) for name in NAMES
     ]
-    return cr.Space(parameters, [ORDER])
+    return cr.fit.Space(parameters, [ORDER])
 
 
-def space_with_delay(injector: cr.Injector) -> cr.Space:
-    """`space` and the delay of the meter."""
-    return cr.Space([*space(injector).parameters, DELAY], [ORDER])
-
-
-def rigid_space(injector: cr.Injector) -> cr.Space:
+def rigid_space(injector: cr.Injector) -> cr.fit.Space:
     """The search space of the rigid body's stop and control volume, around those of an injector."""
     own = {name: injector.values[name] for name in RIGID_NAMES}
     bounds = {name: (value / RIGID_RANGE, value * RIGID_RANGE) for name, value in own.items()}
-    return cr.Space([_parameter(injector, name, bounds[name], "log") for name in RIGID_NAMES])
+    return cr.fit.Space([_parameter(injector, name, bounds[name], "log") for name in RIGID_NAMES])
 
 
 def _parameter(
     injector: cr.Injector, name: str, bounds: tuple[float, float], scale: Literal["linear", "log"] = "linear"
 ) -> cr.Parameter:
     """A free parameter with the injector's own value, unit, mark and source."""
-    source = injector.sources.get(name, cr.Source("E", "no source stated"))
-    unit = cr.parameter_quantities()[name].unit
+    source = injector.sources.get(name, cr.models.Source("E", "no source stated"))
+    unit = cr.models.parameter_quantities()[name].unit
     return cr.Parameter(
         name,
         injector.values[name],

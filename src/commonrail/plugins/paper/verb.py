@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import click
 
@@ -15,9 +15,6 @@ from commonrail.cli.grammar import Option, verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import Json, Threads, free_run_folder
 from commonrail.plugins.paper import TRUTH
-
-if TYPE_CHECKING:
-    from commonrail.plugins.paper.seeds import SeedProgress
 
 # Nine is the smallest number of seeds that tells a claim from chance though one of them deviates: the 95 % interval of
 # 8 of 9 begins at 52 %, that of 7 of 8 at 47 %, and 6 of 6 (54 %) allows none.
@@ -96,16 +93,20 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
     from commonrail.plugins.paper.file import reproduction_record, write_reproduction
     from commonrail.plugins.paper.page import draw_plates
     from commonrail.plugins.paper.run import reproduce
+    from commonrail.plugins.paper.seeds import SeedProgress
     from commonrail.readers.injector import load_injector
     from commonrail.report.page import write_report
     from commonrail.runs.folder import new_folder
+
+    def stage(p: SeedProgress) -> Stage:
+        return Stage("generations", p.generation, p.generations, f"{p.done} of {p.seeds} repetitions")
 
     declared = load_truth(truth)
     bench = Bench(declared, load_injector(declared.injector), TIME_STEP)
     with held_interrupts():  # once the repetitions have ended, they are written whatever keys are pressed
         with new_folder(folder) as place:
             with Bar(f"{count} repetitions of the paper's study on the virtual test bench (synthetic)") as bar:
-                outcome = reproduce(bench, range(1, count + 1), threads=threads, progress=lambda p: bar.show(_stage(p)))
+                outcome = reproduce(bench, range(1, count + 1), threads=threads, progress=lambda p: bar.show(stage(p)))
             record = reproduction_record(outcome, quick)
             with writing(folder):
                 write_reproduction(place, outcome, record)
@@ -114,7 +115,3 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
         if lacking:
             say(lacking)
         return Outcome(folder, folder / "report.html", record)
-
-
-def _stage(p: SeedProgress) -> Stage:
-    return Stage("generations", p.generation, p.generations, f"{p.done} of {p.seeds} repetitions")

@@ -28,7 +28,7 @@ from commonrail.engine.status import OK, check_point
 from commonrail.physics.injector import Injector
 from commonrail.physics.meters import Meter
 from commonrail.physics.variants import RETURN, reader_of, unread_inputs
-from commonrail.plugins.plans.page import PlanView, note_without_rate
+from commonrail.plugins.plans.page import note_without_rate
 from commonrail.plugins.plans.study import Bands, Measure, PlanTest, State, TestPlan, load_plan
 from commonrail.readers.location import Place, located
 from commonrail.readers.toml import Unit
@@ -86,7 +86,6 @@ class PlanData(ToleratedData):
     unit: ClassVar[str] = "m3"
     error_head: ClassVar[tuple[str, str]] = ("rms", "half bands")
     model: ClassVar[type[PlanModel]] = PlanModel
-    view: ClassVar[PlanView] = PlanView()
     meter_inputs: ClassVar[frozenset[str]] = QuantityData.meter_inputs
 
     name: str

@@ -9,9 +9,9 @@ from commonrail.base.chart import MARKERS, Bars, Figure, Panel, Series
 from commonrail.base.hooks import note
 from commonrail.base.table import LARGE, SIGNS, SMALL, Cell, Part, Table, table_of
 from commonrail.base.text import MISSING, counted, fixed, listed, megapascal, number, pressure, several, signed
-from commonrail.data.base import Merit, View
-from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Models, Plotted, Record, Shown, Texts
+from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, Texts
 from commonrail.plugins.plans.study import Measure, PlanTest, State
+from commonrail.report.data.view import Merit, Models, Plotted, Shown, View
 from commonrail.report.figure import drawings
 from commonrail.report.fit.rules import BAD, CARE, GOOD, Tile
 from commonrail.report.html import render
@@ -58,6 +58,9 @@ class PlanView(View):
         return [plan_figure(data, plotted.models)]
 
     compared_figures = figures
+
+
+VIEW = PlanView()
 
 
 def test_name(row: Record) -> str:

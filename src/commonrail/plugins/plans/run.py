@@ -102,7 +102,7 @@ def _unit_hint(plan: TestPlan, score: PlanScore, pressures: tuple[Quantity, Quan
     return ""
 
 
-def run_plan(
+def plan(
     injector: Injector,
     plan: TestPlan | str | PathLike[str],
     *,

@@ -15,17 +15,15 @@ from commonrail.base.arguments import (
     Limits,
     Quantity,
     amount,
-    chosen,
     file_path,
     frozen,
     instances,
-    number,
-    plain_text,
     sequence,
     settle,
     shown,
 )
 from commonrail.base.arrays import Floats
+from commonrail.base.declare import Choice, Number, OptionalNumber, Setting, setting, settings
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import note
 from commonrail.base.units import to_text
@@ -60,57 +58,26 @@ class State(StrEnum):
     FAILED = "no number"
 
 
-@dataclass(frozen=True)
+@settings(kw_only=False)
 class PlanTest:
-    """One test of a plan.
+    """One test of a plan; `ConfigurationError` if a value makes no sense, or limits and nominal contradict another."""
 
-    Attributes
-    ----------
-    name : str
-        As the plan calls it: VL, EM, LL, VE, leak.
-    rail_pressure : float
-        [Pa].
-    energisings : tuple of Energising
-        One or two; of duration zero for the leakage of the closed injector.
-    nominal : float or None
-        Quantity per stroke, in the unit of its plan (m³ or kg).
-    lower, upper : float or None
-        Limits of the quantity; at least one.
-    measure : Measure
-    stroke_rate : float or None
-        Strokes of the bench [1/s], for what the guides leak between two strokes.
-    bench : float or None
-        Quantity that the bench measured of a part.
-
-    Raises
-    ------
-    ConfigurationError
-        If a value makes no sense, or limits and nominal quantity contradict one another.
-    """
-
-    name: str
-    rail_pressure: float
-    energisings: tuple[Energising, ...]
-    nominal: float | None = None
-    lower: float | None = None
-    upper: float | None = None
-    measure: Measure = Measure.DELIVERY
-    stroke_rate: float | None = None
-    bench: float | None = None
+    name: str = setting(words="name of a test", text="As the plan calls it: VL, EM, LL, VE, leak.")
+    rail_pressure: Number = setting(unit="Pa", limits=RAIL_PRESSURES)
+    energisings: Setting[tuple[Energising, ...], Sequence[tuple[Quantity, Quantity]]] = setting(
+        read=lambda value, _: read_pulses(value),
+        text="One or two; of duration zero for the leakage of the closed injector.",
+    )
+    nominal: OptionalNumber = setting(words="nominal quantity", unit="m3", default=None, text="Per stroke [m³ or kg].")
+    lower: OptionalNumber = setting(words="lower quantity", unit="m3", default=None, text="Lower limit, if any.")
+    upper: OptionalNumber = setting(words="upper quantity", unit="m3", default=None, text="Upper limit.")
+    measure: Choice[Measure] = setting(words="measure of a test", default=Measure.DELIVERY)
+    stroke_rate: OptionalNumber = setting(
+        unit="1/s", default=None, limits=STROKE_RATES, text="Of the bench, for what leaks between two strokes."
+    )
+    bench: OptionalNumber = setting(words="bench quantity", unit="m3", default=None, text="Measured of a part.")
 
     def __post_init__(self) -> None:
-        plain_text(self.name, "name of a test")
-        settle(
-            self,
-            rail_pressure=amount(self.rail_pressure, "Pa", "rail pressure", RAIL_PRESSURES),
-            energisings=read_pulses(self.energisings),
-            measure=chosen(self.measure, Measure, "measure of a test"),
-        )
-        for key in ("nominal", "lower", "upper", "bench"):
-            if (value := getattr(self, key)) is not None:
-                settle(self, **{key: number(value, "m3", f"{key} quantity")})
-        if self.stroke_rate is not None:
-            settle(self, stroke_rate=amount(self.stroke_rate, "1/s", "stroke rate", STROKE_RATES))
         if self.measure is Measure.DELIVERY and not all(pulse.duration > 0.0 for pulse in self.energisings):
             raise ConfigurationError(
                 f'The energising time of the test {self.name} must be greater than zero; with measure = "return" it '

@@ -128,7 +128,7 @@ def plan(bench: BenchOptions, *, stroke_rate: StrokeRate = None, report: Report 
       commonrail plan runs/first plan.csv --stroke-rate 1000/min --report plan.html
     """
     from commonrail.plugins.plans.page import plan_html
-    from commonrail.plugins.plans.run import run_plan
+    from commonrail.plugins.plans.run import plan as run_plan
 
     injector, tests, settings = bench.read(report, stroke_rate)
     bench.show(run_plan(injector, tests, **settings), settings, report, plan_html)

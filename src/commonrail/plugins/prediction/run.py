@@ -32,7 +32,7 @@ from commonrail.plugins.certainty.estimate import Estimate, estimate
 from commonrail.plugins.certainty.file import Certainty
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.noise_fit import coordinates_of
-from commonrail.plugins.certainty.run import certify
+from commonrail.plugins.certainty.run import certainty as certify
 from commonrail.plugins.certainty.uncertain import with_uncertain_free
 from commonrail.plugins.prediction.band import Band, Edges, band_from_draws
 from commonrail.plugins.prediction.scatter import Scatter, curve_scatter, scatter_of

@@ -1,20 +1,35 @@
-"""Result of a sensitivity study: values, rows for a table, and the record that its folder keeps."""
+"""Result of a sensitivity study: its values, rows for a table, and the record that its folder keeps."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import Annotated, Any, NamedTuple
 
 from commonrail.base.display import Shown
+from commonrail.base.record import Interval, Key, to_record
 from commonrail.calibration.parameter import Parameter
-from commonrail.data.records import record_head
-from commonrail.plugins.sensitivity.estimates import Effects, Estimate, Indices
-from commonrail.plugins.sensitivity.study import Output, SensitivitySettings
+from commonrail.data.records import record_of
+from commonrail.plugins.sensitivity.settings import SensitivitySettings
+from commonrail.plugins.sensitivity.study import Output
 
-RANGE = ("name", "unit", "reference", "lower", "upper", "scale", "mark", "source")  # of a parameter, in the record
+
+class Range(NamedTuple):
+    """Range of a parameter [SI], as of a `Parameter`."""
+
+    name: str
+    unit: str
+    reference: float
+    lower: float
+    upper: float
+    scale: str
+    mark: str
+    source: str
+
+    @classmethod
+    def of(cls, parameter: Parameter) -> Range:
+        """Range of a parameter."""
+        return cls(*(getattr(parameter, name) for name in cls._fields))
 
 
 class Failed(NamedTuple):
@@ -26,37 +41,73 @@ class Failed(NamedTuple):
     where: str
 
 
-class Tornado(NamedTuple):
-    """Output at the references, and with each parameter at its lower and its upper bound; None where it failed.
+class Effect(NamedTuple):
+    """Effect of one parameter on an output, in the unit of the output.
 
-    `missing` holds the reasons for what is None.
+    Attributes
+    ----------
+    name : str
+    low, high : float, optional
+        Output with this parameter alone at its lower and its upper bound; None where the simulation failed.
+    swing : float, optional
+        Difference of the two.
+    first, total : Interval, optional
+        Sobol' indices: share of the variance that the parameter explains alone, and in which it takes part.
+    effect, magnitude : Interval, optional
+        Of a Morris study: mean µ of the elementary effects, and mean µ* of their sizes.
+    spread : float, optional
+        Standard deviation σ of the elementary effects.
+    used : int, optional
+        Base points or trajectories with an effect.
     """
 
-    base: float | None
-    low: tuple[float | None, ...]
-    high: tuple[float | None, ...]
-    missing: str = ""
-
-
-class OutputSensitivity(NamedTuple):
-    """Sensitivity of one output.
-
-    Of a Sobol' study it has indices, of a Morris study effects; neither where too many simulations failed or the output
-    is constant.
-    """
-
-    output: Output
-    tornado: Tornado
-    indices: Indices | None
-    effects: Effects | None
-    failed: Failed
+    name: str
+    low: float | None
+    high: float | None
+    swing: float | None
+    first: Interval | None = None
+    total: Interval | None = None
+    effect: Interval | None = None
+    magnitude: Interval | None = None
+    spread: float | None = None
+    used: int | None = None
 
     @property
-    def ranking(self) -> Estimate | None:
-        """Estimate by which parameters are ranked: total index, or mean size of the effects."""
-        if self.indices is not None:
-            return self.indices.total
-        return None if self.effects is None else self.effects.magnitude
+    def rank(self) -> float:
+        """Figure by which the parameters are ranked: total index, mean size of the effects, or size of the swing."""
+        interval = self.total or self.magnitude
+        return abs(self.swing or 0.0) if interval is None else interval.value
+
+
+@dataclass(frozen=True)
+class OutputSensitivity:
+    """Sensitivity of one output.
+
+    Attributes
+    ----------
+    output : Output
+    base : float, optional
+        Output at the references; None where that simulation failed.
+    missing : str
+        Reasons for which an end of a range has no output.
+    failed : Failed
+    estimated : bool
+        False where too many simulations failed, or the output is constant; `why_not` says which.
+    mean, variance : float, optional
+        Of the output over the ranges, in a Sobol' study.
+    parameters : tuple of Effect
+        In order of rank.
+    """
+
+    output: Annotated[Output, Key("")]
+    base: float | None
+    missing: str
+    failed: Failed
+    estimated: bool
+    why_not: str
+    mean: float | None
+    variance: float | None
+    parameters: tuple[Effect, ...]
 
 
 @dataclass(frozen=True, repr=False)
@@ -68,8 +119,7 @@ class Sensitivity(Shown):
     title, injector : str
     synthetic : str
         What about the subject is not measured; empty if nothing.
-    parameters : tuple of Parameter
-        With their ranges.
+    parameters : tuple of Range
     settings : SensitivitySettings
     outputs : tuple of OutputSensitivity
     injections : int
@@ -84,87 +134,26 @@ class Sensitivity(Shown):
     title: str
     injector: str
     synthetic: str
-    parameters: tuple[Parameter, ...]
-    settings: SensitivitySettings
+    parameters: Annotated[tuple[Range, ...], Key("ranges")]
+    settings: Annotated[SensitivitySettings, Key("")]
     outputs: tuple[OutputSensitivity, ...] = ()
     injections: int = 0
-    seconds: float = 0.0
+    seconds: Annotated[float, Key("clock.seconds")] = 0.0
     notes: tuple[str, ...] = ()
 
     def rows(self) -> list[dict[str, Any]]:
         """One flat row for each output and parameter in order of rank, SI; ``pandas.DataFrame(rows)`` takes them."""
-        record = self.record()
-        return [
-            {"output": o["name"], "point": o["point"], "unit": o["unit"], **_flat(row)}
-            for o in record["outputs"]
-            for row in o["parameters"]
-        ]
+        rows = []
+        for sensitivity in self.outputs:
+            output = sensitivity.output
+            for effect in sensitivity.parameters:
+                row = {"output": output.name, "point": output.point, "unit": output.unit}
+                rows.append(row | _flat(to_record(effect)))
+        return rows
 
     def record(self) -> dict[str, Any]:
         """JSON-able form, SI; what does not exist is None."""
-        settings = {name: getattr(value, "value", value) for name, value in vars(self.settings).items()}
-        del settings["time_step"]  # that of the study counts where none is set
-        return {
-            **record_head("sensitivity", self.title, self.synthetic),
-            "injector": self.injector,
-            **settings,
-            "notes": list(self.notes),
-            "ranges": [{key: getattr(p, key) for key in RANGE} for p in self.parameters],
-            "outputs": [self._output(o) for o in self.outputs],
-            "injections": self.injections,
-            "clock": {"seconds": self.seconds},
-        }
-
-    def _output(self, found: OutputSensitivity) -> dict[str, Any]:
-        output, failed, tornado = found.output, found.failed, found.tornado
-        rows = []
-        for j, parameter in enumerate(self.parameters):
-            low, high = (ends[j] if ends else None for ends in (tornado.low, tornado.high))
-            swing = None if low is None or high is None else high - low
-            rows.append({"name": parameter.name, "low": low, "high": high, "swing": swing, **_estimates(found, j)})
-        moments = found.indices and {"mean": found.indices.mean, "variance": found.indices.variance}
-        return {
-            **output._asdict(),
-            "base": tornado.base,
-            "missing": tornado.missing,
-            "failed": failed._asdict() | {"reasons": dict(failed.reasons)},
-            "estimated": found.ranking is not None,
-            "why_not": self._why_not(found),
-            **(moments or {"mean": None, "variance": None}),
-            "parameters": _ranked(found, rows),
-        }
-
-    def _why_not(self, found: OutputSensitivity) -> str:
-        if found.ranking is not None:
-            return ""
-        if found.failed.share > self.settings.most_failed:
-            return (
-                f"{found.failed.share:.1%} of the simulations have no value, more than the "
-                f"{self.settings.most_failed:.0%} up to which indices are given; narrow the ranges."
-            )
-        return "The output is the same in all simulations, or too few of them have a value."
-
-
-def _ranked(found: OutputSensitivity, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Rows in order of rank; by their swing where nothing was estimated."""
-    if found.ranking is not None:
-        return [rows[int(j)] for j in np.argsort(-found.ranking.value, kind="stable")]
-    return sorted(rows, key=lambda row: -abs(row["swing"] or 0.0))
-
-
-def _estimates(found: OutputSensitivity, j: int) -> dict[str, Any]:
-    if found.indices is not None:
-        both = {"first": _interval(found.indices.first, j), "total": _interval(found.indices.total, j)}
-        return both | {"used": int(found.indices.used[j])}
-    if found.effects is not None:
-        mean, magnitude, spread, used = found.effects
-        both = {"effect": _interval(mean, j), "magnitude": _interval(magnitude, j)}
-        return both | {"spread": float(spread[j]), "used": int(used[j])}
-    return {}
-
-
-def _interval(estimate: Estimate, j: int) -> dict[str, float]:
-    return {key: float(values[j]) for key, values in estimate._asdict().items()}
+        return record_of("sensitivity", self)
 
 
 def _flat(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -6,9 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from commonrail.base.chart import Bars, Figure, Panel, Points, Series
+from commonrail.base.declare import facts_of
+from commonrail.base.record import Interval, from_record
 from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import counted, field_unit, percent, quantity, significant
 from commonrail.data.records import Record
+from commonrail.plugins.sensitivity.file import Effect, OutputSensitivity, Sensitivity
+from commonrail.plugins.sensitivity.settings import Design, OnFailure, SensitivitySettings
 from commonrail.report.analysis import MARKS, SHOWN, analysis_html, bar_height, interval_bars
 from commonrail.report.figure import figure_html
 from commonrail.report.fit.rules import Tile
@@ -16,47 +20,43 @@ from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
 
 TILES = 5  # outputs named on the first screen
-KEYS = ("title", "design", "samples", "ranges", "outputs", "injections", "clock")
 
 
 def sensitivity_html(record: Record, folder: Path = Path("DIR")) -> str:
     """The page of a sensitivity study; `folder` is its name for the command lines in it."""
-    sections = []
-    for k, (output, table) in enumerate(zip(record["outputs"], sensitivity_tables(record), strict=True)):
+    result, sections = from_record(Sensitivity, record), []
+    for k, (output, table) in enumerate(zip(result.outputs, sensitivity_tables(result), strict=True)):
         drawn = []
-        for i, figure in enumerate(_figures(record, output)):
+        for i, figure in enumerate(_figures(result, output)):
             drawn.append((figure, figure_html(figure, f"figure-{k}-{i}", bar_height(len(figure.panels[0].rows)))))
-        sections.append((_heading(output), _output_lines(record, output), replace(table, title="By effect"), drawn))
+        sections.append((_heading(output), _output_lines(result, output), replace(table, title="By effect"), drawn))
     first = sections[0][-1].pop(0) if sections and sections[0][-1] else None
     return analysis_html(
         "sensitivity.html",
         __package__,
         record,
         folder,
-        _facts(record),
+        _facts(result.settings, result.injector),
         kind="Sensitivity",
-        lines=sensitivity_lines(record),
-        tiles=_tiles(record),
-        first=first and (replace(first[0], title=f"{first[0].title}: {_heading(record['outputs'][0])}"), first[1]),
+        lines=sensitivity_lines(result),
+        tiles=_tiles(result),
+        first=first and (replace(first[0], title=f"{first[0].title}: {_heading(result.outputs[0])}"), first[1]),
         sections=sections,
-        ranges=_range_table(record),
+        ranges=tabulated("Ranges of the parameters", result.parameters, RANGES, MARKS),
     )
 
 
-RESULT = ResultKind("sensitivity.json", "sensitivity", "sensitivity", sensitivity_html, KEYS)
-
-
-def sensitivity_lines(record: Record) -> list[str]:
+def sensitivity_lines(result: Sensitivity) -> list[str]:
     """Sentences on the study as a whole."""
-    kind = "Sobol' indices" if record["design"] == "sobol" else "Elementary effects (Morris)"
-    base = "base points" if record["design"] == "sobol" else "trajectories"
+    sobol = result.settings.design is Design.SOBOL
+    kind, base = ("Sobol' indices", "base points") if sobol else ("Elementary effects (Morris)", "trajectories")
     lines = [
-        f"{kind} of {counted(len(record['ranges']), 'parameter')} on {counted(len(record['outputs']), 'output')}, from "
-        f"{record['samples']:,} {base}: {record['injections']:,} simulations. Each parameter varies evenly over its "
+        f"{kind} of {counted(len(result.parameters), 'parameter')} on {counted(len(result.outputs), 'output')}, from "
+        f"{result.settings.samples:,} {base}: {result.injections:,} simulations. Each parameter varies evenly over its "
         "range, independently of the others.",
-        *record["notes"],
+        *result.notes,
     ]
-    failed = [o for o in record["outputs"] if o["failed"]["number"]]
+    failed = [output for output in result.outputs if output.failed.number]
     if failed:
         lines.append(
             f"{len(failed)} of the outputs lack simulations; see there. Effects that compare one of them are omitted, "
@@ -65,120 +65,119 @@ def sensitivity_lines(record: Record) -> list[str]:
     return lines
 
 
-def _tiles(record: Record) -> list[Tile]:
+def _tiles(result: Sensitivity) -> list[Tile]:
     """The parameter with the largest effect on each of the first outputs."""
     tiles = []
-    for output in record["outputs"][:TILES]:
-        best, (_, unit, scale) = output["parameters"][0], field_unit(output["unit"])
-        if output["estimated"]:
-            is_share = record["design"] == "sobol"
-            if is_share:
-                words = f"{percent(best['total']['value'], 0)} % of the variance"
-            else:
-                words = f"{significant(best['magnitude']['value'], 3, scale)} {unit} mean size of its effect"
-            heading = _heading({**output, "meaning": output["name"].replace("_", " ")})
-            tiles.append(Tile(heading, best["name"], words))
+    for output in result.outputs[:TILES]:
+        best, (_, unit, scale) = output.parameters[0], field_unit(output.output.unit)
+        if best.total is not None:
+            words = f"{percent(best.total.value, 0)} % of the variance"
+        elif best.magnitude is not None:
+            words = f"{significant(best.magnitude.value, 3, scale)} {unit} mean size of its effect"
+        else:
+            continue
+        tiles.append(Tile(_heading(output, output.output.name.replace("_", " ")), best.name, words))
     return tiles
 
 
-def sensitivity_tables(record: Record) -> list[Table]:
+def sensitivity_tables(result: Sensitivity) -> list[Table]:
     """Ranked parameters of each output."""
-    return [_table(record, output) for output in record["outputs"]]
+    return [_table(result, output) for output in result.outputs]
 
 
-def sensitivity_figures(record: Record) -> list[Figure]:
+def sensitivity_figures(result: Sensitivity) -> list[Figure]:
     """Figures of all outputs, named by them."""
     return [
         replace(figure, title=f"{figure.title}: {_heading(output)}")
-        for output in record["outputs"]
-        for figure in _figures(record, output)
+        for output in result.outputs
+        for figure in _figures(result, output)
     ]
 
 
-def _heading(output: Record) -> str:
-    text = f"{output['meaning'][:1].upper()}{output['meaning'][1:]}"
-    return f"{text}, {output['point'].replace(' us', ' µs')}" if output["point"] else text
+def _heading(sensitivity: OutputSensitivity, name: str = "") -> str:
+    output = sensitivity.output
+    text = name or output.meaning
+    text = f"{text[:1].upper()}{text[1:]}"
+    return f"{text}, {output.point.replace(' us', ' µs')}" if output.point else text
 
 
-def _table(record: Record, output: Record) -> Table:
-    _, unit, scale = field_unit(output["unit"])
+def _table(result: Sensitivity, output: OutputSensitivity) -> Table:
+    _, unit, scale = field_unit(output.output.unit)
     suffix = f", {unit}" if unit else ""
-
-    def at(key: str) -> Column:
-        return (f"at {key}er bound{suffix}".replace("higher", "upper"), lambda row: significant(row[key], 5, scale))
-
-    columns: list[Column] = [("parameter", "name")]
-    if output["estimated"] and record["design"] == "sobol":
+    columns: list[Column] = [("parameter", lambda row: row.name)]
+    if output.estimated and result.settings.design is Design.SOBOL:
         columns += [
-            ("total, %", lambda row: _interval(row["total"], 100.0)),
-            ("alone, %", lambda row: _interval(row["first"], 100.0)),
+            ("total, %", lambda row: _interval(row.total, 100.0)),
+            ("alone, %", lambda row: _interval(row.first, 100.0)),
         ]
-    elif output["estimated"]:
+    elif output.estimated:
         columns += [
-            (f"mean size µ*{suffix}", lambda row: _interval(row["magnitude"], scale)),
-            (f"mean µ{suffix}", lambda row: _interval(row["effect"], scale)),
-            (f"spread σ{suffix}", lambda row: significant(row["spread"], 3, scale)),
+            (f"mean size µ*{suffix}", lambda row: _interval(row.magnitude, scale)),
+            (f"mean µ{suffix}", lambda row: _interval(row.effect, scale)),
+            (f"spread σ{suffix}", lambda row: significant(row.spread, 3, scale)),
         ]
-    columns += [at("low"), at("high")]
-    rows = output["parameters"][:SHOWN]
-    more = len(output["parameters"]) - len(rows)
-    note = f"{more} more are in sensitivity.csv." if more else ""
-    return tabulated(_heading(output), rows, columns, note)
+    columns += [
+        (f"at lower bound{suffix}", lambda row: significant(row.low, 5, scale)),
+        (f"at upper bound{suffix}", lambda row: significant(row.high, 5, scale)),
+    ]
+    more = len(output.parameters) - SHOWN
+    note = f"{more} more are in sensitivity.csv." if more > 0 else ""
+    return tabulated(_heading(output), output.parameters[:SHOWN], columns, note)
 
 
-def _interval(found: Record, scale: float) -> str:
+def _interval(interval: Interval, scale: float) -> str:
     """Value with its interval; shares, whose scale is 100, in whole tenths of a percent without a sign at zero."""
-    numbers = (scale * found[key] for key in ("value", "low", "high"))
-    value, low, high = (f"{round(x, 1) + 0.0:.1f}" if scale == 100.0 else significant(x, 3) for x in numbers)
+    value, low, high = (
+        f"{round(scale * x, 1) + 0.0:.1f}" if scale == 100.0 else significant(scale * x, 3) for x in interval
+    )
     return f"{value} ({low} to {high})".replace("-", "−")
 
 
-def _output_lines(record: Record, output: Record) -> list[str]:
-    lines = []
-    base = output["base"]
-    if base is not None:
-        lines.append(f"At the reference values: {quantity(base, output['unit'])}.")
-    if output["variance"] is not None:
-        spread = quantity(output["variance"] ** 0.5, output["unit"], 3)
-        lines.append(f"Over the ranges: mean {quantity(output['mean'], output['unit'])}, standard deviation {spread}.")
-    first = output["parameters"][0]
-    if output["estimated"] and record["design"] == "sobol":
-        rest = 1.0 - sum(row["first"]["value"] for row in output["parameters"])
+def _output_lines(result: Sensitivity, output: OutputSensitivity) -> list[str]:
+    lines, unit = [], output.output.unit
+    if output.base is not None:
+        lines.append(f"At the reference values: {quantity(output.base, unit)}.")
+    if output.variance is not None:
+        spread = quantity(output.variance**0.5, unit, 3)
+        lines.append(f"Over the ranges: mean {quantity(output.mean, unit)}, standard deviation {spread}.")
+    first = output.parameters[0]
+    if first.total is not None and first.first is not None:
+        rest = 1.0 - sum(row.first.value for row in output.parameters if row.first is not None)
         lines.append(
-            f"{first['name']} takes part in {percent(first['total']['value'], 0)} % of the variance and explains "
-            f"{percent(first['first']['value'], 0)} % alone. Interactions of all parameters: "
+            f"{first.name} takes part in {percent(first.total.value, 0)} % of the variance and explains "
+            f"{percent(first.first.value, 0)} % alone. Interactions of all parameters: "
             f"{percent(max(rest, 0.0), 0)} %."
         )
-    failed = output["failed"]
-    if failed["number"]:
-        reasons = " ".join(f"{number:,} × {text}" for text, number in failed["reasons"].items())
+    failed = output.failed
+    if failed.number:
+        reasons = " ".join(f"{number:,} × {text}" for text, number in failed.reasons.items())
         lines.append(
-            f"{failed['number']:,} simulations ({percent(failed['share'])} %) have no value, most of them at "
-            f"{failed['where']}: {reasons}"
+            f"{failed.number:,} simulations ({percent(failed.share)} %) have no value, most of them at "
+            f"{failed.where}: {reasons}"
         )
-    return [*lines, *filter(None, [output["why_not"], output["missing"]])]
+    return [*lines, *filter(None, [output.why_not, output.missing])]
 
 
-def _figures(record: Record, output: Record) -> list[Figure]:
-    return [*filter(None, [_indices(record, output), _tornado(output)])]
+def _figures(result: Sensitivity, output: OutputSensitivity) -> list[Figure]:
+    return [*filter(None, [_indices(result, output), _tornado(output)])]
 
 
-def _indices(record: Record, output: Record) -> Figure | None:
-    if not output["estimated"]:
+def _indices(result: Sensitivity, output: OutputSensitivity) -> Figure | None:
+    if not output.estimated:
         return None
-    rows = output["parameters"][:SHOWN]
-    names = tuple(row["name"] for row in rows)
-    if record["design"] == "sobol":
+    rows = output.parameters[:SHOWN]
+    names = tuple(row.name for row in rows)
+    if result.settings.design is Design.SOBOL:
         bars = (
-            interval_bars("takes part in", "start", rows, "total", 100.0),
-            interval_bars("alone", "best", rows, "first", 100.0, slot=1),  # beside the total ones
+            interval_bars("takes part in", "start", [row.total for row in rows], 100.0),
+            interval_bars("alone", "best", [row.first for row in rows], 100.0, slot=1),  # next to the total ones
         )
         caption = "Total and first-order Sobol' indices with their bootstrap intervals."
         return Figure(
             "Share of the variance", caption, "share of the variance, %", (Panel("", (), bars=bars, rows=names),)
         )
-    _, unit, scale = field_unit(output["unit"])
-    bar = interval_bars("mean size of the effects", "start", rows, "magnitude", scale)
+    _, unit, scale = field_unit(output.output.unit)
+    bar = interval_bars("mean size of the effects", "start", [row.magnitude for row in rows], scale)
     return Figure(
         "Elementary effects",
         "Mean size µ* of the change of the output when a parameter moves over its whole range.",
@@ -187,66 +186,59 @@ def _indices(record: Record, output: Record) -> Figure | None:
     )
 
 
-def _tornado(output: Record) -> Figure | None:
-    base = output["base"]
+def _tornado(output: OutputSensitivity) -> Figure | None:
+    base = output.base
     if base is None:
         return None
-    _, unit, scale = field_unit(output["unit"])
+    _, unit, scale = field_unit(output.output.unit)
 
-    def reach(row: Record) -> float:
-        return max(0.0 if row[key] is None else abs(row[key] - base) for key in ("low", "high"))
+    def reach(row: Effect) -> float:
+        return max(abs(end - base) for end in (row.low, row.high, base) if end is not None)
 
-    rows = sorted(output["parameters"], key=reach, reverse=True)[:SHOWN]
+    rows = sorted(output.parameters, key=reach, reverse=True)[:SHOWN]
     start: Points = (scale * base,) * len(rows)
-
-    def ends(key: str) -> Points:
-        return tuple(None if row[key] is None else scale * row[key] for row in rows)
-
+    low, high = (
+        tuple(None if end is None else scale * end for end in ends)
+        for ends in ([row.low for row in rows], [row.high for row in rows])
+    )
     bars = (
-        Bars("at the lower bound", "start", start, ends("low")),
-        Bars("at the upper bound", "best", start, ends("high")),
+        Bars("at the lower bound", "start", start, low),
+        Bars("at the upper bound", "best", start, high),
     )
     line = Series("at the reference values", "level", start[:1] * 2, (-0.5, len(rows) - 0.5))
     return Figure(
         "Tornado",
         "One parameter at a time at the ends of its range, all others at their reference values.",
-        f"{output['name'].replace('_', ' ')}{f', {unit}' if unit else ''}",
-        (Panel("", (line,), bars=bars, rows=tuple(row["name"] for row in rows)),),
+        f"{output.output.name.replace('_', ' ')}{f', {unit}' if unit else ''}",
+        (Panel("", (line,), bars=bars, rows=tuple(row.name for row in rows)),),
     )
 
 
-def _range_table(record: Record) -> Table:
-    columns: list[Column] = [
-        ("parameter", "name"),
-        ("reference", lambda p: quantity(p["reference"], p["unit"])),
-        ("lower", lambda p: quantity(p["lower"], p["unit"])),
-        ("upper", lambda p: quantity(p["upper"], p["unit"])),
-        ("scale", "scale"),
-        ("mark", "mark"),
-        ("source", "source"),
-    ]
-    return tabulated("Ranges of the parameters", record["ranges"], columns, MARKS)
-
-
+RANGES: list[Column] = [
+    ("parameter", lambda p: p.name),
+    ("reference", lambda p: quantity(p.reference, p.unit)),
+    ("lower", lambda p: quantity(p.lower, p.unit)),
+    ("upper", lambda p: quantity(p.upper, p.unit)),
+    ("scale", lambda p: p.scale),
+    ("mark", lambda p: p.mark),
+    ("source", lambda p: p.source),
+]
 _POLICY = {
-    "omit": "effects that compare a failed simulation are omitted and counted",
-    "refuse": "the study ends at the first output that lacks a simulation",
+    OnFailure.OMIT: "effects that compare a failed simulation are omitted and counted",
+    OnFailure.REFUSE: "the study ends at the first output that lacks a simulation",
 }
 
 
-def _facts(record: Record) -> list[tuple[str, str]]:
+def _facts(settings: SensitivitySettings, injector: str) -> list[tuple[str, str]]:
+    policy = f"{_POLICY[settings.on_failure]}; no index above {percent(settings.most_failed, 0)} %"
+    intervals = f"{percent(settings.confidence, 0)} %, bootstrap with {settings.resamples:,} resamples"
     return [
-        ("Injector", record["injector"]),
-        (
-            "Failed simulations",
-            f"{_POLICY[record['on_failure']]}; no index above {percent(record['most_failed'], 0)} %",
-        ),
-        ("Intervals", f"{percent(record['confidence'], 0)} %, bootstrap with {record['resamples']:,} resamples"),
-        ("Seed", str(record["seed"])),
-        ("Precision", record["precision"]),
+        ("Injector", injector),
+        ("Failed simulations", policy),
+        ("Intervals", intervals),
+        *facts_of(settings, ("seed", "precision")),
     ]
 
 
-SENSITIVITY = Presenter.of_record(
-    lambda record: [record["title"], *sensitivity_lines(record)], sensitivity_tables, sensitivity_figures
-)
+SENSITIVITY = Presenter(lambda s: [s.title, *sensitivity_lines(s)], sensitivity_tables, sensitivity_figures)
+RESULT = ResultKind("sensitivity.json", "sensitivity", "sensitivity", sensitivity_html)

@@ -5,39 +5,42 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from commonrail.base.arguments import function, instance, instances, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, SimulationError
+from commonrail.base.record import Interval
 from commonrail.calibration.objective import Goal, Objective
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study, fitted_data
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import OK
+from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
 from commonrail.plugins.sensitivity.estimates import (
+    Effects,
+    Estimate,
+    Indices,
     morris_effects,
     one_at_a_time,
     saltelli,
     sobol_indices,
     trajectories,
 )
-from commonrail.plugins.sensitivity.file import Failed, OutputSensitivity, Sensitivity, Tornado
+from commonrail.plugins.sensitivity.file import Effect, Failed, OutputSensitivity, Range, Sensitivity
+from commonrail.plugins.sensitivity.settings import Design, OnFailure, SensitivitySettings
 from commonrail.plugins.sensitivity.study import (
     DEFAULT_FEATURES,
     Codes,
     Computing,
-    Design,
     Evaluated,
     Features,
     Model,
-    OnFailure,
     Output,
-    SensitivitySettings,
     joined,
     misfit_model,
     read_features,
@@ -109,7 +112,8 @@ def sensitivity(
         parameters = study.space.parameters
     space = Space(instances(parameters, Parameter, "parameters"))
     _check(space, injector, study)
-    computing = Computing(how.step_or(study.time_step if study else None), thread_count(threads), how.precision)
+    step = check_step(how.time_step or (study and study.time_step) or DEFAULT_STEP)
+    computing = Computing(step, thread_count(threads), how.precision)
     models: list[Model] = [misfit_model(_objective(study, space, computing))] if study else []
     if instances(points, OperatingPoint, "points"):
         models.append(Features(injector, space.names, points, read_features(features), computing).model)
@@ -124,7 +128,7 @@ def sensitivity(
     return study_of_model(
         joined(models),
         space,
-        Sensitivity(title, injector.name, synthetic, tuple(space.parameters), how, notes=notes),
+        Sensitivity(title, injector.name, synthetic, tuple(map(Range.of, space.parameters)), how, notes=notes),
         function(progress, "progress"),
     )
 
@@ -175,15 +179,14 @@ def study_of_model(
     for k, output in enumerate(model.outputs):
         failed = _failed(found.codes[:, k], away[k], space)
         _refuse_failed(how, output, failed)
-        y = found.values[:, k].reshape(design.shape)
-        indices = effects = None
+        estimated: Indices | Effects | None = None
         if failed.share <= how.most_failed:
+            y = found.values[:, k].reshape(design.shape)
             drawing = np.random.default_rng(resampling.integers(2**63)), how.resamples, how.confidence
-            if how.design is Design.MORRIS:
-                effects = morris_effects(design.points, y, *drawing)
-            else:
-                indices = sobol_indices(y, *drawing)
-        results.append(OutputSensitivity(output, _tornado(about, k, space), indices, effects, failed))
+            morris = how.design is Design.MORRIS
+            estimated = morris_effects(design.points, y, *drawing) if morris else sobol_indices(y, *drawing)
+        ends = _ends(about.values[:, k], about.codes[:, k])
+        results.append(_sensitivity(output, ends, failed, estimated, space.names, how.most_failed))
     seconds = time.perf_counter() - begin
     return replace(empty, outputs=tuple(results), injections=total * model.injections, seconds=seconds)
 
@@ -247,11 +250,60 @@ def _refuse_failed(how: SensitivitySettings, output: Output, failed: Failed) -> 
         )
 
 
-def _tornado(about: Evaluated, k: int, space: Space) -> Tornado:
-    d = space.dimension
-    values, codes = about.values[:, k], about.codes[:, k]
+def _ends(values: Floats, codes: Codes) -> tuple[list[float | None], str]:
+    """Outputs of `one_at_a_time`, None where a simulation failed or that of the references, and the reasons for it."""
+    missing = " ".join(sorted({reason(int(code)) for code in codes[1:] if code != OK}))
     if codes[0] != OK:
-        return Tornado(None, (), (), reason(int(codes[0])))
-    ends = [None if code != OK else float(value) for value, code in zip(values, codes, strict=True)]
-    lost = {reason(int(code)) for code in codes[1:] if code != OK}
-    return Tornado(float(values[0]), tuple(ends[1 : 1 + d]), tuple(ends[1 + d :]), " ".join(sorted(lost)))
+        return [None] * len(codes), reason(int(codes[0]))
+    return [None if code != OK else float(value) for value, code in zip(values, codes, strict=True)], missing
+
+
+def _sensitivity(
+    output: Output,
+    ends: tuple[list[float | None], str],
+    failed: Failed,
+    estimated: Indices | Effects | None,
+    names: Sequence[str],
+    most_failed: float,
+) -> OutputSensitivity:
+    (base, *others), missing = ends
+    why_not = ""
+    if failed.share > most_failed:
+        why_not = (
+            f"{failed.share:.1%} of the simulations have no value, more than the {most_failed:.0%} up to which indices "
+            "are given; narrow the ranges."
+        )
+    elif estimated is None:
+        why_not = "The output is the same in all simulations, or too few of them have a value."
+    effects = []
+    for j, name in enumerate(names):
+        low, high = others[j], others[len(names) + j]
+        swing = None if low is None or high is None else high - low
+        effects.append(Effect(name, low, high, swing, **_estimates(estimated, j)))
+    return OutputSensitivity(
+        output=output,
+        base=base,
+        missing=missing,
+        failed=failed,
+        estimated=estimated is not None,
+        why_not=why_not,
+        mean=estimated.mean if isinstance(estimated, Indices) else None,
+        variance=estimated.variance if isinstance(estimated, Indices) else None,
+        parameters=tuple(sorted(effects, key=lambda effect: -effect.rank)),
+    )
+
+
+def _estimates(estimated: Indices | Effects | None, j: int) -> dict[str, Any]:
+    """Estimates of parameter j by the names of the fields of `Effect`."""
+
+    def interval(estimate: Estimate) -> Interval:
+        return Interval(*(float(values[j]) for values in estimate))
+
+    if estimated is None:
+        return {}
+    used = int(estimated.used[j])
+    if isinstance(estimated, Indices):
+        return {"first": interval(estimated.first), "total": interval(estimated.total), "used": used}
+    spread = float(estimated.spread[j])
+    effect, magnitude = interval(estimated.mean), interval(estimated.magnitude)
+    return {"effect": effect, "magnitude": magnitude, "spread": spread, "used": used}

@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from enum import Enum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.base.arguments import (
-    Limits,
     Quantity,
-    amount,
-    chosen,
     instance,
     known_names,
     mapping,
     number,
-    settle,
-    whole,
 )
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Precision
@@ -33,7 +26,6 @@ from commonrail.engine.plan import prepare
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, STILL_INJECTING, Status
-from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
 from commonrail.physics.law import Domain
 from commonrail.physics.variants import unread_parameters
@@ -207,104 +199,6 @@ def joined(models: Sequence[Model]) -> Model:
 
 WITHIN = 0.05  # half width of a range about the value, as a share of it
 COUNTED = ("nozzle.holes", "solenoid.turns", "solenoid.air_gaps")  # whole numbers: they have no tolerance
-
-
-class Design(Enum):
-    """Kind of study: Morris screens many parameters with few simulations, Sobol' divides the variance among them."""
-
-    SOBOL = "sobol"
-    MORRIS = "morris"
-
-
-class OnFailure(Enum):
-    """Policy for failed simulations: omit the effects that compare them, and say how many; or refuse the study."""
-
-    OMIT = "omit"
-    REFUSE = "refuse"
-
-
-@dataclass(frozen=True, kw_only=True)
-class SensitivitySettings:
-    """Settings of a sensitivity study.
-
-    Parameters
-    ----------
-    design : Design or str
-        "sobol" or "morris".
-    samples : int
-        Base points of a Sobol' study, a power of two, or trajectories of a Morris study; 0 for 1024 or 50.
-    seed : int
-        Of design and bootstrap.
-    resamples : int
-        Of the bootstrap.
-    confidence : float
-        Probability of the intervals, between 0.5 and 0.999.
-    on_failure : OnFailure or str
-        "omit" or "refuse".
-    most_failed : float
-        Share of the simulations of an output up to which it is estimated; beyond it no index is given.
-    time_step : float or str, optional
-        [s]; that of the study, or 1 us for an injector.
-    precision : Precision or str
-        "f64" or "f32".
-
-    Raises
-    ------
-    ConfigurationError
-        If a value is of another kind or beyond its limits.
-    """
-
-    design: Design = Design.SOBOL
-    samples: int = 0
-    seed: int = 1
-    resamples: int = 1000
-    confidence: float = 0.95
-    on_failure: OnFailure = OnFailure.OMIT
-    most_failed: float = 0.1
-    time_step: float | None = None
-    precision: Precision = Precision.F64
-
-    if TYPE_CHECKING:  # what is accepted is wider than what is kept
-
-        def __init__(
-            self,
-            *,
-            design: Design | str = Design.SOBOL,
-            samples: int = 0,
-            seed: int = 1,
-            resamples: int = 1000,
-            confidence: float = 0.95,
-            on_failure: OnFailure | str = OnFailure.OMIT,
-            most_failed: float = 0.1,
-            time_step: Quantity | None = None,
-            precision: Precision | str = Precision.F64,
-        ) -> None: ...
-
-    def __post_init__(self) -> None:
-        design = chosen(self.design, Design, "design")
-        default = 1024 if design is Design.SOBOL else 50
-        samples = whole(self.samples or default, "number of samples", 4, 2**20)
-        if design is Design.SOBOL and samples & (samples - 1):
-            raise ConfigurationError(
-                f"The number of samples must be a power of two for Sobol' indices, such as "
-                f"{1 << samples.bit_length()}, not {samples}."
-            )
-        settle(
-            self,
-            design=design,
-            samples=samples,
-            seed=whole(self.seed, "seed"),
-            resamples=whole(self.resamples, "number of resamples", 100, 100_000),
-            confidence=amount(self.confidence, "1", "confidence", Limits(0.5, 0.999)),
-            on_failure=chosen(self.on_failure, OnFailure, "policy for failures"),
-            most_failed=amount(self.most_failed, "1", "largest share of failures", Limits(0.0, 0.9)),
-            time_step=None if self.time_step is None else check_step(self.time_step),
-            precision=chosen(self.precision, Precision, "precision"),
-        )
-
-    def step_or(self, of_study: float | None) -> float:
-        """Time step [s]: the one that is set, else the study's own, else the engine's default."""
-        return check_step(of_study or DEFAULT_STEP if self.time_step is None else self.time_step)
 
 
 def default_names(injector: Injector) -> tuple[str, ...]:

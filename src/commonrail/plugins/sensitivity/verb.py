@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import click
 
-from commonrail.base.choices import Precision
 from commonrail.base.errors import InputError
 from commonrail.base.units import parse
 from commonrail.cli.console import Bar, Stage, print_json, print_text, say
@@ -27,6 +26,7 @@ from commonrail.cli.options import (
     refuse_return_pressure,
     with_overrides,
 )
+from commonrail.plugins.sensitivity.settings import SensitivitySettings
 
 if TYPE_CHECKING:
     from commonrail.calibration.parameter import Parameter
@@ -71,22 +71,7 @@ def sensitivity(
             "[default: quantity, both delays, duration, steady_rate]"
         ),
     ] = (),
-    design: Annotated[
-        str, Option(help="Design: sobol divides the variance among parameters, morris screens many of them.")
-    ] = "sobol",
-    samples: Annotated[
-        int,
-        Option(min=0, help="Number of base points (a power of two) or trajectories; 0 for 1024 or 50."),
-    ] = 0,
-    on_failure: Annotated[
-        str, Option(help="Policy for failed simulations: omit their effects and count them, or refuse.")
-    ] = "omit",
-    most_failed: Annotated[
-        str, Option(help="Share of failed simulations above which an output gets no indices.")
-    ] = "10%",
-    seed: Annotated[int, Option(min=0, help="Seed of design and bootstrap.")] = 1,
-    time_step: Annotated[str | None, Option(help="Time step, e.g. 1us. [default: that of the study, or 1us]")] = None,
-    precision: Annotated[Precision, Option(help="Precision of the simulations.")] = Precision.F64,
+    settings: SensitivitySettings,
     out: Annotated[
         Path | None, Option(metavar="DIR", help="New folder for report.html, sensitivity.json, sensitivity.csv.")
     ] = None,
@@ -107,18 +92,9 @@ def sensitivity(
     """
     from commonrail.plugins.sensitivity.page import sensitivity_lines, sensitivity_tables
     from commonrail.plugins.sensitivity.run import sensitivity as run
-    from commonrail.plugins.sensitivity.study import DEFAULT_FEATURES, SensitivitySettings
+    from commonrail.plugins.sensitivity.study import DEFAULT_FEATURES
     from commonrail.report.analysis import run_into, synthetic_lines
 
-    settings = SensitivitySettings(
-        design=design,
-        samples=samples,
-        seed=seed,
-        on_failure=on_failure,
-        most_failed=parse(most_failed, "1", "--most-failed"),
-        time_step=None if time_step is None else parse(time_step, "s", "--time-step"),
-        precision=precision,
-    )
     if (rail_pressure is None) is not (energising_time is None):
         raise InputError("Give both --rail-pressure and --energising-time for operating points, or neither.")
     of_points = {"feature": feature, "cylinder-pressure": cylinder_pressure, "return-pressure": return_pressure}
@@ -147,10 +123,10 @@ def sensitivity(
     if json:
         print_json(record)
         return
-    print_text([*synthetic_lines(record), *sensitivity_lines(record)], sensitivity_tables(record))
-    for output in record["outputs"]:
-        if output["why_not"]:
-            say(f"{output['name']}: {output['why_not']}")
+    print_text([*synthetic_lines(record), *sensitivity_lines(found)], sensitivity_tables(found))
+    for output in found.outputs:
+        if output.why_not:
+            say(f"{output.output.name}: {output.why_not}")
     if out is not None:
         click.echo(f"report: {out / 'report.html'}")
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -13,10 +15,11 @@ from commonrail.base.arguments import file_path
 from commonrail.base.choices import Precision
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError
+from commonrail.base.record import Interval, Key
 from commonrail.calibration.study_file import named_injector
 from commonrail.calibration.study_keys import InItsUnit, known_parameter
-from commonrail.data.records import record_head
-from commonrail.engine.operating_point import OperatingPoint
+from commonrail.data.records import record_of
+from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.status import check_point
 from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector, Source, parameter_quantities
@@ -29,10 +32,10 @@ from commonrail.plugins.tolerance.study import (
     Limit,
     Normal,
     Sampling,
+    SeriesTrim,
     TolerancePoint,
     Tolerances,
     Triangular,
-    Trim,
     Uniform,
 )
 from commonrail.plugins.tolerance.trim import Trimmed
@@ -40,14 +43,81 @@ from commonrail.readers.location import located
 from commonrail.readers.toml import UNSTATED, FileModel, Mark, Sourced, Text, Unit, choice, fault, read_model_file
 
 
-class PointResult(NamedTuple):
-    """Quantity as drawn [m³], spread, and shares of the variance (None where nothing scatters) at one point."""
+class DimensionShare(NamedTuple):
+    """Share of a dimension in the variance at a point, in `Shares`; None where nothing scatters.
+
+    `if_halved` is the standard deviation if that of the dimension were halved and all else stayed [m³].
+    """
 
     name: str
-    point: OperatingPoint
+    share: Interval | None
+    swing: float | None
+    if_halved: float | None
+
+
+class PointResult(NamedTuple):
+    """Quantity as drawn [m³], spread, and shares of the variance in order of size at one operating point."""
+
+    name: str
+    rail_pressure: float
+    energisings: tuple[Energising, ...]
     nominal: float
     spread: Spread
-    shares: Shares | None
+    dimensions: tuple[DimensionShare, ...]
+    rest: float | None
+
+    @classmethod
+    def of(
+        cls, point: TolerancePoint, nominal: float, spread: Spread, names: Sequence[str], shares: Shares | None
+    ) -> PointResult:
+        """Result at a point of a study whose dimensions have names."""
+        rows = [DimensionShare(name, None, None, None) for name in names]
+        if shares is not None:
+            ends = np.stack([shares.value, shares.low, shares.high], axis=1).tolist()
+            others = zip(names, ends, shares.swing.tolist(), shares.halved.tolist(), strict=True)
+            rows = [DimensionShare(name, Interval(*share), swing, halved) for name, share, swing, halved in others]
+            rows = [rows[int(j)] for j in np.argsort(-shares.value, kind="stable")]
+        at = point.point
+        rest = None if shares is None else shares.rest
+        return cls(point.name, at.at_start(at.rail_pressure), tuple(at.pulses), nominal, spread, tuple(rows), rest)
+
+
+class InjectorFacts(NamedTuple):
+    """Injector of a study."""
+
+    name: str
+    title: str
+    variant: str
+
+
+class DistributionFacts(NamedTuple):
+    """Distribution of a dimension: its kind and numbers [SI], None for a limit that it lacks."""
+
+    kind: str
+    lower: float | None
+    upper: float | None
+    mean: float | None = None
+    sigma: float | None = None
+    mode: float | None = None
+
+
+class DimensionFacts(NamedTuple):
+    """Dimension of a study: the drawing's value [SI] and its distribution, with the mark and the source of that."""
+
+    name: str
+    unit: str
+    drawn: float
+    distribution: DistributionFacts
+    mark: str
+    source: str
+
+    @classmethod
+    def of(cls, dimension: Dimension, injector: Injector) -> DimensionFacts:
+        """Facts of a dimension of an injector."""
+        law, (mark, source) = dimension.distribution, dimension.source
+        numbers = {name: end if math.isfinite(end) else None for name, end in vars(law).items()}
+        unit, drawn = parameter_quantities()[dimension.name].unit, injector.values[dimension.name]
+        return cls(dimension.name, unit, drawn, DistributionFacts(law.kind, **numbers), mark, source)
 
 
 @dataclass(frozen=True, repr=False)
@@ -56,124 +126,63 @@ class ToleranceResult(Shown):
 
     Attributes
     ----------
-    tolerances : Tolerances
-    points : tuple of PointResult
-    trim : Trimmed or None
+    title : str
+    synthetic : str
+        Assumed parts of injector and tolerances; empty if nothing is assumed.
+    injector : InjectorFacts
     status : str
         "complete", or "interrupted" with the parts that were simulated.
-    confidence : float
-        Probability of the intervals.
-    parts : int
-        Number of parts simulated.
+    asked, parts : int
+        Number of parts asked for, and simulated.
     injections : int
         Single simulations that it took.
+    seed, sampling, time_step, precision
+        Those of the study.
+    confidence : float
+        Probability of the intervals.
+    dimensions : tuple of DimensionFacts
+    correlations : tuple of Correlation
+    points : tuple of PointResult
+    trim : Trimmed or None
     seconds : float
     """
 
     presenter = "commonrail.plugins.tolerance.page:TOLERANCE"
 
-    tolerances: Tolerances
-    points: tuple[PointResult, ...]
-    trim: Trimmed | None
+    title: str
+    synthetic: str
+    injector: InjectorFacts
     status: str
-    confidence: float
+    asked: int
     parts: int
     injections: int
-    seconds: float
-
-    @property
-    def synthetic(self) -> str:
-        """Assumed parts of injector and tolerances; empty if nothing is assumed."""
-        texts = (self.tolerances.synthetic, self.tolerances.injector.synthetic)
-        return " ".join(dict.fromkeys(text for text in texts if text))
+    seed: int
+    sampling: Sampling
+    time_step: float
+    precision: Precision
+    confidence: float
+    dimensions: tuple[DimensionFacts, ...]
+    correlations: tuple[Correlation, ...]
+    points: tuple[PointResult, ...]
+    trim: Trimmed | None
+    seconds: Annotated[float, Key("clock.seconds")]
 
     def rows(self) -> list[dict[str, Any]]:
         """One flat row for each operating point and dimension, SI; ``pandas.DataFrame(rows)`` takes them."""
-        flat = []
-        for found in self.record()["points"]:
-            spread = found["spread"]
-            head = {"point": found["name"], "nominal": found["nominal"], "mean": spread["mean"]}
-            head |= {"deviation": spread["deviation"], "out": spread["out"]["value"]}
-            for row in found["dimensions"]:
-                share = row["share"] or {"value": None, "low": None, "high": None}
-                ends = {"share": share["value"], "share_low": share["low"], "share_high": share["high"]}
-                flat.append(
-                    {**head, "dimension": row["name"], **ends, "swing": row["swing"], "if_halved": row["if_halved"]}
-                )
-        return flat
+        rows = []
+        for point in self.points:
+            spread = point.spread
+            head = {"point": point.name, "nominal": point.nominal, "mean": spread.mean}
+            head |= {"deviation": spread.deviation, "out": spread.out.value}
+            for row in point.dimensions:
+                value, low, high = row.share or (None, None, None)
+                share = {"share": value, "share_low": low, "share_high": high}
+                rows.append({**head, "dimension": row.name, **share, "swing": row.swing, "if_halved": row.if_halved})
+        return rows
 
     def record(self) -> dict[str, Any]:
         """JSON-able form, SI; what does not exist is None."""
-        t = self.tolerances
-        return {
-            **record_head("tolerance", t.title, self.synthetic),
-            "injector": {"name": t.injector.name, "title": t.injector.title, "variant": t.injector.variant.label},
-            "status": self.status,
-            "asked": t.parts,
-            "parts": self.parts,
-            "injections": self.injections,
-            "seed": t.seed,
-            "sampling": t.sampling.value,
-            "time_step": t.time_step,
-            "precision": t.precision.value,
-            "confidence": self.confidence,
-            "dimensions": [_dimension(t, j) for j in range(len(t.dimensions))],
-            "correlations": [c._asdict() for c in t.correlations],
-            "points": [self._point(p) for p in self.points],
-            "trim": self._trim(),
-            "clock": {"seconds": self.seconds},
-        }
-
-    def _point(self, found: PointResult) -> dict[str, Any]:
-        rows = [_shared(found, j, name) for j, name in enumerate(self.tolerances.names)]
-        if found.shares is not None:
-            rows = [rows[int(j)] for j in np.argsort(-found.shares.value, kind="stable")]
-        pulses = [{"start": p.start, "duration": p.duration} for p in found.point.pulses]
-        return {
-            "name": found.name,
-            "rail_pressure": found.point.at_start(found.point.rail_pressure),
-            "energisings": pulses,
-            "nominal": found.nominal,
-            "spread": found.spread.record(),
-            "dimensions": rows,
-            "rest": None if found.shares is None else found.shares.rest,
-        }
-
-    def _trim(self) -> dict[str, Any] | None:
-        trim, given = self.trim, self.tolerances.trim
-        if trim is None or given is None:
-            return None
-        return {
-            "test_points": list(given.points),
-            "parts": trim.parts,
-            "unmeasured": trim.unmeasured,
-            "resolution": given.resolution,
-            "scatter": given.scatter,
-            "slopes": list(trim.slopes),
-            "points": [point.record() for point in trim.points],
-        }
-
-
-def _dimension(t: Tolerances, j: int) -> dict[str, Any]:
-    dimension = t.dimensions[j]
-    quantity = parameter_quantities()[dimension.name]
-    return {
-        "name": dimension.name,
-        "unit": quantity.unit,
-        "drawn": t.injector.values[dimension.name],
-        "distribution": dimension.distribution.record(),
-        "mark": dimension.source.mark,
-        "source": dimension.source.text,
-    }
-
-
-def _shared(found: PointResult, j: int, name: str) -> dict[str, Any]:
-    """Share of a dimension, and the standard deviation if its own were halved and all else stayed."""
-    shares = found.shares
-    if shares is None:
-        return {"name": name, "share": None, "swing": None, "if_halved": None}
-    share = {key: float(getattr(shares, key)[j]) for key in ("value", "low", "high")}
-    return {"name": name, "share": share, "swing": float(shares.swing[j]), "if_halved": float(shares.halved[j])}
+        return record_of("tolerance", self)
 
 
 # Tolerance studies from TOML: injector, distributions of its dimensions, operating points with limits, trim.
@@ -310,7 +319,7 @@ def load_tolerances(path: str | Path) -> Tolerances:
             tuple(dimensions),
             tuple(points),
             tuple(Correlation(c.between[0], c.between[1], c.value) for c in model.correlation),
-            None if model.trim is None else Trim(**(dict(model.trim) | {"points": tuple(model.trim.points)})),
+            None if model.trim is None else SeriesTrim(**(dict(model.trim) | {"points": tuple(model.trim.points)})),
             parts=model.parts,
             seed=model.seed,
             sampling=model.sampling,

@@ -6,9 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from commonrail.base.chart import Figure, Panel, Series
+from commonrail.base.record import from_record
 from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import MISSING, fixed, percent, quantity, significant
 from commonrail.data.records import MICROSECOND, MM3, Record
+from commonrail.plugins.tolerance.file import DimensionShare, DistributionFacts, PointResult, ToleranceResult
+from commonrail.plugins.tolerance.statistics import Spread
+from commonrail.plugins.tolerance.study import Sampling
+from commonrail.plugins.tolerance.trim import Trimmed
 from commonrail.report.analysis import MARKS, SHOWN, analysis_html, bar_height, interval_bars
 from commonrail.report.figure import figure_html
 from commonrail.report.fit.rules import BAD, CARE, GOOD, Tile
@@ -17,97 +22,92 @@ from commonrail.report.result_kind import ResultKind
 
 SHARES = "Of a cubic fit to the parts, with jackknife intervals; small intervals are hidden by the bars' ends."
 CAPABLE, FITS = 1.33, 1.0  # Cpk asked for in series production: four and three standard deviations to the limit
+ENDS = ("0.00135", "0.99865")  # shares of the parts that enclose 99.73 %
 SMALL = 1e-3  # share of parts below which it is given in parts per million
-
-
-KEYS = ("title", "parts", "injector", "dimensions", "points", "trim", "injections", "clock")
 
 
 def tolerance_html(record: Record, folder: Path = Path("DIR")) -> str:
     """The page of a tolerance study; `folder` is its name for the command lines in it."""
-    sections = []
-    for k, point in enumerate(record["points"]):
+    result, sections = from_record(ToleranceResult, record), []
+    for k, point in enumerate(result.points):
         figures = [(f, figure_html(f, f"figure-{k}-{i}", height)) for i, (f, height) in enumerate(_figures(point))]
-        lines = [f"{number:,} parts failed: {text}" for text, number in point["spread"]["reasons"].items()]
-        sections.append((point["name"], lines, figures, _share_table(record, point)))
+        lines = [f"{number:,} parts failed: {text}" for text, number in point.spread.reasons.items()]
+        sections.append((point.name, lines, figures, _share_table(point)))
     first = sections[0][2].pop(0) if sections and sections[0][2] else None
     return analysis_html(
         "tolerance.html",
         __package__,
         record,
         folder,
-        _facts(record),
+        _facts(result),
         kind="Tolerance",
-        lines=tolerance_lines(record),
-        tiles=[_tile(point) for point in record["points"]],
-        first=first and (replace(first[0], title=f"{first[0].title}: {record['points'][0]['name']}"), first[1]),
-        capability=_capability_table(record),
+        lines=tolerance_lines(result),
+        tiles=[_tile(point) for point in result.points],
+        first=first and (replace(first[0], title=f"{first[0].title}: {result.points[0].name}"), first[1]),
+        capability=_capability_table(result),
         sections=sections,
-        trim=_trim_table(record),
-        trim_lines=_trim_lines(record),
-        dimensions=_dimension_table(record),
+        trim=result.trim and _trim_table(result.trim),
+        trim_lines=_trim_lines(result.trim) if result.trim else [],
+        dimensions=_dimension_table(result),
     )
 
 
-RESULT = ResultKind("tolerance.json", "tolerance", "tolerance", tolerance_html, KEYS)
+RESULT = ResultKind("tolerance.json", "tolerance", "tolerance", tolerance_html)
 
 
-def tolerance_lines(record: Record) -> list[str]:
+def tolerance_lines(result: ToleranceResult) -> list[str]:
     """Sentences on the study as a whole."""
     lines = [
-        f"{record['parts']:,} parts of {record['injector']['title']}, whose {len(record['dimensions'])} dimensions "
-        f"scatter within their tolerances, at {len(record['points'])} operating points: {record['injections']:,} "
+        f"{result.parts:,} parts of {result.injector.title}, whose {len(result.dimensions)} dimensions scatter within "
+        f"their tolerances, at {len(result.points)} operating points: {result.injections:,} "
         "simulations."
     ]
-    for point in record["points"]:
-        best = point["dimensions"][0]
-        if best["share"] is not None:
+    for point in result.points:
+        best = point.dimensions[0]
+        if best.share is not None:
             lines.append(
-                f"{point['name']}: standard deviation {quantity(point['spread']['deviation'], 'm3', 3)}, "
-                f"{percent(best['share']['value'], 0)} % of the variance from {best['name']}; with half of its spread "
-                f"{quantity(best['if_halved'], 'm3', 3)}."
+                f"{point.name}: standard deviation {quantity(point.spread.deviation, 'm3', 3)}, "
+                f"{percent(best.share.value, 0)} % of the variance from {best.name}; with half of its spread "
+                f"{quantity(best.if_halved, 'm3', 3)}."
             )
-    failed = sum(point["spread"]["failed"] for point in record["points"])
+    failed = sum(point.spread.failed for point in result.points)
     if failed:
         lines.append(f"{failed:,} simulations failed; a part that fails counts as out of limits, and has no quantity.")
     return lines
 
 
-def _tile(point: Record) -> Tile:
+def _tile(point: PointResult) -> Tile:
     """Capability of an operating point, or its scatter where it has no limits."""
-    spread = point["spread"]
-    scatter = f"standard deviation {_volume(spread['deviation'], 3)} mm³"
-    cpk = spread["cpk"]
+    spread, cpk = point.spread, point.spread.cpk
+    scatter = f"standard deviation {_volume(spread.deviation, 3)} mm³"
     if cpk is None:
-        return Tile(point["name"], f"{_volume(spread['deviation'], 3)} mm³", "standard deviation; no limits are given")
+        return Tile(point.name, f"{_volume(spread.deviation, 3)} mm³", "standard deviation; no limits are given")
     level = GOOD if cpk >= CAPABLE else CARE if cpk >= FITS else BAD
-    return Tile(point["name"], f"Cpk {fixed(cpk, 2)}", f"{_out(spread)} out of limits; {scatter}", level)
+    return Tile(point.name, f"Cpk {fixed(cpk, 2)}", f"{_out(spread)} out of limits; {scatter}", level)
 
 
-def tolerance_tables(record: Record) -> list[Table]:
+def tolerance_tables(result: ToleranceResult) -> list[Table]:
     """Tables of the terminal: capability, shares of each point, trim."""
-    tables = [_capability_table(record), *(_share_table(record, point) for point in record["points"])]
-    trim = _trim_table(record)
-    return tables if trim is None else [*tables, trim]
+    tables = [_capability_table(result), *map(_share_table, result.points)]
+    return [*tables, _trim_table(result.trim)] if result.trim else tables
 
 
-def tolerance_figures(record: Record) -> list[Figure]:
+def tolerance_figures(result: ToleranceResult) -> list[Figure]:
     """Figures of all operating points, named by them."""
     return [
-        replace(figure, title=f"{figure.title}: {point['name']}")
-        for point in record["points"]
+        replace(figure, title=f"{figure.title}: {point.name}")
+        for point in result.points
         for figure, _ in _figures(point)
     ]
 
 
-def _out(spread: Record) -> str:
-    if spread["lower"] is None and spread["upper"] is None:
+def _out(spread: Spread) -> str:
+    if spread.lower is None and spread.upper is None:
         return MISSING
-    out = spread["out"]
-    if out["value"] < SMALL:
-        value, low, high = (significant(1e6 * out[key], 3) for key in ("value", "low", "high"))
+    if spread.out.value < SMALL:
+        value, low, high = (significant(1e6 * share, 3) for share in spread.out)
         return f"{value} ppm ({low} to {high})"
-    value, low, high = (percent(out[key], 2) for key in ("value", "low", "high"))
+    value, low, high = (percent(share, 2) for share in spread.out)
     return f"{value} % ({low} to {high})"
 
 
@@ -115,58 +115,53 @@ def _volume(value: float | None, digits: int = 4) -> str:
     return significant(value, digits, MM3)
 
 
-def _capability_table(record: Record) -> Table:
+def _capability_table(result: ToleranceResult) -> Table:
     columns: list[Column] = [
-        ("operating point", "name"),
-        ("as drawn, mm³", lambda p: _volume(p["nominal"])),
-        ("mean, mm³", lambda p: _volume(p["spread"]["mean"])),
-        ("st. dev., mm³", lambda p: _volume(p["spread"]["deviation"], 3)),
-        ("99.73 % of the parts, mm³", _range),
-        ("limits, mm³", lambda p: f"{_volume(p['spread']['lower'])} to {_volume(p['spread']['upper'])}"),
-        ("out of limits", lambda p: _out(p["spread"])),
-        ("failed", lambda p: f"{p['spread']['failed']:,}"),
-        ("Cp", lambda p: fixed(p["spread"]["cp"], 2)),
-        ("Cpk", lambda p: fixed(p["spread"]["cpk"], 2)),
+        ("operating point", lambda p: p.name),
+        ("as drawn, mm³", lambda p: _volume(p.nominal)),
+        ("mean, mm³", lambda p: _volume(p.spread.mean)),
+        ("st. dev., mm³", lambda p: _volume(p.spread.deviation, 3)),
+        ("99.73 % of the parts, mm³", lambda p: " to ".join(_volume(p.spread.quantiles[end]) for end in ENDS)),
+        ("limits, mm³", lambda p: f"{_volume(p.spread.lower)} to {_volume(p.spread.upper)}"),
+        ("out of limits", lambda p: _out(p.spread)),
+        ("failed", lambda p: f"{p.spread.failed:,}"),
+        ("Cp", lambda p: fixed(p.spread.cp, 2)),
+        ("Cpk", lambda p: fixed(p.spread.cpk, 2)),
     ]
-    sure = percent(record["confidence"], 0)
+    sure = percent(result.confidence, 0)
     note = (
         f"Out of limits with its {sure} % interval (Clopper and Pearson); failed parts are among them. Cp and Cpk take "
         "the standard deviation, and mean what they say for a normal distribution; the share out of limits is counted."
     )
-    return tabulated("Capability", record["points"], columns, note)
+    return tabulated("Capability", result.points, columns, note)
 
 
-def _range(point: Record) -> str:
-    quantiles = point["spread"]["quantiles"]
-    return f"{_volume(quantiles['0.00135'])} to {_volume(quantiles['0.99865'])}"
-
-
-def _share_table(record: Record, point: Record) -> Table:
+def _share_table(point: PointResult) -> Table:
     columns: list[Column] = [
-        ("dimension", "name"),
+        ("dimension", lambda d: d.name),
         ("share of the variance, %", _share),
-        ("from 2.5 % to 97.5 % of the parts, mm³", lambda d: significant(d["swing"], 3, MM3)),
-        ("st. dev. with half the spread, mm³", lambda d: _volume(d["if_halved"], 3)),
+        ("from 2.5 % to 97.5 % of the parts, mm³", lambda d: significant(d.swing, 3, MM3)),
+        ("st. dev. with half the spread, mm³", lambda d: _volume(d.if_halved, 3)),
     ]
-    rest = "" if point["rest"] is None else f"Rest: {percent(max(point['rest'], 0.0))} %, interactions and steps. "
-    more = len(point["dimensions"]) - SHOWN
+    rest = "" if point.rest is None else f"Rest: {percent(max(point.rest, 0.0))} %, interactions and steps. "
+    more = len(point.dimensions) - SHOWN
     note = f"{rest}{f'{more} more are in tolerance.csv.' if more > 0 else ''}".strip()
-    return tabulated(f"Tolerances to tighten: {point['name']}", point["dimensions"][:SHOWN], columns, note)
+    return tabulated(f"Tolerances to tighten: {point.name}", point.dimensions[:SHOWN], columns, note)
 
 
-def _share(row: Record) -> str:
-    if row["share"] is None:
+def _share(row: DimensionShare) -> str:
+    if row.share is None:
         return MISSING
-    value, low, high = (percent(row["share"][key]) for key in ("value", "low", "high"))
+    value, low, high = map(percent, row.share)
     return f"{value} ({low} to {high})".replace("-", "−")
 
 
-def _figures(point: Record) -> list[tuple[Figure, int]]:
+def _figures(point: PointResult) -> list[tuple[Figure, int]]:
     figures = [(_histogram(point), 260)]
-    rows = [row for row in point["dimensions"] if row["share"] is not None][:SHOWN]
+    rows = [row for row in point.dimensions if row.share is not None][:SHOWN]
     if rows:
-        bars = (interval_bars("", "start", rows, "share", 100.0),)
-        panel = Panel("", (), bars=bars, rows=tuple(row["name"] for row in rows))
+        bars = (interval_bars("", "start", [row.share for row in rows], 100.0),)
+        panel = Panel("", (), bars=bars, rows=tuple(row.name for row in rows))
         figure = Figure(
             "Share of the variance", "Covariance of each dimension's part of a cubic fit.", "share, %", (panel,)
         )
@@ -174,19 +169,18 @@ def _figures(point: Record) -> list[tuple[Figure, int]]:
     return figures
 
 
-def _histogram(point: Record) -> Figure:
+def _histogram(point: PointResult) -> Figure:
     """Histogram as a line with steps, and the limits."""
-    spread = point["spread"]
-    edges, counts = spread["histogram"]["edges"], spread["histogram"]["counts"]
-    shares = [100.0 * count / spread["parts"] for count in counts]
-    x = tuple(MM3 * edge for edge in edges for _ in (0, 1))
+    spread = point.spread
+    shares = [100.0 * count / spread.parts for count in spread.histogram.counts]
+    x = tuple(MM3 * edge for edge in spread.histogram.edges for _ in (0, 1))
     y = (0.0, *(share for share in shares for _ in (0, 1)), 0.0)
     series = [Series("parts", "solid", x, y, family=0)]
     top = max(shares)
-    for name, at in (("lower", spread["lower"]), ("upper", spread["upper"]), ("drawn", point["nominal"])):
+    for name, at in (("lower", spread.lower), ("upper", spread.upper), ("drawn", point.nominal)):
         if at is not None:
             look = "level" if name == "drawn" else "best"
-            label = "as drawn" if name == "drawn" else "limits" if name == "lower" or spread["lower"] is None else ""
+            label = "as drawn" if name == "drawn" else "limits" if name == "lower" or spread.lower is None else ""
             series.append(Series(label, look, (MM3 * at,) * 2, (0.0, top)))
     ends = [v for s in series for v in s.x if v is not None]
     aside = 0.03 * (max(ends) - min(ends))  # so that no limit lies on the frame
@@ -196,79 +190,68 @@ def _histogram(point: Record) -> Figure:
     )
 
 
-def _trim_table(record: Record) -> Table | None:
-    trim = record["trim"]
-    if trim is None:
-        return None
+def _trim_table(trim: Trimmed) -> Table:
     columns: list[Column] = [
-        ("operating point", "name"),
-        ("st. dev. before, mm³", lambda p: _volume(p["before"]["deviation"], 3)),
-        ("after, mm³", lambda p: _volume(p["after"]["deviation"], 3)),
-        ("after, % of before", lambda p: fixed(100.0 * p["after"]["deviation"] / p["before"]["deviation"], 0)),
-        ("out of limits before", lambda p: _out(p["before"])),
-        ("out of limits after", lambda p: _out(p["after"])),
-        ("st. dev. of the correction, µs", lambda p: fixed(p["correction"]["deviation"], 1, MICROSECOND)),
+        ("operating point", lambda p: p.name),
+        ("st. dev. before, mm³", lambda p: _volume(p.before.deviation, 3)),
+        ("after, mm³", lambda p: _volume(p.after.deviation, 3)),
+        ("after, % of before", lambda p: fixed(100.0 * p.after.deviation / p.before.deviation, 0)),
+        ("out of limits before", lambda p: _out(p.before)),
+        ("out of limits after", lambda p: _out(p.after)),
+        ("st. dev. of the correction, µs", lambda p: fixed(p.correction.deviation, 1, MICROSECOND)),
     ]
-    return tabulated("Trim", trim["points"], columns, "Standard deviations are those over the parts.")
+    return tabulated("Trim", trim.points, columns, "Standard deviations are those over the parts.")
 
 
-def _trim_lines(record: Record) -> list[str]:
-    trim = record["trim"]
-    if trim is None:
-        return []
-    test = " and ".join(trim["test_points"])
-    law = "the same at all points" if len(trim["test_points"]) == 1 else "linear in the energising time"
-    scatter = quantity(trim["scatter"], "m3", 3)
+def _trim_lines(trim: Trimmed) -> list[str]:
+    test = " and ".join(trim.test_points)
+    law = "the same at all points" if len(trim.test_points) == 1 else "linear in the energising time"
+    scatter = quantity(trim.scatter, "m3", 3)
     lines = [
-        f"{trim['parts']:,} parts, each measured at {test} with a scatter of {scatter}, and corrected in its "
-        f"energising time by the nominal slope, {law}, in steps of {quantity(trim['resolution'], 's', 3)}. Each was "
+        f"{trim.parts:,} parts, each measured at {test} with a scatter of {scatter}, and corrected in its "
+        f"energising time by the nominal slope, {law}, in steps of {quantity(trim.resolution, 's', 3)}. Each was "
         "simulated again at its own energising time."
     ]
-    if trim["unmeasured"]:
-        lines.append(f"{trim['unmeasured']:,} parts could not be measured and are left out.")
-    held = sum(point["held"] for point in trim["points"])
+    if trim.unmeasured:
+        lines.append(f"{trim.unmeasured:,} parts could not be measured and are left out.")
+    held = sum(point.held for point in trim.points)
     return [*lines, *([f"{held:,} corrections ended at half of the energising time."] if held else [])]
 
 
-def _dimension_table(record: Record) -> Table:
+def _dimension_table(result: ToleranceResult) -> Table:
     columns: list[Column] = [
-        ("dimension", "name"),
-        ("as drawn", lambda d: quantity(d["drawn"], d["unit"])),
-        ("distribution", _distribution),
-        ("mark", "mark"),
-        ("source", "source"),
+        ("dimension", lambda d: d.name),
+        ("as drawn", lambda d: quantity(d.drawn, d.unit)),
+        ("distribution", lambda d: _distribution(d.distribution, d.unit)),
+        ("mark", lambda d: d.mark),
+        ("source", lambda d: d.source),
     ]
-    pairs = [f"{c['first']} and {c['second']}: {c['value']:g}" for c in record["correlations"]]
+    pairs = [f"{c.first} and {c.second}: {c.value:g}" for c in result.correlations]
     note = f"Correlations of the normal scores: {'; '.join(pairs)}. " if pairs else "All are independent. "
-    return tabulated("Dimensions", record["dimensions"], columns, note + MARKS)
+    return tabulated("Dimensions", result.dimensions, columns, note + MARKS)
 
 
-def _distribution(dimension: Record) -> str:
-    given, unit = dimension["distribution"], dimension["unit"]
-    ends = [quantity(given[key], unit, 5) for key in ("lower", "upper")]
-    between = f"{ends[0]} to {ends[1]}"
-    if given["kind"] == "normal":
-        cut = "" if given["lower"] is None and given["upper"] is None else f", cut: {between}"
-        sigma = quantity(given["sigma"], unit, 3)
-        return f"normal, {quantity(given['mean'], unit, 5)}, standard deviation {sigma}{cut}"
-    return f"{given['kind']}, {between}"
+def _distribution(law: DistributionFacts, unit: str) -> str:
+    between = f"{quantity(law.lower, unit, 5)} to {quantity(law.upper, unit, 5)}"
+    if law.kind == "normal":
+        cut = "" if law.lower is None and law.upper is None else f", cut: {between}"
+        return f"normal, {quantity(law.mean, unit, 5)}, standard deviation {quantity(law.sigma, unit, 3)}{cut}"
+    return f"{law.kind}, {between}"
 
 
 _SAMPLING = {
-    "quasi-random": "quasi-random (scrambled Sobol' sequence)",
-    "random": "independent random numbers",
+    Sampling.QUASI_RANDOM: "quasi-random (scrambled Sobol' sequence)",
+    Sampling.RANDOM: "independent random numbers",
 }
 
 
-def _facts(record: Record) -> list[tuple[str, str]]:
+def _facts(result: ToleranceResult) -> list[tuple[str, str]]:
     return [
-        ("Injector", f"{record['injector']['name']} ({record['injector']['variant']})"),
-        ("Parts", f"{record['parts']:,}, {_SAMPLING[record['sampling']]}"),
-        ("Seed", str(record["seed"])),
-        ("Time step", f"{significant(record['time_step'], 4, MICROSECOND)} µs, {record['precision']}"),
+        ("Injector", f"{result.injector.name} ({result.injector.variant})"),
+        ("Parts", f"{result.parts:,}, {_SAMPLING[result.sampling]}"),
+        ("Seed", str(result.seed)),
+        ("Time step", f"{significant(result.time_step, 4, MICROSECOND)} µs, {result.precision.value}"),
     ]
 
 
-TOLERANCE = Presenter.of_record(
-    lambda record: [record["title"], *tolerance_lines(record)], tolerance_tables, tolerance_figures
-)
+TOLERANCE = Presenter(lambda t: [t.title, *tolerance_lines(t)], tolerance_tables, tolerance_figures)

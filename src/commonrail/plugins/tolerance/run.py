@@ -13,7 +13,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, SimulationError
 from commonrail.base.hooks import held_interrupts
 from commonrail.engine.status import OK, Status
-from commonrail.plugins.tolerance.file import PointResult, ToleranceResult
+from commonrail.plugins.tolerance.file import DimensionFacts, InjectorFacts, PointResult, ToleranceResult
 from commonrail.plugins.tolerance.statistics import GROUPS, Draws, Parts, Simulated, VarianceShares, spread_of
 from commonrail.plugins.tolerance.study import Tolerances
 from commonrail.plugins.tolerance.trim import trimmed
@@ -77,12 +77,29 @@ def tolerance(
         trim = None
         if t.trim is not None and not request.asked:
             trim = trimmed(simulated, found, nominal, limits, sure, lambda i, n: report(Progress("trimming", i, n)))
-    results = tuple(
-        PointResult(p.name, p.point, nominal[k], spreads[k], shares.shares(k, sure))  # type: ignore[arg-type]
+    results = [
+        PointResult.of(p, float(nominal[k]), spreads[k], t.names, shares.shares(k, sure))  # type: ignore[arg-type]
         for k, p in enumerate(t.points)
+    ]
+    return ToleranceResult(
+        title=t.title,
+        synthetic=" ".join(dict.fromkeys(text for text in (t.synthetic, t.injector.synthetic) if text)),
+        injector=InjectorFacts(t.injector.name, t.injector.title, t.injector.variant.label),
+        status="interrupted" if done < t.parts else "complete",
+        asked=t.parts,
+        parts=done,
+        injections=simulated.injections,
+        seed=t.seed,
+        sampling=t.sampling,
+        time_step=t.time_step,
+        precision=t.precision,
+        confidence=sure,
+        dimensions=tuple(DimensionFacts.of(dimension, t.injector) for dimension in t.dimensions),
+        correlations=t.correlations,
+        points=tuple(results),
+        trim=trim,
+        seconds=time.perf_counter() - begin,
     )
-    ending = "interrupted" if done < t.parts else "complete"
-    return ToleranceResult(t, results, trim, ending, sure, done, simulated.injections, time.perf_counter() - begin)
 
 
 def _nominal(simulated: Simulated) -> Floats:

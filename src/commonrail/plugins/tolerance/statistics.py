@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.base.arrays import Floats
+from commonrail.base.record import Interval
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared, prepare
 from commonrail.engine.simulate import simulate_batch
@@ -193,12 +194,19 @@ QUANTILES = (0.00135, 0.025, 0.5, 0.975, 0.99865)
 BARS = 60  # of the histogram
 
 
+class Histogram(NamedTuple):
+    """Edges of the bars [m³], and the number of parts in each."""
+
+    edges: tuple[float, ...]
+    counts: tuple[int, ...]
+
+
 class Spread(NamedTuple):
     """Spread of a quantity over parts at one operating point, SI.
 
-    `mean` and `deviation` are of the parts that did not fail, `quantiles` at `QUANTILES`; `below` and `above` count the
-    parts beyond the limits; `out` is the share of the parts beyond the limits or failed, with its interval; `cp` and
-    `cpk` are None where limits are missing; the histogram has edges and counts.
+    `mean` and `deviation` are of the parts that did not fail, `quantiles` by share of `QUANTILES`; `below` and `above`
+    count the parts beyond the limits; `out` is the share of the parts beyond the limits or failed, with its interval;
+    `cp` and `cpk` are None where limits are missing.
     """
 
     parts: int
@@ -206,24 +214,15 @@ class Spread(NamedTuple):
     reasons: dict[str, int]
     mean: float
     deviation: float
-    quantiles: tuple[float, ...]
+    quantiles: dict[str, float]
     lower: float | None
     upper: float | None
     below: int
     above: int
-    out: tuple[float, float, float]
+    out: Interval
     cp: float | None
     cpk: float | None
-    histogram: tuple[tuple[float, ...], tuple[int, ...]]
-
-    def record(self) -> dict[str, Any]:
-        """JSON-able form."""
-        edges, counts = self.histogram
-        found = self._asdict()
-        found["quantiles"] = {f"{share:g}": value for share, value in zip(QUANTILES, self.quantiles, strict=True)}
-        found["out"] = dict(zip(("value", "low", "high"), self.out, strict=True))
-        found["histogram"] = {"edges": list(edges), "counts": list(counts)}
-        return found
+    histogram: Histogram
 
 
 def spread_of(
@@ -252,20 +251,23 @@ def spread_of(
     out = below + above + failed
     interval = binomtest(out, len(codes)).proportion_ci(confidence)  # by Clopper and Pearson
     numbers, edges = np.histogram(known, BARS)
+    cp, cpk = _capability(mean, deviation, lower, upper)
+    quantiles = np.quantile(known, QUANTILES).tolist()
     return Spread(
-        len(codes),
-        failed,
-        reasons,
-        mean,
-        deviation,
-        tuple(float(q) for q in np.quantile(known, QUANTILES)),
-        lower,
-        upper,
-        below,
-        above,
-        (out / len(codes), float(interval.low), float(interval.high)),
-        *_capability(mean, deviation, lower, upper),
-        (tuple(edges.tolist()), tuple(numbers.tolist())),
+        parts=len(codes),
+        failed=failed,
+        reasons=reasons,
+        mean=mean,
+        deviation=deviation,
+        quantiles={f"{share:g}": value for share, value in zip(QUANTILES, quantiles, strict=True)},
+        lower=lower,
+        upper=upper,
+        below=below,
+        above=above,
+        out=Interval(out / len(codes), float(interval.low), float(interval.high)),
+        cp=cp,
+        cpk=cpk,
+        histogram=Histogram(tuple(edges.tolist()), tuple(numbers.tolist())),
     )
 
 

@@ -4,29 +4,30 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from enum import Enum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from commonrail.base.arguments import (
     COUNTS,
-    chosen,
+    TIME_STEPS,
+    Limits,
     instance,
-    instances,
     known_names,
     number,
     plain_text,
     sequence,
     settle,
-    whole,
 )
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Precision
+from commonrail.base.declare import Choice, Number, Setting, setting, settings
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.engine.operating_point import OperatingPoint
-from commonrail.engine.time_step import DEFAULT_STEP, check_step
+from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.readers.toml import UNSTATED
 
@@ -44,10 +45,6 @@ class Distribution(ABC):
     def kind(self) -> str:
         """Name of the distribution, such as "normal"."""
         return type(self).__name__.lower()
-
-    def record(self) -> dict[str, Any]:
-        """JSON-able form: kind and numbers, None for an infinite one."""
-        return {"kind": self.kind} | {name: end if math.isfinite(end) else None for name, end in vars(self).items()}
 
     def _read(self, *names: str) -> None:
         """Refuse numbers that are not finite."""
@@ -260,116 +257,77 @@ class Correlation(NamedTuple):
     value: float
 
 
-@dataclass(frozen=True)
-class Trim:
+def _test_points(value: object, words: str) -> tuple[str, ...]:
+    points = tuple(sequence(value, words, '["VL", "LL"]'))
+    if len(points) not in (1, 2) or len(set(points)) != len(points):
+        raise ConfigurationError(f"A trim needs one or two operating points, not {len(points)}.")
+    return points
+
+
+@settings(kw_only=False)
+class SeriesTrim:
     """Correction of each part's energising time from quantities that are measured on it.
 
-    Parameters
-    ----------
-    points : sequence of str
-        Names of one or two operating points at which each part is measured. With one, the correction is the same at
-        all points; with two, linear in the energising time.
-    parts : int
-        Number of parts that are trimmed and simulated again.
-    resolution : float or str
-        Step of the energising time [s].
-    scatter : float or str
-        Standard deviation of a measured quantity [m³].
-
-    Raises
-    ------
-    ConfigurationError
-        If there are not one or two points, or a number is beyond its limits.
+    With one point at which parts are measured the correction is the same at all points; with two, linear in the
+    energising time. `ConfigurationError` for another number of points, or a number beyond its limits.
     """
 
-    points: tuple[str, ...]
-    parts: int = 8192
-    resolution: float = 1e-6
-    scatter: float = 0.0
+    points: Setting[tuple[str, ...], Sequence[str]] = setting(
+        words="points of a trim", read=_test_points, text="Names of one or two points at which each part is measured."
+    )
+    parts: int = setting(
+        words="number of parts of the trim",
+        default=8192,
+        limits=Limits(100, 1_000_000),
+        text="Parts that are trimmed and simulated again.",
+    )
+    resolution: Number = setting(
+        words="resolution of the trim",
+        unit="s",
+        default=1e-6,
+        limits=Limits(1e-8, 1e-4),
+        text="Step of the energising time.",
+    )
+    scatter: Number = setting(
+        words="scatter of the trim",
+        unit="m3",
+        default=0.0,
+        limits=Limits(0.0, 1e-6),
+        text="Standard deviation of a measured quantity.",
+    )
 
-    def __post_init__(self) -> None:
-        sequence(self.points, "points of a trim", '["VL", "LL"]')
-        if len(self.points) not in (1, 2) or len(set(self.points)) != len(self.points):
-            raise ConfigurationError(f"A trim needs one or two operating points, not {len(self.points)}.")
-        settle(
-            self,
-            points=tuple(self.points),
-            parts=whole(self.parts, "number of parts of the trim", 100, 1_000_000),
-            resolution=number(self.resolution, "s", "resolution of the trim"),
-            scatter=number(self.scatter, "m3", "scatter of the trim"),
-        )
-        if not 1e-8 <= self.resolution <= 1e-4 or self.scatter < 0.0:
-            raise ConfigurationError(
-                "The resolution of a trim must lie between 10 ns and 100 us, its scatter not below 0."
-            )
 
-
-@dataclass(frozen=True)
+@settings(kw_only=False)
 class Tolerances:
     """A tolerance study, ready to run.
 
-    Parameters
-    ----------
-    title : str
-    injector : Injector
-        As drawn: its values are nominal, and those of dimensions that do not scatter.
-    dimensions : sequence of Dimension
-        At least one, each name once.
-    points : sequence of TolerancePoint
-        At least one, each name once.
-    correlations : sequence of Correlation
-    trim : Trim, optional
-    parts : int
-        Number of parts, from 1000.
-    seed : int
-    sampling : Sampling or str
-        "quasi-random" or "random".
-    time_step : float or str
-        [s].
-    precision : Precision or str
-        "f64" or "f32".
-    synthetic : str
-        What about the tolerances is assumed; empty if nothing.
-    text : str
-        The file it was read from.
-
-    Raises
-    ------
-    ConfigurationError
-        If an argument is of another kind, names are unknown or repeated, correlations cannot hold together, or the
-        figures would not fit the memory.
+    `ConfigurationError` if an argument is of another kind, names are unknown or repeated, correlations cannot hold
+    together, or the figures would not fit the memory.
     """
 
-    title: str
-    injector: Injector
-    dimensions: tuple[Dimension, ...]
-    points: tuple[TolerancePoint, ...]
-    correlations: tuple[Correlation, ...] = ()
-    trim: Trim | None = None
+    title: str = setting(words="title of a tolerance study")
+    injector: Injector = setting(
+        words="injector of a tolerance study",
+        text="As drawn: its values are nominal, and those of dimensions that do not scatter.",
+    )
+    dimensions: Setting[tuple[Dimension, ...], Sequence[Dimension]] = setting(text="At least one, each name once.")
+    points: Setting[tuple[TolerancePoint, ...], Sequence[TolerancePoint]] = setting(
+        text="At least one, each name once."
+    )
+    correlations: Setting[tuple[Correlation, ...], Sequence[Correlation]] = setting(default=())
+    trim: SeriesTrim | None = None
     _: KW_ONLY
-    parts: int = 100_000
-    seed: int = 1
-    sampling: Sampling = Sampling.QUASI_RANDOM
-    time_step: float = DEFAULT_STEP
-    precision: Precision = Precision.F64
-    synthetic: str = ""
-    text: str = ""
+    parts: int = setting(words="number of parts", default=100_000, limits=Limits(1000, MOST_FIGURES))
+    seed: int = setting(default=1)
+    sampling: Choice[Sampling] = setting(default=Sampling.QUASI_RANDOM)
+    time_step: Number = setting(unit="s", default=DEFAULT_STEP, limits=TIME_STEPS)
+    precision: Choice[Precision] = setting(default=Precision.F64)
+    synthetic: str = setting(
+        words="note on what is synthetic", default="", text="What about the tolerances is assumed; empty if nothing."
+    )
+    text: str = setting(words="text of a tolerance study", default="", text="The file it was read from.")
 
     def __post_init__(self) -> None:
-        for what in ("title", "synthetic", "text"):
-            plain_text(getattr(self, what), f"{what} of a tolerance study")
-        instance(self.injector, Injector, "injector of a tolerance study")
-        settle(
-            self,
-            dimensions=instances(self.dimensions, Dimension, "dimensions"),
-            points=instances(self.points, TolerancePoint, "points"),
-            correlations=tuple(self.correlations),
-            parts=whole(self.parts, "number of parts", 1000, MOST_FIGURES),
-            seed=whole(self.seed, "seed"),
-            sampling=chosen(self.sampling, Sampling, "sampling"),
-            time_step=check_step(self.time_step),
-            precision=chosen(self.precision, Precision, "precision"),
-        )
         if not self.dimensions or not self.points:
             raise ConfigurationError("A tolerance study needs at least one dimension and one operating point.")
         known_names(self.names, parameter_quantities(), "dimensions", "nozzle.hole_diameter")

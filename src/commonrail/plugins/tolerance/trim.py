@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,35 +24,38 @@ STEP = 10e-6  # of the energising time to either side for the nominal slope [s];
 SHORTEST, LONGEST = 0.5, 1.5  # corrected energising time as a multiple of the nominal one
 
 
+class Shift(NamedTuple):
+    """Mean and standard deviation of the correction of the energising time [s]."""
+
+    mean: float
+    deviation: float
+
+
 class TrimmedPoint(NamedTuple):
     """Spread of the trimmed parts at one operating point, before and after.
 
-    `correction` is the mean and standard deviation of that of the energising time [s]; `held` counts the parts whose
-    correction ended at the limit, half of the energising time.
+    `held` counts the parts whose correction ended at the limit, half of the energising time.
     """
 
     name: str
     before: Spread
     after: Spread
-    correction: tuple[float, float]
+    correction: Shift
     held: int
-
-    def record(self) -> dict[str, Any]:
-        """JSON-able form."""
-        return {
-            "name": self.name,
-            "before": self.before.record(),
-            "after": self.after.record(),
-            "correction": {"mean": self.correction[0], "deviation": self.correction[1]},
-            "held": self.held,
-        }
 
 
 class Trimmed(NamedTuple):
-    """Trimmed parts: their number, those that could not be measured at a test point, slopes [m³/s], and all points."""
+    """Trimmed parts: how they were trimmed, and all points.
 
+    `parts` could be measured at the test points and `unmeasured` could not; `resolution` [s], `scatter` [m³] and
+    `slopes` [m³/s] are those of the trim.
+    """
+
+    test_points: tuple[str, ...]
     parts: int
     unmeasured: int
+    resolution: float
+    scatter: float
     slopes: tuple[float, ...]
     points: tuple[TrimmedPoint, ...]
 
@@ -90,9 +93,17 @@ def trimmed(
         if before is None or after is None:
             raise SimulationError(f"{t.title}: hardly any trimmed part can be simulated at {p.name}.")
         shift = times - p.point.pulses[0].duration
-        points.append(TrimmedPoint(p.name, before, after, (float(shift.mean()), float(shift.std())), held))
+        points.append(TrimmedPoint(p.name, before, after, Shift(float(shift.mean()), float(shift.std())), held))
         report(k + 1, len(t.points))
-    return Trimmed(int(known.sum()), count - int(known.sum()), tuple(slopes), tuple(points))
+    return Trimmed(
+        test_points=t.trim.points,
+        parts=int(known.sum()),
+        unmeasured=count - int(known.sum()),
+        resolution=t.trim.resolution,
+        scatter=t.trim.scatter,
+        slopes=tuple(slopes),
+        points=tuple(points),
+    )
 
 
 def _slope(simulated: Simulated, k: int) -> float:

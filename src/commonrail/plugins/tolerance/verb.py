@@ -58,7 +58,7 @@ def tolerance(
     if json:
         print_json(record)
     else:
-        print_text([*synthetic_lines(record), *tolerance_lines(record)], tolerance_tables(record))
+        print_text([*synthetic_lines(record), *tolerance_lines(found)], tolerance_tables(found))
         if out is not None:
             click.echo(f"report: {out / 'report.html'}")
     if found.status == "interrupted":

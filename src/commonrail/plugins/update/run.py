@@ -20,17 +20,18 @@ from commonrail.base.text import command, number
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.scoring import score_all
 from commonrail.calibration.study import Study
-from commonrail.data.bands import too_few_inside
 from commonrail.data.base import DataSet, Role, Score
 from commonrail.data.curves.data import RateData
 from commonrail.data.records import JUDGED
-from commonrail.data.registry import kind_of, of_role
+from commonrail.data.registry import of_role
 from commonrail.plugins.new.study import StatedByUser
 from commonrail.plugins.prediction.band import Band
 from commonrail.plugins.prediction.run import LEVEL, predict
 from commonrail.plugins.update.page import RECORD, update_lines
 from commonrail.plugins.update.study import LOCAL, Addition, read_addition, updated_study
 from commonrail.readers.toml import read_toml
+from commonrail.report.data.bands import too_few_inside
+from commonrail.report.data.view import view_of
 from commonrail.report.page import write_report
 from commonrail.runs.fingerprint import check_origins
 from commonrail.runs.fit import Listener, calibrate_into
@@ -219,7 +220,7 @@ def _agreement(band: Band | None) -> dict[str, Any]:
 
 def _error_of(data: DataSet, score: Score) -> dict[str, Any]:
     """Error of a data set as the verdict of a report has it: a share, or in tolerances; JSON-able."""
-    found = kind_of(data.kind).view.fit_error(data.record({JUDGED: score}))
+    found = view_of(data.kind).fit_error(data.record({JUDGED: score}))
     size = found.size if found else float(np.sqrt(np.mean(data.errors(score.values) ** 2)))
     return {"size": number(size), "in_tolerances": found is None or found.in_tolerances}
 

@@ -58,6 +58,7 @@ def update(
       commonrail update runs/first --with april.xlsx
       commonrail update runs/first --with rates.mf4 --held-out map.csv --out runs/second
     """
+    from commonrail.calibration.record import CalibrationRecord, read_as
     from commonrail.plugins.update.run import update as run_update
     from commonrail.report.fit.verdict import verdict
     from commonrail.runs.fit import Listener
@@ -90,5 +91,5 @@ def update(
     if json:
         print_json({"kind": "update", "folder": str(place), **found.content})
         return
-    print_lines([*found.content["lines"], verdict(read_result(place), str(place)).headline])
+    print_lines([*found.content["lines"], verdict(read_as(CalibrationRecord, read_result(place)), str(place)).headline])
     click.echo(f"report: {place / 'report.html'}")

@@ -22,8 +22,9 @@ from commonrail.engine.solution import Solution
 from commonrail.physics.injector import Injector
 from commonrail.plugins.verification import closed_forms
 from commonrail.plugins.verification.closed_forms import Check, check
-from commonrail.plugins.verification.external import Run, against_outside, objective_and_scores
+from commonrail.plugins.verification.external import against_outside, load_outside, objective_and_scores
 from commonrail.plugins.verification.study import RateLimits, Task, VolumeLimit, comparisons
+from commonrail.readers.injector import injector_catalogue, load_injector
 
 INTERVAL = 3e-6  # of a rate meter's samples [s]
 # A batch ends once a valve train is at rest: what a relaxing SAC dribbles after that was 1e-5 mm³ at the most [mm³].
@@ -123,17 +124,17 @@ def verify(
     progress: Callable[[str], None] | None = None,
     processes: int | None = None,
     quick: bool = False,
-    outside: Sequence[Run] = (),
-    catalogue: Sequence[Injector] = (),
 ) -> list[Check]:
     """Check the fast engine against the reference and both against what is known otherwise.
 
     The injector is flexible, fed by an ideal rail and driven by PWM or regulator: the catalogue's "virtual-lino-2016".
-    `progress` is told after every comparison; `outside` are figures of a program outside the project. Of each group of
-    comparisons, batches, scores, figures from outside and closed forms the worst figure is returned.
+    The injectors of the catalogue and figures of a program outside the project are compared too. `progress` is told
+    after every comparison. Of each group of comparisons, batches, scores, figures from outside and closed forms the
+    worst figure is returned.
     """
     tell = progress or (lambda _: None)
-    tasks = comparisons(injector, quick, catalogue)
+    outside = load_outside()
+    tasks = comparisons(injector, quick, [load_injector(name) for name in injector_catalogue()])
     tell(f"comparing the engines: {len(tasks)} simulations by the reference")
     found: list[Compared] = []
     with ProcessPoolExecutor(processes) as pool:
@@ -143,9 +144,8 @@ def verify(
         checks = checks_of(tasks, found)
         tell("objective against scores")
         checks += objective_and_scores(injector)
-        if outside:
-            tell(f"figures from outside: {len(outside)} runs")
-            checks += against_outside(outside, pool)
+        tell(f"figures from outside: {len(outside)} runs")
+        checks += against_outside(outside, pool)
     for form in closed_forms.ALL:
         tell(form.__name__.replace("_", " "))
         checks += form(injector)

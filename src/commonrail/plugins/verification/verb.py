@@ -32,12 +32,10 @@ def verify(
     Example:
       commonrail lab verify --quick
     """
-    from commonrail.plugins.verification.external import load_outside
     from commonrail.plugins.verification.run import verify as run_checks
-    from commonrail.readers.injector import injector_catalogue, load_injector
+    from commonrail.readers.injector import load_injector
 
-    further = [load_injector(name) for name in injector_catalogue()]
-    checks = run_checks(load_injector(injector), progress=say, quick=quick, outside=load_outside(), catalogue=further)
+    checks = run_checks(load_injector(injector), progress=say, quick=quick)
     failed = [check.name for check in checks if not check.passed]
     if json:
         records = [c._asdict() | {"value": number(c.value), "margin": number(c.margin)} for c in checks]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import MARKERS, Band, Figure, HeatMap, Panel, Series, points
 from commonrail.base.text import shown_unit, signed, significant
+from commonrail.calibration.record import CalibrationRecord, ParameterRecord
 from commonrail.data.base import DataSet
 from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, Traces, origin_of
 from commonrail.report.fit.record import DASHES, by_kind, short_names
@@ -25,14 +26,14 @@ FALL = 8.0  # of 2 ln L, up to which profiles are drawn: twice the 95 % limit
 COURSES = 8  # parameters whose course is drawn
 
 
-def names_of(record: Record) -> dict[str, str]:
+def names_of(parameters: Sequence[ParameterRecord]) -> dict[str, str]:
     """Short names of the parameters of a calibration."""
-    return short_names([p["name"] for p in record["parameters"]])
+    return short_names([p.name for p in parameters])
 
 
-def parity_figure(record: Record) -> Figure | None:
+def parity_figure(data: Sequence[Record]) -> Figure | None:
     """Calibrated quantities over those of the data, of all data sets, with lines at ± 5 %; None of fewer than three."""
-    sets = [(d, view.quantities(d)) for view, own in by_kind(record["data"]) for d in own]
+    sets = [(d, view.quantities(d)) for view, own in by_kind(data) for d in own]
     series: list[Series] = []
     ends: list[float] = []
     for family, (d, pairs) in enumerate(pair for pair in sets if pair[1]):
@@ -46,15 +47,15 @@ def parity_figure(record: Record) -> Figure | None:
     series += [Series("", "level", line, tuple(f * v for v in line)) for f in (1.0 - WITHIN, 1.0, 1.0 + WITHIN)]
     title = f"Quantities, lines at ± {100.0 * WITHIN:.0f} %"
     caption = "Quantities per stroke; of a curve its volume within the samples."
-    origins = dict.fromkeys(map(origin_of, record["data"]))
+    origins = dict.fromkeys(map(origin_of, data))
     return Figure(title, caption, f"{' and '.join(origins)}, mm³", (Panel("calibrated, mm³", tuple(series)),))
 
 
-def autocorrelation_figure(record: Record, traces: Traces) -> Figure | None:
+def autocorrelation_figure(data: Sequence[Record], traces: Traces) -> Figure | None:
     """Autocorrelation of the residuals of each curve over the lag [µs]; None without curves."""
     series: list[Series] = []
     fewest, longest = math.inf, 0.0
-    for d in record["data"]:
+    for d in data:
         trace = traces.get(d["name"], {})
         found = _autocorrelation(trace[JUDGED] - trace[MEASURED]) if JUDGED in trace else None
         if found is None:
@@ -82,19 +83,19 @@ def _autocorrelation(residuals: Floats) -> Floats | None:
     return np.array([known[: len(known) - k] @ known[k:] / power for k in range(LAGS + 1)])
 
 
-def loading_matrix(record: Record) -> HeatMap | None:
+def loading_matrix(record: CalibrationRecord) -> HeatMap | None:
     """Combinations of parameters that the data determine, best known first; None of a record without them."""
-    found = record.get("identifiability")
-    if not found:
+    influence = record.identifiability
+    if influence is None:
         return None
     least = 1.0 if scatter_unit(record) == DataSet.residual_unit else 0.0  # a tolerance is as it is stated, or larger
-    scatter = max(float(found["scatter"]), least)
-    held = [c for c in found["combinations"] if c["singular_value"] > scatter]
+    scatter = max(influence.scatter, least)
+    held = [c for c in influence.combinations if c.singular_value > scatter]
     if not held:
         return None
-    shown, names = held[:ROWS], names_of(record)
-    used = [name for name in names if any(name in c["weights"] for c in shown)] or list(names)
-    rows = [[c["weights"].get(name) for name in used] for c in reversed(shown)]
+    shown, names = held[:ROWS], names_of(record.parameters)
+    used = [name for name in names if any(name in c.weights for c in shown)] or list(names)
+    rows = [[c.weights.get(name) for name in used] for c in reversed(shown)]
     more, rest = len(held) - len(shown), len(names) - len(held)
     caption = (
         "Each row is a move of parameters, in widths of their bounds, with its standard error by the data alone; "
@@ -108,7 +109,7 @@ def loading_matrix(record: Record) -> HeatMap | None:
         "parameter",
         "± % of bounds",
         tuple(names[name] for name in used),
-        tuple(significant(100.0 * scatter / c["singular_value"], 2) for c in reversed(shown)),
+        tuple(significant(100.0 * scatter / c.singular_value, 2) for c in reversed(shown)),
         tuple(tuple(row) for row in rows),
         tuple(tuple("" if v is None else signed(v, 1) for v in row) for row in rows),
         "1",
@@ -122,45 +123,42 @@ def _axis(name: str, unit: str) -> str:
     return f"{name}, {unit}" if unit else name
 
 
-def _unit(p: Record) -> tuple[str, float]:
-    """Unit of a parameter's axis and its factor from SI: that in which its upper bound is written."""
-    return shown_unit(p["upper"], p["unit"])
-
-
-def pair_figures(record: Record, draws: Mapping[str, Floats], best: str = "calibrated") -> list[Figure]:
+def pair_figures(
+    parameters: Sequence[ParameterRecord], draws: Mapping[str, Floats], best: str = "calibrated"
+) -> list[Figure]:
     """Draws of a posterior, a figure for each pair of the parameters that the data see most; `best` labels its best."""
-    known = {p["name"]: p for p in by_effect(record) if p["name"] in draws}
-    names = names_of(record)
+    known = {p.name: p for p in by_effect(parameters) if p.name in draws}
+    names = names_of(parameters)
     return [_pair((known[a], known[b]), draws, names, best) for a, b in combinations(list(known)[:PAIRED], 2)]
 
 
-def _pair(pair: tuple[Record, Record], draws: Mapping[str, Floats], names: Mapping[str, str], best: str) -> Figure:
-    every = max(len(draws[pair[0]["name"]]) // DRAWS, 1)
-    axes = [_unit(p) for p in pair]
-    x, y = (points(factor * draws[p["name"]][::every]) for p, (_, factor) in zip(pair, axes, strict=True))
-    across, up = ((factor * p["best"],) for p, (_, factor) in zip(pair, axes, strict=True))
-    first, second = (_axis(names[p["name"]], unit) for p, (unit, _) in zip(pair, axes, strict=True))
+def _pair(
+    pair: tuple[ParameterRecord, ParameterRecord], draws: Mapping[str, Floats], names: Mapping[str, str], best: str
+) -> Figure:
+    every = max(len(draws[pair[0].name]) // DRAWS, 1)
+    axes = [shown_unit(p.upper, p.unit) for p in pair]  # the unit in which the upper bound is written
+    x, y = (points(factor * draws[p.name][::every]) for p, (_, factor) in zip(pair, axes, strict=True))
+    across, up = ((factor * p.best,) for p, (_, factor) in zip(pair, axes, strict=True))
+    first, second = (_axis(names[p.name], unit) for p, (unit, _) in zip(pair, axes, strict=True))
     series = Series("draws", "start", x, y, MARKERS), Series(best, "best", across, up, MARKERS)
-    return Figure(f"{names[pair[0]['name']]} and {names[pair[1]['name']]}", "", first, (Panel(second, series),))
+    return Figure(f"{names[pair[0].name]} and {names[pair[1].name]}", "", first, (Panel(second, series),))
 
 
-def by_effect(record: Record) -> list[Record]:
+def by_effect(parameters: Sequence[ParameterRecord]) -> list[ParameterRecord]:
     """Parameters, those that move the fitted data most first."""
-    return sorted(record["parameters"], key=lambda p: p.get("effect") or 0.0, reverse=True)
+    return sorted(parameters, key=lambda p: p.effect or 0.0, reverse=True)
 
 
 COURSE_CAPTION = f"Below, the best values of the {COURSES} parameters at most that the data see most."
 
 
-def course_panel(record: Record, course: Floats) -> Iterator[Panel]:
+def course_panel(parameters: Sequence[ParameterRecord], course: Floats) -> Iterator[Panel]:
     """Place of the best values between their bounds after each generation (generations, d), of a few parameters."""
-    parameters = record["parameters"]
     if len(course) < 2 or course.shape[1] != len(parameters):
         return
-    names, x = names_of(record), tuple(float(i) for i in range(len(course)))
+    names, x = names_of(parameters), tuple(float(i) for i in range(len(course)))
     series = []
-    for family, p in enumerate(by_effect(record)[:COURSES]):
-        values = course[:, [one["name"] for one in parameters].index(p["name"])]
-        places = points(100.0 * (values - p["lower"]) / (p["upper"] - p["lower"]))
-        series.append(Series(names[p["name"]], DASHES[family % 4], x, places, family=family))
+    for family, p in enumerate(by_effect(parameters)[:COURSES]):
+        places = points(100.0 * (course[:, parameters.index(p)] - p.lower) / (p.upper - p.lower))
+        series.append(Series(names[p.name], DASHES[family % 4], x, places, family=family))
     yield Panel("best, % of its bounds", tuple(series))

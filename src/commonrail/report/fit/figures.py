@@ -9,22 +9,24 @@ import numpy as np
 
 from commonrail.base.chart import Figure, HeatMap, Panel, Series
 from commonrail.base.text import megapascal, number, signed
+from commonrail.calibration.record import GenerationRecord
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.quantities.returned import ReturnData
-from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Plotted, Record, Traces, origin_of, scaled
+from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, Texts, Traces, origin_of
+from commonrail.report.data.view import Plotted
 from commonrail.report.fit.record import by_kind, shown_of
 
 
-def figures_of(record: Record, traces: Traces) -> list[Figure]:
-    """Figures of the data of a calibration."""
-    plotted = Plotted(shown_of(record), traces)
-    return [f for view, own in by_kind(record["data"]) for d in own for f in view.figures(d, plotted)]
+def figures_of(data: Sequence[Record], texts: Texts, traces: Traces) -> list[Figure]:
+    """Figures of the data of a calibration; `texts` are those of its labels."""
+    plotted = Plotted(shown_of(texts), traces)
+    return [f for view, own in by_kind(data) for d in own for f in view.figures(d, plotted)]
 
 
-def convergence_figure(generations: Sequence[Record]) -> Figure:
+def convergence_figure(generations: Sequence[GenerationRecord]) -> Figure:
     """Best and mean objective of the population against the generation (the paper's Fig. 4)."""
-    x = scaled(generations, "generation", 1.0)
-    best, mean = (scaled(generations, key, 1.0) for key in ("best", "mean"))
+    x = tuple(float(one.generation) for one in generations)
+    best, mean = tuple(one.best for one in generations), tuple(one.mean for one in generations)
     values = [v for v in (*best, *mean) if v is not None]
     spread = bool(values) and min(values) > 0.0 and max(values) > 5.0 * min(values)
     series = (Series("mean of the population", "mean", x, mean), Series("best", "best", x, best))
@@ -47,10 +49,10 @@ class _Point(NamedTuple):
     error: float
 
 
-def error_maps(record: Record) -> list[HeatMap]:
+def error_maps(data: Sequence[Record]) -> list[HeatMap]:
     """Heat maps of each quantity map of a calibration; none for one with fewer than two pressures or four points."""
     kinds = (QuantityData.kind, ReturnData.kind)
-    return [heat for data in record["data"] if data["kind"] in kinds for heat in _maps(data)]
+    return [heat for one in data if one["kind"] in kinds for heat in _maps(one)]
 
 
 def _maps(data: Record) -> list[HeatMap]:

@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 from commonrail.base.text import command, counted, listed, quantity
 from commonrail.base.units import to_text
-from commonrail.data.base import View
-from commonrail.data.records import LABELS, Record, Shown
-from commonrail.data.registry import kind_of, kinds_of
+from commonrail.calibration.record import CalibrationRecord
+from commonrail.data.records import LABELS, Record, Texts
+from commonrail.data.registry import kinds_of
+from commonrail.report.data.view import Shown, View, view_of
 from commonrail.runs.copies import study_of_run
 from commonrail.runs.folder import STUDY, final_text
 
@@ -20,33 +21,33 @@ from commonrail.runs.folder import STUDY, final_text
 _MARKS = {"F": "fitted", "M": "measured", "C": "from the ECU", "E": "estimate"}
 
 
-def meter_lines(record: Record) -> list[str]:
+def meter_lines(record: CalibrationRecord) -> list[str]:
     """One sentence for each meter through which the simulated curves and quantities are seen; often none."""
     lines = []
-    for meter in record.get("meters", []):
-        parts = [_quantity(found) for found in meter["quantities"]]
-        if any(found["name"].endswith("cutoff") for found in meter["quantities"]):
-            parts.append(f"low-pass {meter['law']} of order {meter['order']}")
-        sets = [d["name"] for d in record["data"] if d.get("meter") == meter["name"]]
+    for meter in record.meters:
+        parts = [
+            f"{q.name.replace('_', ' ')} {quantity(q.value, q.unit)} [{_MARKS.get(q.mark, q.mark)}]"
+            for q in meter.quantities
+        ]
+        if any(q.name.endswith("cutoff") for q in meter.quantities):
+            parts.append(f"low-pass {meter.law} of order {meter.order}")
+        sets = [d["name"] for d in record.data if d.get("meter") == meter.name]
         of = f" ({listed(sets)})" if sets else ""
         lines.append(
-            f"Simulated values are shown as the meter “{meter['name']}”{of} sees them: {listed(parts) or 'unchanged'}."
+            f"Simulated values are shown as the meter “{meter.name}”{of} sees them: {listed(parts) or 'unchanged'}."
         )
     return lines
-
-
-def _quantity(found: Record) -> str:
-    value = quantity(found["value"], found["unit"])
-    return f"{found['name'].replace('_', ' ')} {value} [{_MARKS.get(found['mark'], found['mark'])}]"
 
 
 DASHES = ("solid", "dash", "dot", "dashdot")
 
 
-def shown_of(record: Record) -> dict[str, Shown]:
-    """Looks of the models: the fixed ones of a calibration, or a colour, marker and dash for each of a comparison."""
-    texts: Mapping[str, str] = record["labels"]
-    if set(texts) <= set(LABELS) and record.get("kind") != "comparison":
+def shown_of(texts: Texts, compared: bool = False) -> dict[str, Shown]:
+    """Looks of models: the fixed ones of a calibration, or a colour, marker and dash for each of a comparison.
+
+    `texts`: those of the labels, in order.
+    """
+    if set(texts) <= set(LABELS) and not compared:
         return {label: Shown(text, label) for label, text in texts.items()}
     return {label: Shown(text, DASHES[i % len(DASHES)], i) for i, (label, text) in enumerate(texts.items())}
 
@@ -60,7 +61,7 @@ def short_names(names: Sequence[str]) -> dict[str, str]:
 def by_kind(data: Sequence[Record]) -> Iterator[tuple[View, list[Record]]]:
     """Data sets of each kind that there is, with what reports show of it."""
     for kind in kinds_of(d["kind"] for d in data):
-        yield kind.view, [d for d in data if d["kind"] == kind.kind]
+        yield view_of(kind.kind), [d for d in data if d["kind"] == kind.kind]
 
 
 def of_role(data: Sequence[Record], role: str) -> list[Record]:
@@ -96,16 +97,15 @@ class Advice(NamedTuple):
 
 _PRESSURES = {"cylinder_pressure": "Pa", "return_pressure": "Pa"}
 _POINT = {"rail_pressure": "Pa", "energising_time": "s"} | _PRESSURES
-_STEP = {"time_step": "s"}
 
 
-def map_line(record: Record, run: str) -> tuple[str, str]:
+def map_line(record: CalibrationRecord, run: str) -> tuple[str, str]:
     """Purpose and command line of the control unit's map, at the pressures and with the step of a calibration.
 
     Where the data have several cylinder or return pressures, the most frequent are taken, and the purpose says so.
     `run` is the name of the calibration's folder.
     """
-    points = (point for data in record["data"] for point in kind_of(data["kind"]).view.operating_points(data))
+    points = (point for data in record.data for point in view_of(data["kind"]).operating_points(data))
     counts = Counter(_options(point, _PRESSURES) for point in points)
     ranked = [pressures for pressures, _ in counts.most_common()]
     pressures, others = ranked[0], ranked[1:]
@@ -115,7 +115,7 @@ def map_line(record: Record, run: str) -> tuple[str, str]:
             " The cylinder and return pressures are those of most of the measured points; the data have "
             f"{counted(len(others), 'other pair')}: state those of the engine."
         )
-    words = [command("map", run), pressures, _options(record, _STEP), "--out map.dcm"]
+    words = [command("map", run), pressures, _step(record), "--out map.dcm"]
     return purpose, " ".join(filter(None, words))
 
 
@@ -128,18 +128,22 @@ def _options(values: Record, units: Mapping[str, str]) -> str:
     )
 
 
-def rerun_lines(record: Record, run: str) -> list[tuple[str, str]]:
+def _step(record: CalibrationRecord) -> str:
+    return _options({"time_step": record.time_step}, {"time_step": "s"})
+
+
+def rerun_lines(record: CalibrationRecord, run: str) -> list[tuple[str, str]]:
     """Purpose and command line, for the run folder of that name."""
     advice, simulate = Advice.of(run), command("simulate", f"{run}/calibrated.toml")
-    first = record["data"][0]
-    point = _options(kind_of(first["kind"]).view.operating_point(first), _POINT)
+    first = record.data[0]
+    point = _options(view_of(first["kind"]).operating_point(first), _POINT)
     return [
         ("Calibrate again", advice.calibrate()),
         ("Add generations", advice.of_run("resume", MORE)),
         ("Judge on other data", advice.of_run("compare", "--data OTHER-STUDY.toml")),
         (
             "Simulate the calibrated injector",
-            " ".join(filter(None, [simulate, point, _options(record, _STEP)])),
+            " ".join(filter(None, [simulate, point, _step(record)])),
         ),
         ("Move the parameters and see the injection change", advice.of_run("report", "--page")),
         ("Make this report again", advice.of_run("report")),

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from enum import IntEnum
 from typing import NamedTuple
 
-from commonrail.data.base import FitError
+from commonrail.report.data.view import FitError
 
 GOOD, CARE, BAD = "good", "care", "bad"
 TITLES = {

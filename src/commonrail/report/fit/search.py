@@ -10,7 +10,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.chart import Figure
 from commonrail.base.text import duration, significant
 from commonrail.calibration.optimisers.registry import size_in_words
-from commonrail.data.records import Record
+from commonrail.calibration.record import FitRecord, GenerationRecord, ParameterRecord
 from commonrail.report.figure import figure_html
 from commonrail.report.fit.diagnostics import COURSE_CAPTION, course_panel
 from commonrail.report.fit.figures import convergence_figure
@@ -24,39 +24,41 @@ _FIRST = {
 }
 
 
-def convergence_section(record: Record, course: Floats | None = None) -> tuple[Figure, str] | None:
+def convergence_section(
+    generations: Sequence[GenerationRecord],
+    parameters: Sequence[ParameterRecord] = (),
+    course: Floats | None = None,
+) -> tuple[Figure, str] | None:
     """Figure of the objective and of the best parameters over the generations, and its HTML; None of fewer than two.
 
     `course` are the best candidates after each generation (generations, d) [SI].
     """
-    if len(record["generations"]) < 2:
+    if len(generations) < 2:
         return None
-    figure = convergence_figure(record["generations"])
+    figure = convergence_figure(generations)
     if course is not None:
-        panels = (*figure.panels, *course_panel(record, course))
+        panels = (*figure.panels, *course_panel(parameters, course))
         figure = replace(figure, caption=f"{figure.caption} {COURSE_CAPTION}", panels=panels)
     return figure, figure_html(figure, "convergence")
 
 
-def search_facts(record: Record, counted: str = "injections", more: Sequence[Fact] = ()) -> list[Fact]:
+def search_facts(record: FitRecord, counted: str = "injections", more: Sequence[Fact] = ()) -> list[Fact]:
     """Numbers that say how the result came about; `counted` are the simulations, `more` stand before the software."""
-    counts, clock, objective = record["evaluations"], record["clock"], record["objective"]
-    names = {"slots": "candidates proposed", "simulated": "simulated", "failed": "failed"}
-    evaluations = [f"{counts[key]:,} {words}" for key, words in names.items()]
-    speed = f"{significant(clock['simulations_per_second'], 3)} {counted}/s"
-    scale = record.get("loss_scale")
-    robust = [("Loss", f"soft L1 of scale {significant(scale, 4)}")] if scale else []
+    counts, clock, objective = record.evaluations, record.clock, record.objective
+    evaluations = f"{counts.slots:,} candidates proposed; {counts.simulated:,} simulated; {counts.failed:,} failed"
+    speed = f"{significant(clock.simulations_per_second, 3)} {counted}/s"
+    robust = [("Loss", f"soft L1 of scale {significant(record.loss_scale, 4)}")] if record.loss_scale else []
     return [
-        ("Search", _search(record["optimiser"])),
+        ("Search", _search(record.optimiser)),
         *robust,
-        ("Objective", f"{significant(objective['start'])} to {significant(objective['best'])}"),
-        ("Evaluations", "; ".join(evaluations)),
-        ("Simulations", f"{counts[counted]:,} {counted}; {speed}"),
-        ("Time of the search", duration(clock["seconds"])),
-        ("Ended", f"{record['status']}: {record['reason'] or 'the optimiser was done'}"),
-        ("Seed", str(record["seed"])),
+        ("Objective", f"{significant(objective.start)} to {significant(objective.best)}"),
+        ("Evaluations", evaluations),
+        ("Simulations", f"{counts.injections or counts.simulations:,} {counted}; {speed}"),
+        ("Time of the search", duration(clock.seconds)),
+        ("Ended", f"{record.status}: {record.reason or 'the optimiser was done'}"),
+        ("Seed", str(record.seed)),
         *more,
-        ("Software", ", ".join(f"{name} {number}" for name, number in record["software"].items())),
+        ("Software", ", ".join(f"{name} {number}" for name, number in record.software.items())),
     ]
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from commonrail.base.table import Cell, Table
-from commonrail.base.text import MISSING, fixed, number, quantity, quantity_range, signed, significant
+from commonrail.base.table import Column, Table, tabulated
+from commonrail.base.text import MISSING, fixed, quantity, quantity_range, signed, significant
+from commonrail.calibration.record import CertainParameter, CertaintyRecord, ParameterRecord
 from commonrail.data.records import LABELS, Record, Texts
 from commonrail.report.fit.certainty import interval_digits, interval_text
 from commonrail.report.fit.record import by_kind, short_names
@@ -54,77 +55,68 @@ class ParameterRow:
     at_bound: bool
 
 
-def parameter_rows(parameters: Sequence[Record], certainty: Record | None = None) -> list[ParameterRow]:
+def parameter_rows(
+    parameters: Sequence[ParameterRecord], certainty: CertaintyRecord | None = None
+) -> list[ParameterRow]:
     """Rows of the table of parameters, in their order; `certainty` is that of the same result."""
-    known = {p["name"]: p for p in certainty["parameters"]} if certainty else {}
-    names = short_names([p["name"] for p in parameters])
-    return [_row(p, known.get(p["name"]), names[p["name"]]) for p in parameters]
+    known = {p.name: p for p in certainty.parameters} if certainty else {}
+    names = short_names([p.name for p in parameters])
+    return [_row(p, known.get(p.name), names[p.name]) for p in parameters]
 
 
-def interval_head(certainty: Record | None) -> str:
+def interval_head(certainty: CertaintyRecord | None) -> str:
     """Head of the column of intervals."""
-    return f"{fixed(certainty['level'], 0, 100.0)} % interval" if certainty else "standard error"
+    return f"{fixed(certainty.level, 0, 100.0)} % interval" if certainty else "standard error"
 
 
-def parameter_table(parameters: Sequence[Record], certainty: Record | None = None) -> Table:
+def parameter_table(parameters: Sequence[ParameterRecord], certainty: CertaintyRecord | None = None) -> Table:
     """Calibrated parameters for the terminal: what the report sets with bars."""
-    found = parameter_rows(parameters, certainty)
-    columns = {
-        "parameter": [r.name for r in found],
-        "calibrated": [r.best for r in found],
-        interval_head(certainty): [r.interval or MISSING for r in found],
-        "what the data say": [r.verdict for r in found],
-        "start": [r.start for r in found],
-        "change, %": [r.change for r in found],
-        "bounds": [r.bounds for r in found],
-        "at a bound": ["yes" if r.at_bound else "no" for r in found],
-        "from its prior": [r.pull or MISSING for r in found],
-    }
-    if not any(r.pull for r in found):
-        del columns["from its prior"]
-    rows = zip(*columns.values(), strict=True)
-    return Table("Parameters", tuple(columns), tuple(tuple(map(Cell, row)) for row in rows))
+    rows = parameter_rows(parameters, certainty)
+    columns: list[Column] = [
+        ("parameter", lambda r: r.name),
+        ("calibrated", lambda r: r.best),
+        (interval_head(certainty), lambda r: r.interval or MISSING),
+        ("what the data say", lambda r: r.verdict),
+        ("start", lambda r: r.start),
+        ("change, %", lambda r: r.change),
+        ("bounds", lambda r: r.bounds),
+        ("at a bound", lambda r: "yes" if r.at_bound else "no"),
+    ]
+    if any(r.pull for r in rows):
+        columns.append(("from its prior", lambda r: r.pull or MISSING))
+    return tabulated("Parameters", rows, columns)
 
 
-def _row(p: Record, known: Record | None, short: str) -> ParameterRow:
-    unit, start, best = p["unit"], p["reference"], p["best"]
+def _row(p: ParameterRecord, known: CertainParameter | None, short: str) -> ParameterRow:
+    unit, start, best, prior = p.unit, p.reference, p.best, p.prior
+    ends = (known.lower, known.upper) if known else _about(best, p.standard_error)
     return ParameterRow(
-        name=p["name"],
+        name=p.name,
         short=short,
-        meaning=p["meaning"],
-        source=p.get("source") or "no source given",
-        verdict=p.get("verdict") or MISSING,
+        meaning=p.meaning,
+        source=p.source or "no source given",
+        verdict=p.verdict or MISSING,
         start=quantity(start, unit),
         best=quantity(best, unit, max(4, interval_digits(known)) if known else 4),
         interval=interval_text(known, p, 3) if known else _error(p),
-        bounds=quantity_range(p["lower"], p["upper"], unit, 3),
+        bounds=quantity_range(p.lower, p.upper, unit, 3),
         change=signed(100.0 * (best / start - 1.0) if start else None, 1),
-        mark=MARKS.get(p["mark"], str(p["mark"])),
+        mark=MARKS.get(p.mark, p.mark),
         effect=_effect(p),
-        pull=f"{signed(p['pull'], 1)} σ" if number(p.get("pull")) is not None else "",
+        pull="" if p.pull is None else f"{signed(p.pull, 1)} σ",
         best_at=_percent(p, best),
         start_at=_percent(p, start),
-        span=_span(p, *_ends(p, known)),
-        prior=_prior(p),
-        at_bound=bool(p.get("at_bound")),
+        span=_span(p, *ends),
+        prior=_span(p, *_about(prior.value, prior.sigma)) if prior else None,
+        at_bound=p.at_bound,
     )
 
 
-def _ends(p: Record, known: Record | None) -> tuple[float | None, float | None]:
-    """Ends of the interval of a parameter, or of its standard error about the best."""
-    if known:
-        return number(known["lower"]), number(known["upper"])
-    error = number(p.get("standard_error"))
-    return (None, None) if error is None else (p["best"] - error, p["best"] + error)
+def _about(value: float, error: float | None) -> tuple[float | None, float | None]:
+    return (None, None) if error is None else (value - error, value + error)
 
 
-def _prior(p: Record) -> tuple[float, float] | None:
-    """One standard deviation of the prior about its value, on the bar [%]."""
-    prior = p.get("prior")
-    return _span(p, prior["value"] - prior["sigma"], prior["value"] + prior["sigma"]) if prior else None
-
-
-def _span(p: Record, low: float | None, high: float | None) -> tuple[float, float] | None:
+def _span(p: ParameterRecord, low: float | None, high: float | None) -> tuple[float, float] | None:
     """Left end and width on the bar [%]; None without both ends."""
     if low is None or high is None:
         return None
@@ -132,24 +124,22 @@ def _span(p: Record, low: float | None, high: float | None) -> tuple[float, floa
     return left, round(right - left, 2)
 
 
-def _effect(p: Record) -> str:
-    effect, pinned = number(p.get("effect")), number(p.get("pinned"))
-    if effect is None or pinned is None:
+def _effect(p: ParameterRecord) -> str:
+    if p.effect is None or p.pinned is None:
         return MISSING
-    left = significant(pinned, 2) if pinned > _LEAST * effect else "none"
-    return f"{significant(effect, 2)}, {left} with the others"
+    left = significant(p.pinned, 2) if p.pinned > _LEAST * p.effect else "none"
+    return f"{significant(p.effect, 2)}, {left} with the others"
 
 
-def _error(p: Record) -> str:
-    error = number(p.get("standard_error"))
-    if error is None:
+def _error(p: ParameterRecord) -> str:
+    if p.standard_error is None:
         return ""
-    wide = error > p["upper"] - p["lower"]  # the linearised fit has no meaning there
-    return "± more than its range" if wide else f"± {quantity(error, p['unit'], 3)}"
+    wide = p.standard_error > p.upper - p.lower  # the linearised fit has no meaning there
+    return "± more than its range" if wide else f"± {quantity(p.standard_error, p.unit, 3)}"
 
 
-def _percent(p: Record, value: float) -> float:
-    share = float((value - p["lower"]) / (p["upper"] - p["lower"]))
+def _percent(p: ParameterRecord, value: float) -> float:
+    share = (value - p.lower) / (p.upper - p.lower)
     return round(100.0 * min(max(share, 0.0), 1.0), 2)
 
 

@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
-from commonrail.base.table import Part, Table, table_of
+from commonrail.base.table import Column, Table, tabulated
 from commonrail.base.text import MISSING, counted, fixed, in_print, listed, number, percent, significant
+from commonrail.calibration.identifiability import ParameterVerdict
 from commonrail.calibration.optimisers.base import ALIKE
-from commonrail.calibration.result import confirms
+from commonrail.calibration.record import (
+    CalibrationRecord,
+    LackOfFitRecord,
+    LeftOutRecord,
+    ParameterRecord,
+    SearchVerdict,
+    SeedRecord,
+)
 from commonrail.calibration.search import ONE_POINT
 from commonrail.calibration.usual import BENCH, UNNAMED, USUAL_OF_METER
-from commonrail.data.bands import band_sentence, too_few_inside
 from commonrail.data.records import JUDGED, LABELS, MEAN, MICROSECOND, MM3, Record
 from commonrail.data.registry import kind_of
 from commonrail.physics.injector import parameter_quantities
 from commonrail.physics.meters import is_of_meter, parameter_name, parts_of
+from commonrail.report.data.bands import band_sentence, too_few_inside
+from commonrail.report.data.view import view_of
 from commonrail.report.fit.record import MORE, Advice, by_kind, map_line, meter_lines, of_role
 from commonrail.report.fit.rules import BAD, CARE, GOOD, TITLES, Kind, Point, Step, Tile, judge, worst_level
 
@@ -28,15 +37,16 @@ _ENDINGS = {
     False: "the search ran to its end and has not converged",
 }
 NAMED = 6  # data sets that a sentence names
+DETERMINED = ParameterVerdict.DETERMINED.value
 
 
-def headline(record: Record) -> list[str]:
+def headline(record: CalibrationRecord) -> list[str]:
     """Sentences on what was calibrated, how far the objective fell, the search, trivial models and meters."""
     return [
         _task(record),
         _objective(record),
         *convergence_lines(record),
-        *baseline_lines(record["data"]),
+        *baseline_lines(record.data),
         *meter_lines(record),
     ]
 
@@ -46,54 +56,47 @@ def baseline_lines(data: Sequence[Record]) -> list[str]:
     return [str(baseline["sentence"]) for d in data for baseline in d.get("baselines", ())]
 
 
-def convergence_lines(record: Record) -> list[str]:
+def convergence_lines(record: CalibrationRecord) -> list[str]:
     """Sentence on whether the search has converged, with the rule; none of a record that does not say."""
-    found = record.get("convergence")
-    return [f"Search {found['sentence']}."] if found else []
+    return [f"Search {record.convergence.sentence}."] if record.convergence else []
 
 
-def search_words(found: Record) -> str:
-    """State of a search in a few words, from its record of convergence; figures and rule are in its sentence."""
-    if "spread" in found:
-        if found["converged"]:
+def search_words(search: SearchVerdict) -> str:
+    """State of a search in a few words; figures and rule are in its sentence."""
+    if search.spread is not None:
+        if search.converged:
             return "the population has contracted and gains no more"
-        return "the population is still spread" if found["spread"] > ALIKE else "the best still falls"
-    if "agreeing" in found:
-        return f"{found['agreeing']} of {found['starts']} ends agree"
-    words = str(found["sentence"]).removeprefix("not converged: ").partition(";")[0]
+        return "the population is still spread" if search.spread > ALIKE else "the best still falls"
+    if search.agreeing is not None:
+        return f"{search.agreeing} of {search.starts} starts converged to the same optimum"
+    words = search.sentence.removeprefix("not converged: ").partition(";")[0]
     return "a single search, which no other has confirmed" if ONE_POINT.startswith(words) else words
 
 
-def synthetic_notes(record: Record) -> list[str]:
-    """Notes on synthetic data: the whole record's note, then what only a data set says, then their names."""
-    texts = [record.get("synthetic", "")]
-    chosen = [d for d in record["data"] if d.get("synthetic")]
+def synthetic_notes(synthetic: str, data: Sequence[Record]) -> list[str]:
+    """Notes on synthetic data: that of the whole result, then what only a data set says, then their names."""
+    texts = [synthetic]
+    chosen = [d for d in data if d.get("synthetic")]
     texts += [d["synthetic"] for d in chosen if d["synthetic"] not in texts[0]]
     if chosen:
         texts.append(f"Synthetic data: {listed([d['name'] for d in chosen])}.")
     return [text for text in texts if text]
 
 
-def warning_lines(record: Record) -> list[str]:
-    """Sentences of the warnings."""
-    return [str(warning["sentence"]) for warning in record["warnings"]]
-
-
-def _task(record: Record) -> str:
-    injector, data = record["injector"], record["data"]
-    fit = [d["name"] for d in of_role(data, "fit")]
+def _task(record: CalibrationRecord) -> str:
+    injector = record.injector
+    fit = [d["name"] for d in of_role(record.data, "fit")]
     sets = counted(len(fit), "data set") + (f" ({listed(fit)})" if 0 < len(fit) <= NAMED else "")
-    name = injector.get("title") or injector["name"]
-    task = f"{counted(len(record['parameters']), 'parameter')} of “{name}” ({injector['variant']})"
-    if record["status"] == "interrupted":
+    parameters = counted(len(record.parameters), "parameter")
+    task = f"{parameters} of “{injector.title or injector.name}” ({injector.variant})"
+    ending = _ENDINGS[None if record.convergence is None else record.convergence.converged]
+    if record.is_interrupted:
         ending = "the search was stopped early and these are the best values up to then"
-    else:
-        ending = _ENDINGS[record.get("convergence", {}).get("converged")]
     return f"{task} fitted to {sets}; {ending}."
 
 
-def _objective(record: Record) -> str:
-    start, best = (number(record["objective"].get(key)) for key in ("start", "best"))
+def _objective(record: CalibrationRecord) -> str:
+    start, best = record.objective.start, record.objective.best
     if best is None:
         return "No candidate could be simulated."
     if start is None:
@@ -109,83 +112,81 @@ def _objective(record: Record) -> str:
 _WORDS = {"rail_pressure": "rail pressure", "energising_time": "energising time"}
 
 
-def judgement_lines(record: Record) -> list[str]:
+def judgement_lines(record: CalibrationRecord) -> list[str]:
     """Sentences on bands, effective parameters, spread of seeds and predictions of what was held out."""
-    lines = [band_sentence(d) for d in record["data"] if "band" in d]
-    known = (record.get("certainty") or {}).get("parameters", [])
-    if known and not lines and all(None in (one["lower"], one["upper"]) for one in known):
+    lines = [band_sentence(d) for d in record.data if "band" in d]
+    known = record.certainty.parameters if record.certainty else ()
+    if known and not lines and all(None in (one.lower, one.upper) for one in known):
         lines.append("There are no bands: no parameter has an interval, so nothing bounds what the model predicts.")
-    if found := record.get("identifiability"):
+    if influence := record.identifiability:
         lines.append(
-            f"{found['residuals']} residuals determine {fixed(found['effective_parameters'], 1)} effective parameters "
-            f"of {len(record['parameters'])}; their scatter about the fit is {significant(found['scatter'], 3)} "
-            f"{in_print(scatter_unit(record))}."
+            f"{influence.residuals} residuals determine {fixed(influence.effective_parameters, 1)} effective "
+            f"parameters of {len(record.parameters)}; their scatter about the fit is "
+            f"{significant(influence.scatter, 3)} {in_print(scatter_unit(record))}."
         )
-    refits = record.get("refits", {})
-    lines += _seed_lines(refits.get("seeds", ()))
-    lines += [line for one in refits.get("left_out", ()) for line in _left_out_lines(one)]
-    if refits.get("interrupted"):
+    lines += _seed_lines(record.refits.seeds)
+    lines += [line for one in record.refits.left_out for line in _left_out_lines(one)]
+    if record.refits.interrupted:
         lines.append("The user stopped the further searches: those that are missing were not run.")
     return lines
 
 
-def judgement_tables(record: Record) -> list[Table]:
+def judgement_tables(record: CalibrationRecord) -> list[Table]:
     """Tables of other seeds and of rows that were held out, where there are any."""
-    refits = record.get("refits", {})
-    tables = [_seed_table(refits["seeds"])] if refits.get("seeds") else []
-    return tables + ([_left_out_table(refits["left_out"])] if refits.get("left_out") else [])
+    seeds, left_out = record.refits.seeds, record.refits.left_out
+    tables = [_seed_table(seeds)] if seeds else []
+    return tables + ([_left_out_table(left_out)] if left_out else [])
 
 
-def scatter_unit(record: Record) -> str:
+def scatter_unit(record: CalibrationRecord) -> str:
     """Unit of the scatter of the fitted residuals, which are weighted where data of several units are fitted."""
-    units = {kind_of(d["kind"]).residual_unit for d in of_role(record["data"], "fit")}
+    units = {kind_of(d["kind"]).residual_unit for d in of_role(record.data, "fit")}
     return units.pop() if len(units) == 1 else "of their weighted units"
 
 
-def _seed_lines(seeds: Sequence[Record]) -> list[str]:
-    done = [seed for seed in seeds if not seed.get("failed")]
+def _seed_lines(seeds: Sequence[SeedRecord]) -> list[str]:
+    done = [seed for seed in seeds if not seed.failed]
     if len(done) < 2:
         return []
-    ends = {name: [float(seed["positions"][name]) for seed in done] for name in done[0]["positions"]}
+    ends = {name: [seed.positions[name] for seed in done] for name in done[0].positions}
     spread = {name: max(values) - min(values) for name, values in ends.items()}
     widest = max(spread, key=spread.__getitem__)
     if spread[widest] < 1e-3:
         return [f"{len(done)} seeds end at the same values, within 0.1 % of the bounds."]
-    objectives = listed([significant(seed["objective"], 4) for seed in done])
+    objectives = listed([significant(seed.objective, 4) for seed in done])
     return [
         f"{len(done)} seeds end at objectives of {objectives}; the parameter that differs most between them is "
         f"{widest}, by {fixed(100.0 * spread[widest], 0)} % of its bounds."
     ]
 
 
-def _seed_table(seeds: Sequence[Record]) -> Table:
-    heads = seeds[0]["errors"]
-    parts = (
-        Part(("seed", "objective"), lambda seed: (str(seed["seed"]), significant(seed.get("objective")))),
-        Part(
-            [f"{name}: {seeds[0]['error_heads'][name]}" for name in heads],
-            lambda seed: [significant(seed.get("errors", {}).get(name), 3) for name in heads],
+def _seed_table(seeds: Sequence[SeedRecord]) -> Table:
+    columns: list[Column] = [
+        ("seed", lambda seed: str(seed.seed)),
+        ("objective", lambda seed: significant(seed.objective)),
+        *(
+            (f"{name}: {seeds[0].error_heads[name]}", lambda seed, name=name: significant(seed.errors.get(name), 3))
+            for name in seeds[0].errors
         ),
-    )
-    note = "The first seed is that of the result. The spread is that of the search, not that of the parameters."
-    return table_of("Other seeds", seeds, parts, note, 1)
-
-
-def _left_out_lines(one: Record) -> list[str]:
-    by = _WORDS.get(one["by"], one["by"])
-    lines = [
-        f"Each {by} of {one['name']} held out in turn, {one['searches']} searches, and predicted: "
-        f"{_metrics(one['figures'])}."
     ]
-    if "mean" in one:
-        lines.append(f"The mean of the members of each search gives {_metrics(one['mean'])}.")
-    if one["failed"]:
-        lines.append(f"The search without {listed(one['failed'])} could simulate no candidate.")
-    for baseline in one["baselines"]:
-        beyond = baseline.get("extrapolated")
-        said = f", {beyond} of its {one['values']} values extrapolated" if beyond else ""
-        beats = "beats" if baseline["beaten"] else "does not beat"
-        lines.append(f"There the model {beats} {baseline['text']}, which gives {_metrics(baseline['figures'])}{said}.")
+    note = "The first seed is that of the result. The spread is that of the search, not that of the parameters."
+    return tabulated("Other seeds", seeds, columns, note)
+
+
+def _left_out_lines(one: LeftOutRecord) -> list[str]:
+    lines = [
+        f"Each {_WORDS.get(one.by, one.by)} of {one.name} held out in turn, {one.searches} searches, and predicted: "
+        f"{_metrics(one.figures)}."
+    ]
+    if one.mean is not None:
+        lines.append(f"The mean of the members of each search gives {_metrics(one.mean)}.")
+    if one.failed:
+        lines.append(f"The search without {listed(one.failed)} could simulate no candidate.")
+    for baseline in one.baselines:
+        beyond = baseline.extrapolated
+        said = f", {beyond} of its {one.values} values extrapolated" if beyond else ""
+        beats = "beats" if baseline.beaten else "does not beat"
+        lines.append(f"There the model {beats} {baseline.text}, which gives {_metrics(baseline.figures)}{said}.")
     return lines
 
 
@@ -202,31 +203,26 @@ def _metrics(figures: Record) -> str:
     return " and ".join(parts) or MISSING
 
 
-def _left_out_table(found: Sequence[Record]) -> Table:
-    rows: list[tuple[Record, str, Record]] = []
-    for one in found:
-        rows.append((one, "model", one["figures"]))
-        if "mean" in one:
-            rows.append((one, LABELS[MEAN], one["mean"]))
-        rows += [(one, baseline["text"], baseline["figures"]) for baseline in one["baselines"]]
-    limit = significant(found[0]["figures"]["limit_quantity"], 3, MM3)
-    parts = (
-        Part(
-            ("data set", "held out in turn", "predicted by"),
-            lambda r: (r[0]["name"], _WORDS.get(r[0]["by"], r[0]["by"]), r[1]),
-        ),
-        Part(("searches", "quantities"), lambda r: (str(r[0]["searches"]), str(r[0]["values"]))),
-        Part(
-            (f"above {limit} mm³, % rms", f"up to {limit} mm³, mm³ rms", "dead time, µs rms"),
-            lambda r: (
-                fixed(r[2].get("rms_large_percent"), 2),
-                fixed(r[2].get("rms_small"), 3, MM3),
-                fixed(r[2].get("dead_time_rms"), 1, MICROSECOND),
-            ),
-        ),
-    )
+def _left_out_table(records: Sequence[LeftOutRecord]) -> Table:
+    rows: list[tuple[LeftOutRecord, str, Record]] = []
+    for one in records:
+        rows.append((one, "model", one.figures))
+        if one.mean is not None:
+            rows.append((one, LABELS[MEAN], one.mean))
+        rows += [(one, baseline.text, baseline.figures) for baseline in one.baselines]
+    limit = significant(records[0].figures["limit_quantity"], 3, MM3)
+    columns: list[Column] = [
+        ("data set", lambda row: row[0].name),
+        ("held out in turn", lambda row: _WORDS.get(row[0].by, row[0].by)),
+        ("predicted by", lambda row: row[1]),
+        ("searches", lambda row: str(row[0].searches)),
+        ("quantities", lambda row: str(row[0].values)),
+        (f"above {limit} mm³, % rms", lambda row: fixed(row[2].get("rms_large_percent"), 2)),
+        (f"up to {limit} mm³, mm³ rms", lambda row: fixed(row[2].get("rms_small"), 3, MM3)),
+        ("dead time, µs rms", lambda row: fixed(row[2].get("dead_time_rms"), 1, MICROSECOND)),
+    ]
     note = "Every row is predicted by a fit that did not see the rows at its value; outermost values are extrapolated."
-    return table_of("Predictions of what was held out", rows, parts, note, 3)
+    return tabulated("Predictions of what was held out", rows, columns, note, 3)
 
 
 SHOWN = 4  # parameters that a sentence names
@@ -258,7 +254,7 @@ class ReportVerdict(NamedTuple):
         return {**self._asdict(), "steps": [{"text": step.text, "command": step.command} for step in self.steps]}
 
 
-def verdict(record: Record, run: str) -> ReportVerdict:
+def verdict(record: CalibrationRecord, run: str) -> ReportVerdict:
     """Verdict on a calibration by its record; `run` is the folder's name for the command lines."""
     advice = Advice.of(run)
     parts = (_ending, _plausibility, _tests, _errors, _prediction, _parameters)
@@ -281,60 +277,59 @@ def merits(data: Sequence[Record], before: str = "") -> list[Tile]:
     ]
 
 
-def tiles(record: Record) -> list[Tile]:
+def tiles(record: CalibrationRecord) -> list[Tile]:
     """Answers of the first page: fit, unseen data, quantity, parameters, search, each with the level of its figure."""
-    found = merits(record["data"])
-    if not of_role(record["data"], "validation"):
-        found.append(Tile("unseen", "not known", "no data were held back"))
-    for view, own in by_kind(record["data"]):
+    answers = merits(record.data)
+    if not of_role(record.data, "validation"):
+        answers.append(Tile("unseen", "not known", "no data were held back"))
+    for view, own in by_kind(record.data):
         if merit := view.quantity_merit(own):
-            found.append(Tile("quantity", *merit))
-    parameters = record["parameters"]
-    if known := [p["verdict"] for p in parameters if p.get("verdict")]:
-        pinned = known.count("pinned")
-        level = GOOD if pinned == len(parameters) and not any(p.get("at_bound") for p in parameters) else CARE
-        found.append(Tile("parameters", f"{pinned} of {len(parameters)}", "pinned by the data", level))
-    return [*found, *_search_tile(record)]
+            answers.append(Tile("quantity", *merit))
+    parameters = record.parameters
+    if any(p.verdict for p in parameters):
+        determined = sum(p.verdict == DETERMINED for p in parameters)
+        level = GOOD if determined == len(parameters) and not any(p.at_bound for p in parameters) else CARE
+        answers.append(Tile("parameters", f"{determined} of {len(parameters)}", "determined by the data", level))
+    return [*answers, *_search_tile(record)]
 
 
-def _search_tile(record: Record) -> list[Tile]:
-    generations = counted(record["generations"][-1]["generation"], "step") if record["generations"] else "no step"
-    if record["status"] == "interrupted":
+def _search_tile(record: CalibrationRecord) -> list[Tile]:
+    generations = counted(record.generations[-1].generation, "step") if record.generations else "no step"
+    if record.is_interrupted:
         return [Tile("search", "stopped", f"after {generations}", BAD)]
-    found = record.get("convergence")
-    if not found:
+    search = record.convergence
+    if search is None:
         return []
-    figure = "converged" if found["converged"] else "not converged"
-    level = CARE if _unfinished(record) else GOOD if found["converged"] else ""
-    return [Tile("search", figure, f"{search_words(found)} after {generations}", level)]
+    figure = "converged" if search.converged else "not converged"
+    level = CARE if _is_unfinished(record) else GOOD if search.converged else ""
+    return [Tile("search", figure, f"{search_words(search)} after {generations}", level)]
 
 
-def _tests(record: Record, advice: Advice) -> Iterator[Point]:
+def _tests(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
     """Statistical tests that found something."""
     text = f"State in {advice.study} what the data look like, or a discrepancy of theirs, and calibrate again."
-    for test in (record.get("certainty") or {}).get("tests", ()):
-        if test["found"]:
-            words = str(test["sentence"])
-            chances = (number(test.get(key)) for key in ("probability", "score", "size"))
+    for test in record.certainty.tests if record.certainty else ():
+        if test.found:
+            chances = [chance for chance in (test.probability, test.score, test.size, 1.0) if chance is not None]
             step = Step(text, advice.calibrate(), FREE)
             if free := _suspect(record, test):
-                words_of_step = f"Free {free}, which the data look like, unless you can measure and state it."
-                step = Step(words_of_step, advice.calibrate(free=free), FREE)
-            reason = f"{words[:1].upper()}{words[1:]}."
-            yield Point(Kind.TEST, reason, step, probability=min(p for p in (*chances, 1.0) if p is not None))
+                words = f"Free {free}, which the data look like, unless you can measure and state it."
+                step = Step(words, advice.calibrate(free=free), FREE)
+            reason = f"{test.sentence[:1].upper()}{test.sentence[1:]}."
+            yield Point(Kind.TEST, reason, step, probability=min(chances))
 
 
 _OF_METER = {"delay": "delay", "bandwidth": "cutoff", "gain": "gain", "offset": "offset"}  # suspects of a data set
 
 
-def _suspect(record: Record, test: Record) -> str:
+def _suspect(record: CalibrationRecord, test: LackOfFitRecord) -> str:
     """Dotted name of what a test suspects and a study can free; empty if there is none."""
-    known, suspect = {p["name"] for p in record["parameters"]}, str(test.get("suspect"))
-    stated = {data.get("meter") for data in record["data"]}
+    known, suspect = {p.name for p in record.parameters}, test.suspect or ""
+    stated = {data.get("meter") for data in record.data}
     names = itertools.chain([BENCH], (f"{BENCH}{i}" for i in itertools.count(2)))
     added = next(name for name in names if name not in stated)
-    name = suspect if suspect in parameter_quantities() else str(test.get("name"))
-    for data in record["data"]:
+    name = suspect if suspect in parameter_quantities() else test.name
+    for data in record.data:
         if data["name"] == name and suspect in _OF_METER and data["kind"] == "rate":
             name = parameter_name(data.get("meter") or added, _OF_METER[suspect])
     if is_of_meter(name) and parts_of(name)[0] == UNNAMED:
@@ -343,18 +338,18 @@ def _suspect(record: Record, test: Record) -> str:
     return name if can_be and name not in known else ""
 
 
-def _errors(record: Record, advice: Advice) -> Iterator[Point]:
+def _errors(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
     """Errors on each data set, fitted or not."""
     step = Step("Check units, time zero and operating points of the data, then the bounds of the parameters.")
-    for data in record["data"]:
-        if (error := kind_of(data["kind"]).view.fit_error(data)) is not None:
+    for data in record.data:
+        if (error := view_of(data["kind"]).fit_error(data)) is not None:
             name = f"{data['name']}{'' if data['role'] == 'fit' else ', which was not fitted,'}"
             size = f"{significant(error.size, 2)} tolerances" if error.in_tolerances else f"{percent(error.size)} %"
             yield Point(Kind.ERROR, f"The model misses {name} by {size}.", step, error)
 
 
-def _full(advice: Advice, record: Record) -> Step:
-    starts = (record.get("certainty") or {}).get("starts", 1)
+def _full(advice: Advice, record: CalibrationRecord) -> Step:
+    starts = record.certainty.starts if record.certainty else 1
     if starts > MANY_STARTS:
         return Step(f"Free fewer parameters, or give them priors: {starts} starts have confirmed no best fit.")
     if starts > 1:
@@ -363,55 +358,53 @@ def _full(advice: Advice, record: Record) -> Step:
     return Step("Search for the most likely values from several starts.", advice.of_run("certainty"), ON)
 
 
-def _ending(record: Record, advice: Advice) -> Iterator[Point]:
+def _ending(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
     """Search that failed, was stopped or is unfinished, and values that fit better than the calibrated ones."""
-    best, start = (number(record["objective"].get(key)) for key in ("best", "start"))
+    best, start = record.objective.best, record.objective.start
     if best is None:
         step = Step("Correct the injector or the operating points until the start values can be simulated.")
         yield Point(Kind.FAULT, "No candidate could be simulated.", step)
         return
-    if record["status"] == "interrupted":
+    if record.is_interrupted:
         step = Step("Run the search to its end.", advice.of_run("resume"), ON)
         yield Point(Kind.FAULT, "The search was stopped before its end.", step)
-    certainty, convergence = record.get("certainty") or {}, record.get("convergence", {})
-    kind = Kind.SEARCH if _unfinished(record) else Kind.NOTE
-    if record["status"] != "interrupted" and convergence.get("converged") is False and not confirms(certainty):
+    elif record.convergence and record.has_not_converged and not (record.certainty and record.certainty.confirms):
         step = Step("Continue the search.", advice.of_run("resume", MORE), ON)
-        step = step if convergence.get("cut_short", True) else _full(advice, record)
-        yield Point(kind, f"The search has not converged: {search_words(convergence)}.", step)
-    errors = (kind_of(d["kind"]).view.fit_error(d) for d in of_role(record["data"], "fit"))
+        step = step if record.convergence.cut_short else _full(advice, record)
+        kind = Kind.SEARCH if _is_unfinished(record) else Kind.NOTE
+        yield Point(kind, f"The search has not converged: {search_words(record.convergence)}.", step)
+    errors = (view_of(d["kind"]).fit_error(d) for d in of_role(record.data, "fit"))
     if start is not None and not best < start and worst_level(filter(None, errors)) != GOOD:
         step = Step("Check bounds and data: the start values fit as well as anything that was tried.")
         yield Point(Kind.FAULT, "The objective did not fall below that of the start values.", step)
 
 
-def _unfinished(record: Record) -> bool:
+def _is_unfinished(record: CalibrationRecord) -> bool:
     """Return whether the search is unfinished in a way that matters for the values.
 
     The most likely values must be found; they are the calibrated ones, or lie in one interval with them.
     """
-    certainty = record.get("certainty")
-    return not (certainty and certainty.get("settled")) and record.get("convergence", {}).get("converged") is False
+    return record.has_not_converged and not (record.certainty and record.certainty.settled)
 
 
-def _plausibility(record: Record, advice: Advice) -> Iterator[Point]:
-    errors = {d["name"]: kind_of(d["kind"]).view.fit_error(d) for d in record["data"]}
+def _plausibility(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
+    errors = {d["name"]: view_of(d["kind"]).fit_error(d) for d in record.data}
     usable = [(QUANTITY, name) for name, error in errors.items() if error and worst_level([error]) != BAD]
-    mild = [w for w in record["warnings"] if w["code"] == WEIGHTS or (w["code"], w["subject"]) in usable]
-    if odd := [w for w in record["warnings"] if w not in mild] or mild:
+    mild = [w for w in record.warnings if w.code == WEIGHTS or (w.code, w.subject) in usable]
+    if odd := [w for w in record.warnings if w not in mild] or mild:
         more = f" {counted(len(odd) - 1, 'more finding')} at the top of the report." if len(odd) > 1 else ""
         text = "Check the findings at the top of the report against the test bench, correct the study, calibrate again."
         step = Step(text, advice.calibrate())
-        yield Point(Kind.NOTE if odd[0] in mild else Kind.FAULT, f"{odd[0]['sentence']}{more}", step)
-    if synthetic := [d["name"] for d in record["data"] if d.get("synthetic")]:
+        yield Point(Kind.NOTE if odd[0] in mild else Kind.FAULT, f"{odd[0].sentence}{more}", step)
+    if synthetic := [d["name"] for d in record.data if d.get("synthetic")]:
         reason = f"{_some(synthetic)} {'are' if len(synthetic) > 1 else 'is'} synthetic, not measured."
         step = Step("Replace synthetic data by measured ones before the result is used on an engine.")
         yield Point(Kind.NOTE, reason, step)
 
 
-def _prediction(record: Record, advice: Advice) -> Iterator[Point]:
+def _prediction(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
     """Data that the fit has not seen: none, or met worse than a trivial model meets them."""
-    validation, held_out = of_role(record["data"], "validation"), record.get("refits", {}).get("left_out", ())
+    validation, held_out = of_role(record.data, "validation"), record.refits.left_out
     if not validation and not held_out:
         step = Step(f'Set role = "validation" for one data set of {advice.study}, or measure another one.')
         yield Point(Kind.NOTE, "No data were held back: errors on unseen points are not known.", step)
@@ -419,12 +412,14 @@ def _prediction(record: Record, advice: Advice) -> Iterator[Point]:
         cure = Step("Correct these operating points, or narrow the bounds until the calibrated model runs there.")
         yield Point(Kind.FAULT, f"The calibrated model does not run at all points of {_some(lost)}.", cure)
     step = Step("Free fewer parameters or add data between the fitted ones; see “Figures of merit”.")
-    if narrow := [d["name"] for d in record["data"] if "band" in d and too_few_inside(d)]:
+    if narrow := [d["name"] for d in record.data if "band" in d and too_few_inside(d)]:
         cure = Step("State a discrepancy of these data, or free what the model lacks; do not rely on its bands before.")
         yield Point(Kind.NOTE, f"The bands hold too few measured values of {_some(narrow)}: they are too narrow.", cure)
-    for of, records in (("", validation), ("held out rows of ", held_out)):
-        if worse := _beaten(records):
-            yield Point(Kind.NOTE, f"On {of}{_some(worse)} a trivial model is as good or better.", step)
+    beaten = [d["name"] for d in validation if any(b.get("beaten") is False for b in d.get("baselines", ()))]
+    beaten_rows = dict.fromkeys(one.name for one in held_out if any(b.beaten is False for b in one.baselines))
+    for of, names in (("", beaten), ("held out rows of ", list(beaten_rows))):
+        if names:
+            yield Point(Kind.NOTE, f"On {of}{_some(names)} a trivial model is as good or better.", step)
 
 
 def _is_lost(data: Record) -> bool:
@@ -434,36 +429,30 @@ def _is_lost(data: Record) -> bool:
     return any(number(row.get(JUDGED)) is None for row in data["rows"] if not row.get("dead_time"))
 
 
-def _beaten(records: Iterable[Record]) -> list[str]:
-    """Names of those on which a baseline is as good as the model."""
-    found = [one["name"] for one in records if any(b.get("beaten") is False for b in one.get("baselines", ()))]
-    return list(dict.fromkeys(found))
-
-
-def _parameters(record: Record, advice: Advice) -> Iterator[Point]:
-    parameters = record["parameters"]
-    if bounded := [p["name"] for p in parameters if p.get("at_bound")]:
+def _parameters(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
+    parameters = record.parameters
+    if bounded := [p.name for p in parameters if p.at_bound]:
         step = Step("Free what acts like a coefficient at 1, such as the holes: no bound is beyond.", turn=WIDEN)
-        if movable := [p["name"] for p in parameters if p["name"] in bounded and not _is_at_end(p)]:
+        if movable := [p.name for p in parameters if p.at_bound and not _is_at_end(p)]:
             text = f"Widen the bounds of {_some(movable)} if the parts allow it."
             step = Step(text, advice.calibrate(widen=True), WIDEN)
         yield Point(Kind.BOUND, f"At a bound: {_some(bounded)}.", step)
-    loose = [p["name"] for p in parameters if p.get("verdict") and p["verdict"] != "pinned"]
+    loose = [p.name for p in parameters if p.verdict and p.verdict != DETERMINED]
     if loose:
-        reason = f"The data do not pin down {len(loose)} of {len(parameters)} parameters: {_some(loose)}."
+        reason = f"The data do not determine {len(loose)} of {len(parameters)} parameters: {_some(loose)}."
         yield Point(Kind.NOTE, reason, _plan(record, advice))
 
 
-def _is_at_end(parameter: Record) -> bool:
+def _is_at_end(parameter: ParameterRecord) -> bool:
     """True for a coefficient at 1, beyond which no bound is accepted."""
-    known = parameter_quantities().get(parameter["name"])
-    return known is not None and not known.domain.admits(parameter["best"] * (1.0 + 1e-6))
+    known = parameter_quantities().get(parameter.name)
+    return known is not None and not known.domain.admits(parameter.best * (1.0 + 1e-6))
 
 
-def _plan(record: Record, advice: Advice) -> Step:
+def _plan(record: CalibrationRecord, advice: Advice) -> Step:
     """Measurements to plan; of data at one operating point `next` needs the range of the bench."""
-    text = "Plan the measurements that would pin them down"
-    points = [p for d in of_role(record["data"], "fit") for p in kind_of(d["kind"]).view.operating_points(d)]
+    text = "Plan the measurements that would determine them"
+    points = [p for d in of_role(record.data, "fit") for p in view_of(d["kind"]).operating_points(d)]
     if len({(p.get("rail_pressure"), p.get("energising_time")) for p in points}) == 1:
         return Step(
             f"{text} with commonrail next. The fitted data are of one operating point: state what the bench can run by "

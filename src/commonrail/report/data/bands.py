@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 
 from commonrail.base.chart import Band, Points
 from commonrail.base.text import MISSING, fixed, number
-from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, origin_of, scaled
+from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, origin_of
+from commonrail.report.data.view import scaled
 
 INDEPENDENT = (
     10  # samples of a course that count as independent [E]: opening, rise, plateau, fall and closing, and noise

@@ -7,24 +7,21 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any
 
-from commonrail.base.chart import LINES, MARKERS, Band, Figure, Panel, Points, Series
+from commonrail.base.chart import BOTH, LINES, MARKERS, Band, Figure, Panel, Points, Series
 from commonrail.base.table import BEST_LEGEND, BEST_SIGN, SIGNS, Cell, Part, Table, marked, size_of, table_of
 from commonrail.base.text import MISSING, fixed, listed, megapascal, number, pressure, several, signed, significant
-from commonrail.data.bands import band_cells, band_name, band_note, error_band, shaded
-from commonrail.data.base import FitError, Merit, View
-from commonrail.data.quantities.dead_times import compared_dead_times, dead_time_figure, dead_time_table
-from commonrail.data.records import (
-    JUDGED,
-    MEASURED,
-    MICROSECOND,
-    MM3,
+from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, MPA, Record, Texts, origin_of, relative_error
+from commonrail.report.data.bands import band_cells, band_name, band_note, error_band, shaded
+from commonrail.report.data.view import (
+    FitError,
+    Merit,
     Models,
     Plotted,
-    Record,
-    Texts,
-    origin_of,
+    View,
+    by_label,
+    column,
+    errors_by_label,
     present,
-    relative_error,
     scaled,
     start_words,
 )
@@ -95,25 +92,28 @@ class MapView(View):
         """Root mean squares of all maps, then quantities and dead times of each."""
         tables = [_figures_table(self, data, texts)]
         for d in data:
-            labels = [label for label in texts if self.has(d, label) and label != "rigid"]
-            tables += [_quantity_table(self, d, labels, texts), dead_time_table(d, labels, texts)]
+            known = {label: text for label, text in texts.items() if self.has(d, label) and label != "rigid"}
+            tables += [_quantity_table(self, d, known, texts[JUDGED]), _dead_time_table(d, known)]
         return [tables[0], *(table for table in tables[1:] if table.rows)]
 
     def compared_tables(self, data: Sequence[Record], labels: Sequence[str]) -> list[Table]:
         """Root mean squares of all maps, then quantities and dead times of each."""
-        tables = [table for d in data for table in (_compared(self, d, labels), compared_dead_times(d, labels))]
+        tables = [table for d in data for table in (_compared(self, d, labels), _compared_dead_times(d, labels))]
         return [_figures_compared(self, data, labels), *(table for table in tables if table.rows)]
 
     def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """Quantities with their errors, and dead times; a rigid body is not shown."""
         shown = {label: model for label, model in plotted.models.items() if label in ("start", JUDGED)}
-        return [_map_figure(self, data), *dead_time_figure(data, shown)]
+        return [_map_figure(self, data), *_dead_time_figure(data, shown)]
 
     def compared_figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """Quantities, their errors, and dead times, of each model."""
         models = plotted.models
         found = [_map_compared(self, data, models), _errors_compared(self, data, models)] if _quantities(data) else []
-        return [*found, *dead_time_figure(data, models)]
+        return [*found, *_dead_time_figure(data, models)]
+
+
+QUANTITIES, RETURNS = MapView(), MapView("return ", "Return quantity")
 
 
 def _rms(view: MapView, data: Sequence[Record], key: str, model: str = JUDGED) -> Merit | None:
@@ -134,7 +134,7 @@ def _figures_table(view: MapView, data: Sequence[Record], texts: Texts) -> Table
         rows += [(d, baseline["text"], baseline["figures"]) for baseline in d.get("baselines", ())]
     parts = (
         Part(("data set", "role", "model"), lambda row: (row[0]["name"], row[0]["role"], row[1])),
-        Part((f"{view.of}quantities",), lambda row: (str(len(_quantities(row[0]))),)),
+        column(f"{view.of}quantities", lambda row: str(len(_quantities(row[0])))),
         Part(_figure_heads(data), lambda row: [text(row[2].get(key)) for key, text in _FIGURES]),
     )
     return table_of(f"Errors of the {view.of}quantity maps", rows, parts, _rules(data), 3)
@@ -148,7 +148,7 @@ def _figures_compared(view: MapView, data: Sequence[Record], labels: Sequence[st
         rows += [(d, label, cells) for label, *cells in zip(labels, *columns, strict=True)]
     parts = (
         Part(("data set", "model"), lambda row: (row[0]["name"], row[1])),
-        Part((f"{view.of}quantities",), lambda row: (str(len(_quantities(row[0]))),)),
+        column(f"{view.of}quantities", lambda row: str(len(_quantities(row[0])))),
         Part(_figure_heads(data), lambda row: row[2]),
     )
     failing = "A model that fails at one point has no figure over the points."
@@ -156,7 +156,7 @@ def _figures_compared(view: MapView, data: Sequence[Record], labels: Sequence[st
     return table_of(f"Errors of the {view.of}quantity maps", rows, parts, note, 2)
 
 
-def _quantity_table(view: MapView, data: Record, labels: Sequence[str], texts: Texts) -> Table:
+def _quantity_table(view: MapView, data: Record, texts: Texts, judged: str) -> Table:
     """Quantities point by point, start and calibrated against measured."""
 
     def errors(row: Record) -> tuple[str, Cell]:
@@ -165,12 +165,9 @@ def _quantity_table(view: MapView, data: Record, labels: Sequence[str], texts: T
         share = signed(relative_error(best, measured), 1)
         return signed(error, 2), Cell(share, error_size(error, measured * MM3))
 
-    parts = [
-        *_head(origin_of(data)),
-        Part([texts[label] for label in labels], lambda row: [fixed(row.get(k), 2, MM3) for k in labels]),
-        Part(("error", "error, %"), errors),
-    ]
-    note = f"Errors are {texts[JUDGED]} − {origin_of(data)}. {_LEGEND}"
+    shown = by_label(texts, lambda row, label: fixed(row.get(label), 2, MM3))
+    parts = [*_head(origin_of(data)), shown, Part(("error", "error, %"), errors)]
+    note = f"Errors are {judged} − {origin_of(data)}. {_LEGEND}"
     if "band" in data:
         parts.append(Part((f"{band_name(data)}, ±",), band_cells))
         note += f" {band_note(data)}"
@@ -303,12 +300,12 @@ def _quantities(data: Record) -> list[Record]:
     return [{**row, "band": half} for row, half in zip(rows, halves, strict=True) if not row["dead_time"]]
 
 
-def _head(origin: str) -> tuple[Part, Part]:
-    place = Part(
-        ("rail, MPa", ENERGISING),
-        lambda row: (megapascal(row["rail_pressure"]), fixed(row["energising_time"], 0, MICROSECOND)),
+def _head(origin: str) -> tuple[Part, ...]:
+    return (
+        column("rail, MPa", lambda row: megapascal(row["rail_pressure"])),
+        column(ENERGISING, lambda row: fixed(row["energising_time"], 0, MICROSECOND)),
+        column(origin, lambda row: fixed(row[MEASURED], 2, MM3)),
     )
-    return place, Part((origin,), lambda row: (fixed(row[MEASURED], 2, MM3),))
 
 
 def _sorted(data: Record) -> list[Record]:
@@ -350,3 +347,71 @@ def _unlabelled(series: Sequence[Series], named: Sequence[Series]) -> tuple[Seri
     """Series of a second panel: one entry in the legend for each model is enough."""
     known = {s.label for s in named}
     return tuple(replace(s, label="") if s.label in known else s for s in series)
+
+
+# Dead times: energising times at which a small quantity is reached.
+
+_DEAD_TIME_STEPS = (10.0, 20.0)  # [us]
+_DEAD_TIME_LEGEND = "{small} within 10 µs, {medium} within 20 µs, {large} beyond.".format(**SIGNS)
+
+
+def _dead_times(data: Record) -> list[Record]:
+    """Rows of a map that are dead times."""
+    return [row for row in data["rows"] if row["dead_time"]]
+
+
+def _dead_time_table(data: Record, texts: Texts) -> Table:
+    """Dead times of one map and the error of the calibrated model."""
+
+    def error(row: Record) -> list[Cell]:
+        found = _dead_time_error(row, JUDGED)
+        return [Cell(signed(found, 1), size_of(found, _DEAD_TIME_STEPS))]
+
+    shown = by_label(texts, lambda row, label: fixed(row.get(label), 1, MICROSECOND))
+    title = f"Dead times, µs: {data['name']} ({data['role']})"
+    note = f"Energising time at which the quantity is reached. {_DEAD_TIME_LEGEND}"
+    parts = (*_dead_time_head(origin_of(data)), shown, Part(("error",), error))
+    return table_of(title, _dead_times(data), parts, note, 0)
+
+
+def _compared_dead_times(data: Record, labels: Sequence[str]) -> Table:
+    """Errors of the dead times of one map, by model."""
+    note = (
+        "The dead time is the energising time at which the quantity is reached; errors are simulated − "
+        f"{origin_of(data)}. {_DEAD_TIME_LEGEND} {BEST_LEGEND}"
+    )
+    errors = errors_by_label(labels, _dead_time_error, lambda error: signed(error, 1), _DEAD_TIME_STEPS)
+    parts = (*_dead_time_head(f"{origin_of(data)}, µs"), errors)
+    return table_of(f"Errors of the dead times, µs: {data['name']}", _dead_times(data), parts, note, 0)
+
+
+def _dead_time_figure(data: Record, models: Models) -> list[Figure]:
+    """Dead times [us] against rail pressure [MPa], if there are two or more."""
+    rows = sorted(_dead_times(data), key=lambda row: float(row["rail_pressure"]))
+    if len(rows) < 2:
+        return []
+    x = scaled(rows, "rail_pressure", MPA)
+    lines = [
+        Series(model.text, model.look, x, scaled(rows, label, MICROSECOND), BOTH, model.family)
+        for label, model in models.items()
+    ]
+    marks = Series(origin_of(data), MEASURED, x, scaled(rows, MEASURED, MICROSECOND), MARKERS)
+    title, caption = (
+        f"Dead times of {data['name']}",
+        "Energising time at which the injector delivers the stated small quantity.",
+    )
+    return [Figure(title, caption, "rail pressure, MPa", (Panel("dead time, µs", (*present(lines), marks)),))]
+
+
+def _dead_time_head(origin: str) -> tuple[Part, ...]:
+    return (
+        column("rail, MPa", lambda row: megapascal(row["rail_pressure"])),
+        column("quantity, mm³", lambda row: significant(row.get("quantity"), 3, MM3)),
+        column(origin, lambda row: fixed(row[MEASURED], 0, MICROSECOND)),
+    )
+
+
+def _dead_time_error(row: Record, label: str) -> float | None:
+    """Error [us] of a model."""
+    value = number(row.get(label))
+    return None if value is None else (value - row[MEASURED]) * MICROSECOND

@@ -10,23 +10,21 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Band, Figure, Panel, Points, Series, points
-from commonrail.base.table import BEST_LEGEND, Cell, Part, Table, marked, table_of
+from commonrail.base.table import BEST_LEGEND, Part, Table, table_of
 from commonrail.base.text import fixed, megapascal, number, percent, pressure, several, signed
-from commonrail.data.bands import shaded
-from commonrail.data.base import FitError, Merit, View
 from commonrail.data.records import (
     JUDGED,
     MEASURED,
     MICROSECOND,
     MM3,
     MM3_PER_MS,
-    Plotted,
     Record,
     Texts,
     origin_of,
     relative_error,
-    start_words,
 )
+from commonrail.report.data.bands import shaded
+from commonrail.report.data.view import FitError, Merit, Plotted, View, by_label, column, errors_by_label, start_words
 
 RATE, ERROR = "rate, mm³/ms", "error, mm³/ms"
 _J_TITLE = "Error J of the injection curves, mm³/ms"
@@ -71,12 +69,23 @@ class CurveView(View):
 
     def tables(self, data: Sequence[Record], texts: Texts) -> list[Table]:
         """J and injected volume of every curve, by label."""
-        labels = [label for label in texts if any(self.has(d, label) for d in data)]
-        return [_j_table(data, labels, texts), _volume_table(data, labels, texts)]
+        known = {label: text for label, text in texts.items() if any(self.has(d, label) for d in data)}
+        return [_j_table(data, known), _volume_table(data, known)]
 
     def compared_tables(self, data: Sequence[Record], labels: Sequence[str]) -> list[Table]:
         """J, relative J and error of the injected volume of every curve, by model."""
-        return [_j_compared(data, labels), _j_relative_compared(data, labels), _volume_compared(data, labels)]
+        head = Part(("data set", "rail, MPa"), lambda d: (d["name"], megapascal(d["rail_pressure"])))
+        errors = errors_by_label(labels, lambda d, k: number(d["J"].get(k)), lambda j: fixed(j, 1))
+        shares = errors_by_label(labels, lambda d, k: number(d["J_relative"].get(k)), percent)
+        volumes = errors_by_label(labels, _volume_error, lambda error: signed(error, 1))
+        note = f"J is the sum over the samples of |simulated rate − data|. {BEST_LEGEND}"
+        relative = f"J over the sum of |data| over the same samples. {BEST_LEGEND}"
+        of_volumes = f"Simulated against data. {BEST_LEGEND}"
+        return [
+            table_of(_J_TITLE, data, (head, errors, _SAMPLES), note),
+            table_of("J relative to the data, %", data, (head, shares), relative),
+            table_of("Error of the injected volume, %", data, (head, _measured(data, ", mm³"), volumes), of_volumes),
+        ]
 
     def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """Injection curve, data and simulation [mm³/ms], and the errors below, against time [us]."""
@@ -108,6 +117,9 @@ class CurveView(View):
         return [replace(figure, title=_title(data, data["name"])) for figure in self.figures(data, plotted)]
 
 
+CURVES = CurveView()
+
+
 def _named(data: Sequence[Record]) -> str:
     """Names of a few curves, the number of many."""
     return " · ".join(d["name"] for d in data) if len(data) < 4 else f"{len(data)} curves"
@@ -123,13 +135,27 @@ def _title(data: Record, words: str) -> str:
     return ", ".join([words, *(one for one in place if one not in name)])
 
 
-def _j_table(data: Sequence[Record], labels: Sequence[str], texts: Texts) -> Table:
+_SETS = Part(("data set", "role"), lambda d: (d["name"], d["role"]))
+_SAMPLES = column("samples", lambda d: str(d["samples"]))
+
+
+def _measured(data: Sequence[Record], unit: str) -> Part:
+    origins = {origin_of(d) for d in data}
+    origin = origins.pop() if len(origins) == 1 else "data"
+    return column(f"{origin}{unit}", lambda d: fixed(d["volume"][MEASURED], 2, MM3))
+
+
+def _volume_error(data: Record, label: str) -> float | None:
+    return relative_error(number(data["volume"].get(label)), data["volume"][MEASURED])
+
+
+def _j_table(data: Sequence[Record], texts: Texts) -> Table:
     """J of every injection curve, Σ |rate error| over its samples [mm³/ms], by label."""
     parts = (
-        Part(("data set", "role"), lambda d: (d["name"], d["role"])),
-        Part([texts[label] for label in labels], lambda d: [fixed(d["J"].get(label), 1) for label in labels]),
-        Part(("share, %",), lambda d: (percent(d["J_relative"].get(JUDGED)),)),
-        Part(("rail, MPa",), lambda d: (megapascal(d["rail_pressure"]),)),
+        _SETS,
+        by_label(texts, lambda d, label: fixed(d["J"].get(label), 1)),
+        column("share, %", lambda d: percent(d["J_relative"].get(JUDGED))),
+        column("rail, MPa", lambda d: megapascal(d["rail_pressure"])),
         _SAMPLES,
     )
     note = (
@@ -139,54 +165,17 @@ def _j_table(data: Sequence[Record], labels: Sequence[str], texts: Texts) -> Tab
     return table_of(_J_TITLE, data, parts, note, 2)
 
 
-def _volume_table(data: Sequence[Record], labels: Sequence[str], texts: Texts) -> Table:
+def _volume_table(data: Sequence[Record], texts: Texts) -> Table:
     """Volume injected within the samples of every curve [mm³], by label."""
-
-    shown = labels[::-1]  # calibrated first: a narrow terminal leaves out the last columns
+    shown = [*texts][::-1]  # calibrated first: a narrow terminal leaves out the last columns
 
     def simulated(d: Record) -> Iterator[str]:
         for label in shown:
-            volume = number(d["volume"].get(label))
-            yield fixed(volume, 2, MM3)
-            yield signed(relative_error(volume, d["volume"][MEASURED]), 1)
+            yield fixed(d["volume"].get(label), 2, MM3)
+            yield signed(_volume_error(d, label), 1)
 
-    parts = (
-        Part(("data set", "role"), lambda d: (d["name"], d["role"])),
-        Part((_origin(data),), lambda d: (fixed(d["volume"][MEASURED], 2, MM3),)),
-        Part([head for label in shown for head in (texts[label], "error, %")], simulated),
-    )
+    parts = (_SETS, _measured(data, ""), Part([head for k in shown for head in (texts[k], "error, %")], simulated))
     return table_of("Injected volume, mm³", data, parts, "", 2)
-
-
-def _j_compared(data: Sequence[Record], labels: Sequence[str]) -> Table:
-    errors = Part(labels, lambda d: marked([number(d["J"].get(label)) for label in labels], lambda j: fixed(j, 1)))
-    note = f"J is the sum over the samples of |simulated rate − data|. {BEST_LEGEND}"
-    return table_of(_J_TITLE, data, (_HEAD, errors, _SAMPLES), note)
-
-
-def _j_relative_compared(data: Sequence[Record], labels: Sequence[str]) -> Table:
-    errors = Part(labels, lambda d: marked([number(d["J_relative"].get(label)) for label in labels], percent))
-    note = f"J over the sum of |data| over the same samples. {BEST_LEGEND}"
-    return table_of("J relative to the data, %", data, (_HEAD, errors), note)
-
-
-def _volume_compared(data: Sequence[Record], labels: Sequence[str]) -> Table:
-    def errors(d: Record) -> list[Cell]:
-        found = [relative_error(number(d["volume"].get(label)), d["volume"][MEASURED]) for label in labels]
-        return marked(found, lambda error: signed(error, 1))
-
-    measured = Part((f"{_origin(data)}, mm³",), lambda d: (fixed(d["volume"][MEASURED], 2, MM3),))
-    note = f"Simulated against data. {BEST_LEGEND}"
-    return table_of("Error of the injected volume, %", data, (_HEAD, measured, Part(labels, errors)), note)
-
-
-_HEAD = Part(("data set", "rail, MPa"), lambda d: (d["name"], megapascal(d["rail_pressure"])))
-_SAMPLES = Part(("samples",), lambda d: (str(d["samples"]),))
-
-
-def _origin(data: Sequence[Record]) -> str:
-    origins = {origin_of(d) for d in data}
-    return origins.pop() if len(origins) == 1 else "data"
 
 
 def _band(data: Record, time: Points, about: Floats) -> Band:

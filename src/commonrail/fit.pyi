@@ -1,0 +1,30 @@
+"""Parts of a study and of its search, and results of a fit."""
+
+from commonrail.calibration.identifiability import identify as identify
+from commonrail.calibration.identifiability import identify_at as identify_at
+from commonrail.calibration.objective import Loss as Loss
+from commonrail.calibration.objective import Objective as Objective
+from commonrail.calibration.optimisers.base import Counts as Counts
+from commonrail.calibration.optimisers.evolution import DifferentialEvolution as DifferentialEvolution
+from commonrail.calibration.optimisers.evolution import EvolutionSettings as EvolutionSettings
+from commonrail.calibration.optimisers.evolution import InitialSampling as InitialSampling
+from commonrail.calibration.optimisers.evolution import Treatment as Treatment
+from commonrail.calibration.optimisers.staged import StagedSettings as StagedSettings
+from commonrail.calibration.parameter import Condition as Condition
+from commonrail.calibration.parameter import percent_bounds as percent_bounds
+from commonrail.calibration.plausibility import Finding as Finding
+from commonrail.calibration.run import check_study as check_study
+from commonrail.calibration.search import Generation as Generation
+from commonrail.calibration.search import Progress as Progress
+from commonrail.calibration.search import steps as steps
+from commonrail.calibration.space import Space as Space
+from commonrail.calibration.space import sample_feasible as sample_feasible
+from commonrail.calibration.study import Judgement as Judgement
+from commonrail.calibration.study import LeaveOut as LeaveOut
+from commonrail.calibration.study import Method as Method
+from commonrail.plugins.certainty.file import Certainty as Certainty
+from commonrail.plugins.certainty.likelihood import Likelihood as Likelihood
+from commonrail.plugins.compare.run import Comparison as Comparison
+from commonrail.plugins.prediction.run import Prediction as Prediction
+from commonrail.plugins.update.run import Agreement as Agreement
+from commonrail.plugins.update.run import Update as Update

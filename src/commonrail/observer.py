@@ -1,0 +1,5 @@
+"""Virtual sensor: quantities of shots from a measured pressure."""
+
+from commonrail.base.public import attach
+
+__getattr__, __dir__, __all__ = attach(__name__, __file__)

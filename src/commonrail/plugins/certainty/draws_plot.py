@@ -1,0 +1,55 @@
+"""Draws of a posterior by matplotlib: each parameter against each other, or over the number of the draw."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib import pyplot
+
+from commonrail.base.errors import ConfigurationError
+from commonrail.plugins.certainty.file import Certainty
+from commonrail.report.figure import FAMILIES, LOOKS
+
+BINS = 40
+KINDS = ("corner", "trace")
+
+
+def draw_posterior(found: Certainty, ax: Any, kind: str) -> Any:
+    """Draw a corner plot into axes (d, d), or the traces of d parameters into axes (d,); new ones by default."""
+    if kind not in KINDS:
+        raise ConfigurationError(f"The kind of a posterior plot must be one of {', '.join(KINDS)}, not {kind!r}.")
+    d, points, corner = found.d, found.points, kind == "corner"
+    columns, size = d if corner else 1, 1.9 * max(d, 2)
+    if ax is None:
+        _, ax = pyplot.subplots(
+            d, columns, squeeze=False, sharex="col", layout="constrained", figsize=(size if corner else 7.0, size)
+        )
+    axes = np.asarray(ax, dtype=object)
+    if axes.size != d * columns:
+        raise ConfigurationError(f"A {kind} plot of {d} parameters needs {d * columns} axes, not {axes.size}.")
+    axes = axes.reshape(d, columns)
+    units = found.estimate.likelihood.units
+    labels = [f"{name} [{unit}]" for name, unit in zip(found.names, units, strict=False)]
+    for i, value in enumerate(found.point):
+        if corner:
+            _corner_row(axes[i], points, i, value)
+        else:
+            axes[i, 0].plot(points[:, i], linewidth=0.5, color=FAMILIES[0])
+            axes[i, 0].axhline(value, color=LOOKS["best"][0], linewidth=1.0)
+        if i > 0 or not corner:
+            axes[i, 0].set_ylabel(labels[i])
+    for j in range(columns):
+        axes[-1, j].set_xlabel(labels[j] if corner else "draw")
+    return axes if corner else axes[:, 0]
+
+
+def _corner_row(row: Any, points: Any, i: int, value: float) -> None:
+    """Histogram of parameter i, and its draws over those of the parameters before it."""
+    row[i].hist(points[:, i], BINS, color=FAMILIES[0], alpha=0.5)
+    row[i].axvline(value, color=LOOKS["best"][0], linewidth=1.0)
+    row[i].set_yticks([])
+    for j in range(i):
+        row[j].plot(points[:, j], points[:, i], ".", markersize=1.0, color=FAMILIES[0], alpha=0.3)
+    for one in row[i + 1 :]:
+        one.set_axis_off()

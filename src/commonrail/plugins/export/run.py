@@ -1,0 +1,68 @@
+"""Export of a model as a C library or as an FMU."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Literal
+
+from commonrail.base.arguments import file_path, instance
+from commonrail.base.errors import ConfigurationError
+from commonrail.physics.injector import Injector
+from commonrail.plugins.export.fmu import check_fmi, write_fmu
+from commonrail.plugins.export.library import write_library
+from commonrail.plugins.export.object_files import TARGETS, Target, own_platform, target_named
+
+
+def export(
+    injector: Injector,
+    out: str | Path,
+    form: Literal["library", "fmu"] = "library",
+    *,
+    platforms: Iterable[str] | None = None,
+    fmi: int = 2,
+    flat: bool = False,
+) -> tuple[str, ...]:
+    """Write a model as a C library or an FMU, which runs without Python and takes every parameter at run time.
+
+    Parameters
+    ----------
+    injector : Injector
+        Its values are the start values.
+    out : str or path
+        Folder of the library, or file of the FMU.
+    form : "library" or "fmu"
+    platforms : list of str, optional
+        Such as ``["linux64", "win64"]``; by default this machine's. Others need zig.
+    fmi : int
+        Version of the FMI standard, 2 or 3.
+    flat : bool
+        Flat names of an FMU's variables, for importers that make buses of points.
+
+    Returns
+    -------
+    tuple of str
+        Files that were written; of an FMU those within it.
+
+    Raises
+    ------
+    ConfigurationError
+        If a platform, form or version is unknown, or there is no compiler for a platform.
+    """
+    path, targets = file_path(out, "out"), targets_named(platforms)
+    instance(injector, Injector, "injector")
+    if form == "library":
+        return tuple(map(str, write_library(injector, path, targets).files))
+    if form != "fmu":
+        raise ConfigurationError(f'The form of an export must be "library" or "fmu", and {form!r} was given.')
+    check_fmi(fmi)
+    return tuple(f"{path}/{name}" for name in write_fmu(injector, path, targets, fmi, flat))
+
+
+def targets_named(platforms: Iterable[str] | None) -> list[Target]:
+    """Platforms by their names, each once; by default this machine's plainest. ConfigurationError if there is none."""
+    names = own_platform()[:1] if platforms is None else platforms
+    targets = [target_named(name) for name in dict.fromkeys(name.strip() for name in names if name.strip())]
+    if not targets:
+        raise ConfigurationError(f"Platforms: there is no name; name some of {', '.join(TARGETS)}.")
+    return targets

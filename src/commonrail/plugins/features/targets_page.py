@@ -1,0 +1,108 @@
+"""Features as measured data in reports: tables of values and of errors in tolerances, a figure of the errors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from commonrail.base.chart import MARKERS, Figure, Panel, Series
+from commonrail.base.table import BEST_LEGEND, SIGNS, Cell, Part, Table, marked, size_of, table_of
+from commonrail.base.text import field_unit, fixed, megapascal, number, pressure, several, signed
+from commonrail.data.records import JUDGED, MEASURED, Record, Texts, origin_of
+from commonrail.plugins.features.result import decimals_of
+from commonrail.report.data.view import Merit, Models, Plotted, View, present, start_words
+
+_STEPS = (1.0, 2.0)  # [tolerances]
+_LEGEND = "{small} within one tolerance, {medium} within two, {large} beyond.".format(**SIGNS)
+
+
+class FeatureView(View):
+    """Tables, figures and sentences of features."""
+
+    def operating_point(self, data: Record) -> Record:
+        """The operating point of the features."""
+        return data
+
+    def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
+        """Root mean square error in tolerances."""
+        best, start = (several([d["rms"].get(key) for d in data], lambda v: fixed(v, 2)) for key in (label, "start"))
+        return Merit(best, f"tolerances rms of the features{start_words(start, '')}".replace(" )", ")"))
+
+    def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
+        """Root mean square errors of the features."""
+        return "the least error of the features", [d["rms"] for d in data]
+
+    def tables(self, data: Sequence[Record], texts: Texts) -> list[Table]:
+        """Features of each data set: values by label, and the errors of the calibrated model."""
+        return [_values_table(d, [label for label in texts if self.has(d, label)], texts) for d in data]
+
+    def compared_tables(self, data: Sequence[Record], labels: Sequence[str]) -> list[Table]:
+        """Errors of the features by model, in tolerances."""
+        return [_errors_table(d, labels) for d in data]
+
+    def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
+        """Errors of the features in tolerances."""
+        return [_figure(data, plotted.models)]
+
+    compared_figures = figures
+
+
+def _name(row: Record) -> str:
+    return f"{row['feature']} {row['injection']}" if row["feature"] != "return_quantity" else "return_quantity"
+
+
+def _shown(row: Record, key: str) -> str:
+    return fixed(row.get(key), decimals_of(row["unit"]), field_unit(row["unit"]).factor)
+
+
+def _error(row: Record, label: str) -> float | None:
+    """Error in tolerances."""
+    value = number(row.get(label))
+    return None if value is None else (value - row[MEASURED]) / row["tolerance"]
+
+
+def _values_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
+    def errors(row: Record) -> Iterator[str | Cell]:
+        factor, value = field_unit(row["unit"]).factor, number(row.get(JUDGED))
+        yield signed(None if value is None else (value - row[MEASURED]) * factor, decimals_of(row["unit"]))
+        error = _error(row, JUDGED)
+        yield Cell(signed(error, 2), size_of(error, _STEPS))
+
+    parts = (
+        _HEAD,
+        Part((origin_of(data), "tolerance"), lambda row: (_shown(row, MEASURED), _shown(row, "tolerance"))),
+        Part([texts[label] for label in labels], lambda row: [_shown(row, label) for label in labels]),
+        Part(("error", "error, tolerances"), errors),
+    )
+    title = f"Features of {data['name']} ({data['role']}), {pressure(data['rail_pressure'])}"
+    return table_of(title, data["rows"], parts, f"Errors are {texts[JUDGED]} − {origin_of(data)}. {_LEGEND}", 2)
+
+
+def _errors_table(data: Record, labels: Sequence[str]) -> Table:
+    def errors(row: Record) -> list[Cell]:
+        return marked([_error(row, label) for label in labels], lambda error: signed(error, 2), _STEPS)
+
+    parts = (_HEAD, Part((origin_of(data),), lambda row: (_shown(row, MEASURED),)), Part(labels, errors))
+    title = f"Errors of the features in tolerances: {data['name']}, {megapascal(data['rail_pressure'])} MPa"
+    return table_of(title, data["rows"], parts, f"{_LEGEND} {BEST_LEGEND}", 2)
+
+
+def _figure(data: Record, models: Models) -> Figure:
+    """Errors in tolerances, a place for each feature."""
+    rows = data["rows"]
+    places = tuple(float(i) for i in range(len(rows)))
+    series = [
+        Series(model.text, model.look, places, tuple(_error(row, label) for row in rows), MARKERS, model.family)
+        for label, model in models.items()
+    ]
+    return Figure(
+        f"Features of {data['name']}",
+        f"Simulated − {origin_of(data)}, each in its tolerance; the number is that of the injection.",
+        "",
+        (Panel("error, tolerances", present(series), zero_line=True, categories=tuple(_name(row) for row in rows)),),
+    )
+
+
+_HEAD = Part(("feature", "unit"), lambda row: (_name(row), field_unit(row["unit"]).text))
+
+VIEW = FeatureView()

@@ -1,0 +1,66 @@
+"""Settings of a measuring plan."""
+
+from __future__ import annotations
+
+import math
+from enum import StrEnum
+
+from commonrail.base.arguments import Limits
+from commonrail.base.declare import Choice, Number, OptionalNumber, Setting, Whole, setting, settings
+
+NOT_NEGATIVE = Limits(0.0, math.inf)
+
+
+class Criterion(StrEnum):
+    """Figure that a plan is to make small."""
+
+    V = "v"
+    """Mean variance of predictions: the same as A, the rows being those of the predictions."""
+
+    D = "d"
+    """Volume of the region of the named parameters: ½ ln det C over their number."""
+
+    A = "a"
+    """Mean squared standard error of the named parameters: ½ ln of the mean of C's diagonal."""
+
+
+@settings
+class DesignSettings:
+    """Settings of a measuring plan; `ConfigurationError` for a value of another kind or beyond its limits."""
+
+    points: Whole = setting(
+        words="number of points", default=3, limits=Limits(1, 100), text="Largest number of measurements."
+    )
+    criterion: Choice[Criterion] = setting(
+        words="criterion",
+        default=Criterion.V,
+        text="v: mean variance of predictions on the grid; d: volume of the region of the parameters; a: their mean "
+        "squared relative standard error.",
+    )
+    parameters: Setting[tuple[str, ...], tuple[str, ...]] = setting(
+        words="parameters", default=(), text="Parameters that criteria d and a are about; all if empty.", option=False
+    )
+    budget: OptionalNumber = setting(
+        words="budget", default=None, limits=NOT_NEGATIVE, text="Largest cost. [default: none]"
+    )
+    pressure_cost: Number = setting(
+        words="cost of a rail pressure",
+        default=0.0,
+        limits=NOT_NEGATIVE,
+        text="Cost of every rail pressure in the plan.",
+    )
+    apart_pressure: Number = setting(
+        words="distance of rail pressures",
+        default="20MPa",
+        unit="Pa",
+        limits=NOT_NEGATIVE,
+        text="Rail pressure within which points are too close, if their times are too.",
+    )
+    apart_time: Number = setting(
+        words="distance of energising times",
+        default="30us",
+        unit="s",
+        limits=NOT_NEGATIVE,
+        text="Energising time within which points are too close, if their pressures are too; 0 allows repetitions.",
+    )
+    seed: Whole = setting(words="seed", default=0, text="Seed of the draws.")
