@@ -201,18 +201,15 @@ class OperatingPoint:
                 )
             ends = pulse.start + pulse.duration
         if not 0.0 < self.duration <= LONGEST:
-            raise ConfigurationError(self._too_long())
-
-    def _too_long(self) -> str:
-        if self.horizon is not None:
-            return (
-                f"The horizon must lie between 0 and {LONGEST:g} s, not {self.horizon:g} s; for microseconds write "
-                '"1500 us".'
+            if self.horizon is not None:
+                raise ConfigurationError(
+                    f"The horizon must lie between 0 and {LONGEST:g} s, not {self.horizon:g} s; for microseconds write "
+                    '"1500 us".'
+                )
+            raise ConfigurationError(
+                f"The energisings end {self.duration:g} s after the start, and at most {LONGEST:g} s are simulated; "
+                'for microseconds write "900 us".'
             )
-        return (
-            f"The energisings end {self.duration:g} s after the start, and at most {LONGEST:g} s are simulated; for "
-            'microseconds write "900 us".'
-        )
 
     @property
     def pressures(self) -> dict[str, Course]:

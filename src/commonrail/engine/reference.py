@@ -141,8 +141,8 @@ def simulate_reference(
     samples = max(round(point.duration / sample_interval), 1)
     time: Floats = np.asarray(point.start + sample_interval * np.arange(samples + 1), float)
     note_limits(injector, [point])
-    if injector.variant.actuation is Actuation.DIRECT:
-        _refuse_friction(injector, friction)
+    if injector.variant.actuation is Actuation.DIRECT and friction is not None:
+        raise ConfigurationError(f"{injector.name} is direct-acting: the needle has no guides; omit the friction.")
     model = Model(injector, point, resolution, friction)
     if resolution.method == "explicit":
         return solution(model, time, *model.march(time))
@@ -158,11 +158,6 @@ def _check(resolution: Resolution) -> None:
         raise ConfigurationError(
             f"The step of the explicit method must lie between 0.1 ns and 100 ns, not {resolution.step * 1e9:g} ns."
         )
-
-
-def _refuse_friction(injector: Injector, friction: Floats | None) -> None:
-    if friction is not None:
-        raise ConfigurationError(f"{injector.name} is direct-acting: the needle has no guides; omit the friction.")
 
 
 class Model:
@@ -329,14 +324,11 @@ class Model:
 
     def slopes(self, t: float, y: Floats) -> Floats:
         """The right-hand side."""
-        self._set_outside(t)
+        at_time = [value_at(course, t) for course in courses(self.point)]
+        self.outside[:3], self.outside[AT.trace] = at_time[:3], at_time[3]
         self.y[:] = y
         self.evaluate()  # into `dy`
         return self.dy.copy()
-
-    def _set_outside(self, t: float) -> None:
-        at_time = [value_at(course, t) for course in courses(self.point)]
-        self.outside[:3], self.outside[AT.trace] = at_time[:3], at_time[3]
 
     def past_limit(self, y: Floats) -> float:
         """Distance of the PWM's current past its limit, relative to the band; negative before it."""

@@ -295,7 +295,9 @@ def simulate_batch(
     parts = [
         _simulate(names, candidates[first : first + many], prepared, run) for first in range(0, len(candidates), many)
     ]
-    return parts[0] if len(parts) == 1 else _joined(parts)
+    if len(parts) == 1:
+        return parts[0]
+    return Batch(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Batch)})
 
 
 def _engine(name: Engine | str) -> Engine:
@@ -388,12 +390,6 @@ def _simulate(
         absolute_error=figure(outcome.absolute),
         squared_error=figure(outcome.squared),
     )
-
-
-def _joined(parts: Sequence[Batch]) -> Batch:
-    """One batch of several."""
-    names = [f.name for f in fields(Batch)]
-    return Batch(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
 # Sampled rates of several candidates, from traced runs.
