@@ -62,7 +62,11 @@ class Window:
     def choose(self, label: str, option: str) -> None:
         field = f"document.querySelector('input[aria-label={json.dumps(label)}]')"
         self.wait(field)
-        self.browser.evaluate(f"{field}.click()")
+        self.browser.evaluate(f"{field}.scrollIntoView({{block: 'center'}})")
+        box = self.browser.evaluate(f"JSON.parse(JSON.stringify({field}.closest('.q-field').getBoundingClientRect()))")
+        place = {"x": box["x"] + box["width"] / 2, "y": box["y"] + box["height"] / 2, "button": "left", "clickCount": 1}
+        for kind in ("mousePressed", "mouseReleased"):
+            self.browser.call("Input.dispatchMouseEvent", type=kind, **place)
         self.press(option, ".q-menu .q-item")
 
     def drop(self, label: str, *paths: Path) -> None:
@@ -134,7 +138,7 @@ def test_from_files_to_a_fit_that_outlives_its_server(folder: Path, server: Serv
     window.press("Prepare the study")
     window.read("Before any fit")
     window.wait("document.querySelectorAll('.tile svg').length >= 5")  # two maps of two charts, and a curve
-    window.wait("document.querySelector('[aria-label^=\"Delay of\"]')")
+    window.wait("document.querySelector('[aria-label^=\"Time zero\"]')")
 
     window.press("3 Calibrate")
     window.choose("Free only", "the best 2")

@@ -590,7 +590,7 @@ class Home:
         files = [f"out/{run}.{ending}" for ending in MAPS.values()]
         if not self.is_fresh(run, files[0]):
             named = [text for file in files for text in ("--out", file)]
-            await self.project.run("map", f"runs/{run}", *named, "--json")
+            await self.project.run("map", f"runs/{run}", "--bands", "none", *named, "--json")
         return f"out/{run}.{ending}"
 
     async def export(self, run: str, form: str, path: str) -> str:

@@ -286,12 +286,7 @@ class Project:
         `InputError` with the command's own sentence if it fails.
         """
         process = await asyncio.create_subprocess_exec(
-            *python("-m", "commonrail", *arguments),
-            cwd=self.folder,
-            env=same_modules(),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
+            *python("-m", "commonrail", *arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, **self._place()
         )
         out, said = await process.communicate()
         lines = [line.strip() for line in said.decode("utf-8", "replace").replace("\r", "\n").split("\n")]
@@ -302,6 +297,9 @@ class Project:
             self._log(arguments)
         record: dict[str, Any] = json.loads(out)
         return record
+
+    def _place(self) -> dict[str, Any]:
+        return {"cwd": self.folder, "env": same_modules(), "stdin": subprocess.DEVNULL}
 
     def _log(self, arguments: tuple[str, ...]) -> None:
         with (self.folder / COMMANDS).open("a", encoding="utf-8") as file:
@@ -329,13 +327,11 @@ class Project:
         with (self.folder / f"{name}.log").open("wb") as log:
             subprocess.Popen(
                 python("-m", "commonrail", *arguments),
-                cwd=self.folder,
-                env=same_modules(),
-                stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=log,
                 start_new_session=True,
-                creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
+                creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # of Windows
+                **self._place(),
             )
         self._changed()
 

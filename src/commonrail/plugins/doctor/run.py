@@ -157,6 +157,7 @@ WITHOUT_LIBRARIES = {
 EXTRAS = {
     "distributed": ("distributed", "to calibrate on a cluster", "pip install 'commonrail[cluster]'"),
     "cryptography": ("cryptography", "for --cluster local", "pip install 'commonrail[cluster]'"),
+    "nicegui": ("nicegui", "for the app in the browser", "pip install 'commonrail[app]'"),
     "pyarrow": ("pyarrow", "for Parquet tables of fleets", "pip install 'commonrail[fleet]'"),
     "matplotlib": ("matplotlib", "for figures for print", "pip install 'commonrail[plates]'"),
 }
