@@ -85,8 +85,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def server(folder: Path) -> Iterator[Served]:
     with serving(folder) as served:
         yield served
-    if run := next(folder.glob("runs/run-*/journal.sqlite"), None):
-        end(process_of(run.parent) or 0)
+    for journal in folder.glob("runs/run-*/journal.sqlite"):
+        if process := process_of(journal.parent):
+            end(process)
 
 
 @pytest.fixture
