@@ -480,9 +480,11 @@ class Home:
     async def _begin(self) -> None:
         self.shown = self.project.start_fit()
 
-    def _end(self) -> None:
-        if self.live.get("process"):
-            self.project.stop(self.live["process"])
+    async def _end(self) -> None:
+        place = str(self.project.folder / "runs" / self.project.latest())
+        process = (await self._ask(do="run", place=place))["process"]  # that of the latest session
+        if process:
+            self.project.stop(process)
             say("The search stops; the best values so far are written.")
 
     def _go_on(self) -> None:
@@ -506,7 +508,7 @@ class Home:
             done = (run["generation"], run["refinements"], run["state"], latest)
             if self.live.get("done") != done:
                 more = await self._ask(do="run", place=str(self.project.folder / "runs" / latest))
-                self.live = {"done": done, "process": more["process"], "drawn": self.draw(more, drawn)}
+                self.live = {"done": done, "drawn": self.draw(more, drawn)}
         self.live["state"] = run["state"]
         self.start.set_enabled(run["state"] != "running")
         self.halt.set_enabled(run["state"] == "running")
