@@ -12,6 +12,7 @@ from typing import Any
 from nicegui import ui
 
 from commonrail.base.errors import CommonrailError, InputError
+from commonrail.base.input import read_plain
 from commonrail.base.units import parse, to_text
 from commonrail.plugins.app import charts
 from commonrail.plugins.app.elements import (
@@ -563,7 +564,8 @@ class Home:
                     self.button("Commands", lambda: COMMANDS)
                 with ui.expansion("The same by the command line").props("dense"):
                     place = self.project.folder / COMMANDS
-                    ui.code(place.read_text("utf-8") if place.is_file() else "", language="bash").classes("wide")
+                    text = read_plain(place).decode() if place.is_file() else ""
+                    ui.code(text, language="bash").classes("wide")
             with ui.card().classes("box"):
                 heading("Update with new data", 3)
                 soft("The new data are judged by the bands of this run first; then all data are fitted together.")

@@ -18,6 +18,7 @@ import numpy as np
 
 from commonrail.base.child import python, same_modules
 from commonrail.base.errors import CommonrailError, InputError
+from commonrail.base.input import read_plain
 
 MOST_SAMPLES = 400  # of a curve that is drawn
 LONGEST_LINE = 20_000_000  # of an answer [bytes]
@@ -227,7 +228,7 @@ class Worker:
         names = [p.name for p in self._load(folder / "study.toml").space.parameters]
         record = {}
         if (folder / "result.json").is_file():
-            record = json.loads((folder / "result.json").read_text("utf-8"))
+            record = json.loads(read_plain(folder / "result.json"))
         values = {p["name"]: p["best"] for p in record.get("parameters", ())}
         if not values and best is not None:
             values = dict(zip(names, map(float, best), strict=True))

@@ -18,6 +18,7 @@ from typing import Any
 
 from commonrail.base.child import python, same_modules
 from commonrail.base.errors import InputError, OutputError
+from commonrail.base.input import read_plain
 from commonrail.base.output import write_text, writing
 from commonrail.plugins.app.preview import Preview
 
@@ -70,7 +71,7 @@ class Project:
         place = self.folder / STATE
         if place.is_file():
             try:
-                self.state |= json.loads(place.read_text("utf-8"))
+                self.state |= json.loads(read_plain(place))
             except ValueError as error:
                 raise InputError(f"{place}: this is not a file of the app ({error}); remove it.") from error
 
@@ -157,7 +158,7 @@ class Project:
             document["name"] = re.sub(r"[^a-z0-9-]+", "-", self.folder.name.lower()).strip("-") or "injector"
             document["base"] = base
         else:
-            document = tomlkit.parse(place.read_text("utf-8"))
+            document = tomlkit.parse(read_plain(place))
         change(document)
         write_text(place, tomlkit.dumps(document))
         self.state["injector"] = base or self.state["injector"]
@@ -250,7 +251,7 @@ class Project:
         """Document of the latest study, or None."""
         import tomlkit
 
-        return tomlkit.parse(self.study.read_text("utf-8")) if self.study else None
+        return tomlkit.parse(read_plain(self.study)) if self.study else None
 
     def edit_study(self, change: Callable[[Any], None]) -> None:
         """Change the latest study; `undo` takes it back."""
@@ -274,7 +275,7 @@ class Project:
     def _write_study(self, place: Path, change: Callable[[Any], None]) -> None:
         import tomlkit
 
-        document = tomlkit.parse(place.read_text("utf-8"))
+        document = tomlkit.parse(read_plain(place))
         change(document)
         write_text(place, tomlkit.dumps(document))
 

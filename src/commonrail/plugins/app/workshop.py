@@ -11,8 +11,9 @@ from typing import Any
 
 from nicegui import ui
 
+from commonrail.base.csv_output import write_csv
 from commonrail.base.errors import CommonrailError, InputError
-from commonrail.base.output import write_text
+from commonrail.base.input import read_plain
 from commonrail.plugins.app.elements import field, header, say, select, soft, upload, waiting
 from commonrail.plugins.app.project import Project
 
@@ -65,15 +66,13 @@ def read_rows(text: str) -> list[dict[str, str]]:
     return [{key: row[at] if at < len(row) else "" for key, at in places.items()} for row in cells]
 
 
-def write_rows(rows: list[dict[str, str]], notes: list[str]) -> str:
-    """Test plan as CSV under its notes; rows without a rail pressure are left out."""
-    out = io.StringIO("".join(f"{note}\n" for note in notes))
-    out.seek(0, io.SEEK_END)
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([name for _, _, name in COLUMNS])
+def write_rows(path: Path, rows: list[dict[str, str]], notes: list[str]) -> None:
+    """Write a test plan as CSV under its notes; rows without a rail pressure are left out."""
     cells = [[row.get(key, "").replace(",", ".") for key, _, _ in COLUMNS] for row in rows if row.get("rail_pressure")]
-    writer.writerows(cells)
-    return out.getvalue()
+    write_csv(path, [note.lstrip("# ") for note in notes], [name for _, _, name in COLUMNS], cells)
+
+
+LARGEST_PLAN = 1_000_000  # of a test plan of a few lines [bytes]
 
 
 class Workshop:
@@ -108,7 +107,7 @@ class Workshop:
                     upload(self.say("Drop a test plan"), self.take, many=False, kinds=".csv,.txt,.tsv")
                 self.tests()
                 if (place := self.project.folder / "tests.csv").is_file():
-                    self.paste(place.read_text("utf-8"))
+                    self.paste(read_plain(place).decode("utf-8", "replace"))
                 with ui.row().classes("line no-print"):
                     ui.button(self.say("Judge"), icon="gavel", on_click=self.judge).props("no-caps")
                     turn = ui.button(self.say("Print"), icon="print").props("no-caps outline")
@@ -126,10 +125,8 @@ class Workshop:
     async def take(self, name: str, chunks: Any) -> None:
         """Take a dropped test plan, with or without results."""
         written = await self.project.add_file(name, chunks, "out")
-        place = self.project.folder / "out" / written
-        if place.stat().st_size > 1_000_000:
-            raise InputError(f"{name}: a test plan has a few lines; this file has {place.stat().st_size} bytes.")
-        self.paste(place.read_bytes().decode("utf-8-sig", "replace"))
+        text = read_plain(self.project.folder / "out" / written, LARGEST_PLAN)
+        self.paste(text.decode("utf-8-sig", "replace"))
 
     def paste(self, text: str) -> None:
         """Take rows of a sheet."""
@@ -178,7 +175,7 @@ class Workshop:
             say(self.say("Enter a part and at least one measured quantity."), bad=True)
             return
         try:
-            write_text(self.project.folder / "tests.csv", write_rows(self.rows, self.notes))
+            write_rows(self.project.folder / "tests.csv", self.rows, self.notes)
         except CommonrailError as error:
             say(str(error), bad=True)
             return
