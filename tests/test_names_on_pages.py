@@ -39,6 +39,7 @@ FOREIGN = """
 """
 # Names that examples give to the user's own things, and placeholders.
 OWN = """
+    my-project study-1
     my.toml my-truth.toml my-case my-folder my-injector runs/first runs/a runs/<study>-<n> worn study DIR RUN
     IDEAL LABEL INJECTOR VARIANT VERB START DURATION N NAME FILE copy.sqlite measurements.parquet data/evi.csv
     data/rail.csv p_rail seeds dead_times.csv points.csv part.toml member-2.toml member-3.toml
