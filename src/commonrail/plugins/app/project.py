@@ -352,9 +352,12 @@ class Project:
         return logs[-1].stem if logs else next((run.name for run in self.runs), "")
 
     def stop(self, process: int) -> None:
-        """Ask a calibration to stop; it scores and writes the best values so far."""
+        """Ask a calibration to stop; it scores and writes the best values so far.
+
+        SIGINT would not do: a server that a shell has started in the background hands on that it is ignored.
+        """
         with contextlib.suppress(OSError):
-            os.kill(process, signal.SIGINT if os.name == "posix" else signal.CTRL_BREAK_EVENT)  # type: ignore[attr-defined]
+            os.kill(process, signal.SIGTERM if os.name == "posix" else getattr(signal, "CTRL_BREAK_EVENT"))  # noqa: B009
 
 
 def _state_block(document: Any, block: Any, entry: dict[str, Any]) -> None:
