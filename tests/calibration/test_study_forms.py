@@ -334,7 +334,7 @@ def test_pressures_of_many_curves_are_read_from_their_file_once(load: Load, monk
     keys = 'columns = "r_{p}bar"\nenergising_time = "300 us"\nrail_pressure = { column = "p_{p}bar" }'
     curves = load("w.csv", keys, text)
     assert [round(curve.points[0].rail_pressure.value[0] * 1e-5) for curve in curves] == list(bars)
-    assert len(opened) == 2  # for the rates, and for the pressures
+    assert len(opened) == 1  # for the rates and for the pressures
 
 
 def test_a_drive_cannot_belong_to_several_curves(load: Load) -> None:

@@ -13,8 +13,8 @@ import pytest
 
 from commonrail.base.choices import Precision
 from commonrail.base.errors import ConfigurationError
+from commonrail.compiler import child
 from commonrail.compiler import laws as jit
-from commonrail.compiler import lower
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import Status
@@ -187,6 +187,6 @@ def test_a_twin_has_its_closure_in_single() -> None:
 
 def test_a_law_is_compiled_with_constants_of_the_precision_of_its_arguments() -> None:
     """Constants in double would draw everything that they touch along; so would that of a module."""
-    (text,) = lower.texts(doubled.source("single", "f32")).values()
+    (text,) = child.texts(doubled.source("single", "f32")).values()
     assert "fmul" in text
     assert not re.search(r"\bdouble\b", text)

@@ -89,10 +89,10 @@ def test_the_law_is_kept_in_the_file_of_the_injector(smaller: Injector, tmp_path
     assert cr.load_injector(file).variant.a_hole_law == "smaller"
     text = file.read_text(encoding="utf-8")
     file.write_text(text.replace('a_hole_law = "smaller"', 'a_hole_law = "smaler"'), encoding="utf-8")
-    with pytest.raises(cr.ConfigurationError, match=r"a_hole_law: .*did you mean .smaller."):
+    with pytest.raises(cr.errors.ConfigurationError, match=r"a_hole_law: .*did you mean .smaller."):
         cr.load_injector(file)
 
 
 def test_an_injector_without_an_a_hole_takes_no_law_of_it() -> None:
-    with pytest.raises(cr.ConfigurationError):
+    with pytest.raises(cr.errors.ConfigurationError):
         Variant(actuation="direct", a_hole_law="any")

@@ -42,8 +42,15 @@ class Curve(NamedTuple):
 
     @property
     def trace(self) -> Trace:
-        """The curve as `read_traces` returns it, at the middles of the samples."""
-        return {TIME: 0.5 * (self.bounds[1:] + self.bounds[:-1]), **self.rates}
+        """The curve as `read_traces` returns it, to the last bit: a report made again is the same."""
+        rates = {label: rates * MM3_PER_MS / MM3_PER_MS for label, rates in self.rates.items()}
+        finite = {label: values for label, values in rates.items() if np.isfinite(values).any()}
+        return {TIME: 1e-6 * np.array(self.moments), **finite}
+
+    @property
+    def moments(self) -> list[float]:
+        """Middles of the samples [us], to 1e-6 us: below any clock."""
+        return [round(moment, 6) for moment in (0.5e6 * (self.bounds[1:] + self.bounds[:-1])).tolist()]
 
 
 def write_traces(
@@ -60,11 +67,10 @@ def write_traces(
 
 
 def _rows(curve: Curve, labels: Sequence[str]) -> Iterator[list[str]]:
-    middles = 0.5e6 * (curve.bounds[1:] + curve.bounds[:-1])
-    for i, moment in enumerate(middles):
+    for i, moment in enumerate(curve.moments):
         rates = (float(curve.rates[label][i]) if label in curve.rates else math.nan for label in labels)
         texts = (repr(rate * MM3_PER_MS) if math.isfinite(rate) else "" for rate in rates)
-        yield [*curve.before, curve.data, repr(round(float(moment), 6)), *texts]  # 1e-6 us: below any clock
+        yield [*curve.before, curve.data, repr(moment), *texts]
 
 
 def read_traces(path: Path) -> Traces:

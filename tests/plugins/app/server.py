@@ -51,9 +51,9 @@ def is_alive(process: int) -> bool:
     """Return whether a process runs."""
     try:
         os.kill(process, 0)
+        return "Z" not in Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
     except OSError:
         return False
-    return "Z" not in Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
 
 
 def end(process: int) -> None:

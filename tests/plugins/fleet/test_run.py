@@ -70,14 +70,14 @@ def test_an_injectors_own_study_gives_its_result(whole: FleetRun) -> None:
 KILLED = """
 import multiprocessing, os, signal, sys
 import commonrail.plugins.fleet.run as module
-usual = module.run_fleet
+usual = module.fleet
 def run_fleet(*arguments, progress, **how):
     def stop(p):
         if p.done == 2:
             print(*(worker.pid for worker in multiprocessing.active_children()), flush=True)
             os.kill(os.getpid(), signal.SIGKILL)
     return usual(*arguments, progress=stop, **how)
-module.run_fleet = run_fleet
+module.fleet = run_fleet
 from commonrail.cli.start import main
 from tests.workers.forked import forked
 with forked():

@@ -126,7 +126,7 @@ def test_the_verb_predicts_points_and_counts_what_the_bands_hold(file: Path, tmp
     assert lines[1].startswith("prediction,80,500,,,mm3,")
     half = run_command("predict", run, "--rail-pressure", "80MPa")
     assert (half.status, "both --rail-pressure" in half.sentence) == (2, True)
-    plan = "next", run, "--points", 1, "--draws", 3, "--rail-pressure", "80MPa,120MPa", "--threads", 1
+    plan = "next", run, "--points", 1, "--rail-pressure", "80MPa,120MPa", "--threads", 1
     planned = run_command(*plan, "--energising-time", "500us,800us")
     assert planned.status == 0, planned.err
 
