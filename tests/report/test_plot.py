@@ -19,6 +19,7 @@ from tests.report.test_simulation import trapezium
 
 matplotlib = pytest.importorskip("matplotlib", reason="matplotlib comes with the extra notebook")
 matplotlib.use("Agg")
+pytest.importorskip("matplotlib.pyplot")
 
 
 @pytest.fixture(autouse=True)
@@ -120,14 +121,13 @@ def test_traces_have_a_draw_for_each_number() -> None:
 
 
 def test_arviz_gets_the_draws_as_one_chain() -> None:
-    arviz = pytest.importorskip("arviz", reason="arviz comes with the extra posterior")
+    pytest.importorskip("arviz_base", reason="arviz-base comes with the extra posterior")
     posterior = Drawn().to_arviz()["posterior"]
     assert posterior["valve.mass"].dims == ("chain", "draw")
     np.testing.assert_array_equal(posterior["valve.mass"].values[0], Drawn.points[:, 1])
-    assert arviz.summary(Drawn().to_arviz()) is not None
 
 
 def test_without_arviz_a_sentence_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "arviz", None)
+    monkeypatch.setitem(sys.modules, "arviz_base", None)
     with pytest.raises(cr.errors.ConfigurationError, match=r"pip install 'commonrail\[posterior\]'"):
         Drawn().to_arviz()

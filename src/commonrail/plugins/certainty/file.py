@@ -87,11 +87,11 @@ class Certainty(Shown):
         return import_module("commonrail.plugins.certainty.draws_plot").draw_posterior(self, ax, kind)
 
     def to_arviz(self) -> Any:
-        """Draws as the group "posterior" of an arviz DataTree, one chain, by the names of the parameters [SI].
+        """Draws as the group "posterior" of an ArviZ DataTree, one chain, by the names of the parameters [SI].
 
-        Raises `ConfigurationError` if arviz is missing.
+        Raises `ConfigurationError` if arviz-base is missing.
         """
-        arviz = load_library("arviz", "posterior")
+        arviz = load_library("arviz_base", "posterior")
         return arviz.from_dict({"posterior": dict(zip(self.names, self.points.T[:, None, :], strict=True))})
 
     @property
