@@ -79,7 +79,8 @@ def upload(label: str, take: Callable[[str, Any], Any], *, many: bool = True, ki
             await finish(take(event.file.name, event.file.iterate()))
         except CommonrailError as error:
             say(str(error), bad=True)
-        box.reset()
+        if not box.is_deleted:  # the page may have been built again
+            box.reset()
 
     box = ui.upload(
         label=label,
