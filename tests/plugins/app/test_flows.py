@@ -1,16 +1,18 @@
-"""What a user does in the browser, from files to a DCM, and what a killed server and a second window find."""
+"""A user's way in the browser, from files to a DCM, past a killed server and with a second window."""
 
 from __future__ import annotations
 
 import importlib.util
 import json
 import time
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from commonrail.plugins.app.preview import Worker
+from commonrail.plugins.app.project import EFFORTS
 from tests.plugins.app.server import Served, end, is_alive, serving, write_bench
 from tests.waiting import wait_until
 from tools.browser import CHROMIUM, Browser, browsing
@@ -137,6 +139,8 @@ def test_from_files_to_a_fit_that_outlives_its_server(folder: Path, server: Serv
     wait_until(lambda: "0.131 mm" in (folder / "injector.toml").read_text(), "the dimension is written")
     window.press("Prepare the study")
     window.read("Before any fit")
+    written = tomllib.loads((folder / "study-1/study.toml").read_text())["optimiser"]
+    assert EFFORTS["normal"].items() >= {key: value for key, value in written.items() if key != "method"}.items()
     window.wait("document.querySelectorAll('.tile svg').length >= 5")  # two maps of two charts, and a curve
     window.wait("document.querySelector('[aria-label^=\"Time zero\"]')")
 

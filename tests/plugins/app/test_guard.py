@@ -1,4 +1,4 @@
-"""Who may reach the server: token, origin, host, size of an upload, names and paths of files."""
+"""Access to the server: token, origin, host, size of an upload, names and paths of files."""
 
 from __future__ import annotations
 

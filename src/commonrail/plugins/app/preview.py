@@ -118,7 +118,7 @@ def _compare(data: Any, simulated: Any) -> dict[str, Any]:
 
 
 class Worker:
-    """What the process remembers between requests: the study that it has loaded last."""
+    """Answers to requests; the study that was loaded last stays in memory."""
 
     def __init__(self) -> None:
         self._key: Any = None

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.base.child import python, same_modules
-from commonrail.base.errors import InputError, OutputError
+from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
 from commonrail.base.output import write_text, writing
 from commonrail.plugins.app.preview import Preview
@@ -26,7 +26,7 @@ STATE, COMMANDS = "app.json", "commands.sh"
 LONGEST_NAME = 100  # of a file [letters]
 _NOT_IN_NAMES = re.compile(r"[^\w.\- ()+=,@\[\]]")
 _DEVICES = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")  # of Windows
-EFFORTS: dict[str, dict[str, Any]] = {  # settings of the staged search
+EFFORTS: dict[str, dict[str, Any]] = {  # settings of the staged search; `new` writes the normal ones
     "quick": {"members": 60, "inversions": 1, "generations": 6, "polish": 1, "polish_iterations": 8},
     "normal": {"members": 400, "inversions": 12, "generations": 64, "polish": 3, "polish_iterations": 30},
     "thorough": {"members": 1200, "inversions": 16, "generations": 128, "polish": 8, "polish_iterations": 30},
@@ -98,19 +98,17 @@ class Project:
         name = safe_name(name)
         stem, dot, ending = name.rpartition(".") if "." in name else (name, "", "")
         number = 1
-        while True:
-            place = self.folder / folder / name
-            try:
-                file = place.open("xb")
-                break
-            except FileExistsError:
-                number += 1
-                name = f"{stem}-{number}{dot}{ending}"
-            except OSError as error:
-                raise OutputError(f"{name} cannot be written ({error.strerror}).") from error
-        with file:
-            async for chunk in chunks:
-                file.write(chunk)
+        with writing(self.folder / folder):
+            while True:
+                try:
+                    file = (self.folder / folder / name).open("xb")
+                    break
+                except FileExistsError:
+                    number += 1
+                    name = f"{stem}-{number}{dot}{ending}"
+            with file:
+                async for chunk in chunks:
+                    file.write(chunk)
         return name
 
     async def take_data(self, name: str, chunks: AsyncIterator[bytes]) -> str:
