@@ -77,9 +77,7 @@ def _quantity(candidate: Candidate, data: QuantityData, noise: FittedNoise, valu
     sound = np.isfinite(values)
     failed = int(np.count_nonzero(~sound))
     if 2 * failed > len(unit):
-        return Response(
-            candidate, math.nan, data.absolute, np.zeros((1, unit.shape[1])), np.zeros(unit.shape[1]), failed
-        )
+        return _silent(candidate, data.absolute, unit.shape[1], failed)
     value = max(float(values[sound].mean()), 0.0)
     tolerance = data.absolute + data.relative * value
     plain = regress(unit[sound], values[sound, None] / tolerance)[:, 0]
@@ -89,16 +87,22 @@ def _quantity(candidate: Candidate, data: QuantityData, noise: FittedNoise, valu
 def _curve(candidate: Candidate, data: DataSet, noise: FittedNoise, values: Floats, unit: Floats) -> Response:
     """Response of a curve, simulated at the draws (m, n)."""
     sound = np.isfinite(values).all(axis=1)
-    failed, nothing = int(np.count_nonzero(~sound)), np.zeros(unit.shape[1])
+    failed = int(np.count_nonzero(~sound))
     if 2 * failed > len(unit):
-        return Response(candidate, math.nan, math.nan, nothing[None], nothing, failed)
+        return _silent(candidate, math.nan, unit.shape[1], failed)
     mean = values[sound].mean(axis=0)
     noise = noise.at(data.residual_scale * mean)
     slopes = regress(unit[sound], data.residuals(values[sound]))
     tangents = _decorrelate(noise.whiten(slopes), block_of(data, 0), noise)
     # the rows of R of a QR decomposition tell as much as all samples
     value = float(np.sum(mean * widths_of(data))) if isinstance(data, RateData) else math.nan
-    return Response(candidate, value, math.nan, np.asarray(np.linalg.qr(tangents.T, mode="r"), float), nothing, failed)
+    rows = np.asarray(np.linalg.qr(tangents.T, mode="r"), float)
+    return Response(candidate, value, math.nan, rows, np.zeros(unit.shape[1]), failed)
+
+
+def _silent(candidate: Candidate, scale: float, d: int, failed: int) -> Response:
+    """Response of a candidate that fails at most of the draws: it tells nothing of d parameters."""
+    return Response(candidate, math.nan, scale, np.zeros((1, d)), np.zeros(d), failed)
 
 
 def problem_of(

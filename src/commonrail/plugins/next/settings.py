@@ -6,7 +6,7 @@ import math
 from enum import StrEnum
 
 from commonrail.base.arguments import Limits
-from commonrail.base.declare import Choice, Number, OptionalNumber, Setting, Whole, setting, settings
+from commonrail.base.declare import Choice, Number, OptionalNumber, Setting, setting, settings
 
 NOT_NEGATIVE = Limits(0.0, math.inf)
 
@@ -28,7 +28,7 @@ class Criterion(StrEnum):
 class DesignSettings:
     """Settings of a measuring plan; `ConfigurationError` for a value of another kind or beyond its limits."""
 
-    points: Whole = setting(
+    points: int = setting(
         words="number of points", default=3, limits=Limits(1, 100), text="Largest number of measurements."
     )
     criterion: Choice[Criterion] = setting(
@@ -63,4 +63,4 @@ class DesignSettings:
         limits=NOT_NEGATIVE,
         text="Energising time within which points are too close, if their pressures are too; 0 allows repetitions.",
     )
-    seed: Whole = setting(words="seed", default=0, text="Seed of the draws.")
+    seed: int = setting(words="seed", default=0, text="Seed of the draws.")
