@@ -18,8 +18,6 @@ from commonrail.base.declare import (
     Number,
     OptionalNumber,
     Setting,
-    Text,
-    Whole,
     declared_fields,
     facts_of,
     setting,
@@ -42,7 +40,7 @@ class Search:
     kind: Choice[Kind] = setting(words="kind of search", default=Kind.FAST)
     share: Number = setting(words="share", default="10 %", limits=Limits(0.0, 0.5), text="Share that is kept.")
     step: OptionalNumber = setting(words="time step", unit="s", default=None, limits=Limits(1e-9, 1e-4))
-    draws: Whole = setting(words="number of draws", default=4, limits=Limits(1, 100))
+    draws: int = setting(words="number of draws", default=4, limits=Limits(1, 100))
     exact: bool = setting(words="exactness", default=False)
     times: Setting[tuple[float, ...], list[str | float]] = setting(words="times", unit="s", default=(), option=False)
 
@@ -55,7 +53,7 @@ class Search:
 class Ordered:
     """Fields in order."""
 
-    name: Text = setting()
+    name: str = setting()
     share: Number = setting(words="share", default=0.5)
     before: Ordered | None = None
 

@@ -60,13 +60,11 @@ class Setting(Generic[_Value, _Accepted]):
 
 Number = Setting[float, Quantity]
 OptionalNumber = Setting[float | None, Quantity | None]
-Whole = int  # a field that keeps what it accepts has the type itself for its annotation
-Text = str
 Choice = Setting[_Choice, _Choice | str]
 
 
 class Declared(NamedTuple):
-    """What a field declares; the parameters of `setting`, and the type of the value."""
+    """Declaration of a field: the parameters of `setting`, and the type of the value."""
 
     kind: Any
     words: str

@@ -34,7 +34,7 @@ def read_as(kind: type[_Kind], record: Record) -> _Kind:
 
 
 class SearchVerdict(NamedTuple):
-    """Whether a search has converged, by its population (`spread`) or by its starts (`agreeing`)."""
+    """Convergence of a search, by its population (`spread`) or by its starts (`agreeing`)."""
 
     converged: bool
     sentence: str

@@ -95,7 +95,7 @@ def export(
 
 
 def _next(form: Form, injector: Injector) -> str:
-    """How to go on, with the courses that a simulation environment may have and this variant does not read."""
+    """Next step, with the courses that a simulation environment may have and this variant does not read."""
     from commonrail.physics.variants import DRIVE, RAIL, reader_of, unread_inputs
 
     if form is Form.LIBRARY:
