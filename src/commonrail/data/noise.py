@@ -162,9 +162,9 @@ def uncertain_unit(key: str) -> str:
         return QUANTITIES[key].unit
     name = FUEL_TEMPERATURE if key == TEMPERATURE else key
     if is_of_meter(name) or name not in parameter_quantities():
-        known = [*OF_METER, TEMPERATURE]
+        others = [*OF_METER, TEMPERATURE]
         raise ConfigurationError(
-            f"{key} cannot be uncertain{nearest(key, [*known, *parameter_quantities()])}; {', '.join(known)} and the "
+            f"{key} cannot be uncertain{nearest(key, [*others, *parameter_quantities()])}; {', '.join(others)} and the "
             "parameters of an injector can."
         )
     return parameter_quantities()[name].unit
@@ -172,12 +172,14 @@ def uncertain_unit(key: str) -> str:
 
 def _deviation(key: str, value: object) -> float:
     unit = uncertain_unit(key)
-    found = number(value, unit, f"standard deviation of {key}")
-    if not 0.0 < found < math.inf:
-        raise ConfigurationError(f"The standard deviation of {key} must be greater than zero, not {found:g}.")
-    if unit == "K" and found > MOST_KELVIN:
-        raise ConfigurationError(f"The standard deviation of {key} is {found:g} K; state the difference, as in 3 K.")
-    return found
+    deviation = number(value, unit, f"standard deviation of {key}")
+    if not 0.0 < deviation < math.inf:
+        raise ConfigurationError(f"The standard deviation of {key} must be greater than zero, not {deviation:g}.")
+    if unit == "K" and deviation > MOST_KELVIN:
+        raise ConfigurationError(
+            f"The standard deviation of {key} is {deviation:g} K; state the difference, as in 3 K."
+        )
+    return deviation
 
 
 NOISE = Noise()
