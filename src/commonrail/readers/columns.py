@@ -131,7 +131,7 @@ class Sheet(Protocol):
         """Names of the columns, without their units."""
 
     def take(self, columns: Sequence[Column]) -> Table:
-        """Content of columns in the units of the file; once only, unless `apart`."""
+        """Content of columns in the units of the file; once only, unless `independent_columns`."""
 
 
 def unit_of(sheet: Sheet, name: str) -> str:
@@ -301,7 +301,7 @@ class Channel(NamedTuple):
 
 
 class ChannelSheet:
-    """Channels as a `Sheet` whose columns are apart.
+    """Channels as a `Sheet` with independent columns.
 
     A channel whose name occurs several times is named with its group.
     """

@@ -202,7 +202,7 @@ class QuantityData(ToleratedData):
     ) -> Floats:
         """Densities that make volumes of masses where the data state none, (1 or candidates, points) [kg/m³].
 
-        Of the quantities of the meter, which are `meter_values` (candidates,), `density` and `temperature` count.
+        Of the meter's quantities `meter_values` (candidates,), `density` and `temperature` count.
         """
         density_keys = {"density", "temperature"} & meter_values.keys()
         return candidates.densities(points, meter_values) if density_keys else batch.reference_density

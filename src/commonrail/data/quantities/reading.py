@@ -31,7 +31,7 @@ from commonrail.readers.toml import FileModel, Unit, fault
 def found_table(path: Path, form: FileForm, units: GivenUnits, quantity: str, *, matrix: bool) -> Table:
     """Columns rail_pressure, energising_time and quantity in SI units, a row for each point.
 
-    Units that are `units` count before those of the file, and `quantity` names the column of the quantities; with
+    `units` count before those of the file, and `quantity` names the column of the quantities; with
     `matrix` only a matrix is taken. Raises `InputError` if the file cannot be read, no map is found in it, or a
     number makes no sense.
     """

@@ -40,7 +40,7 @@ Rows = Iterator[tuple[int, list[str]]]
 
 
 class LvmFile(ChannelSheet):
-    """LabVIEW measurement file of one segment, a `Sheet` whose columns are apart.
+    """LabVIEW measurement file of one segment, a `Sheet` with independent columns.
 
     `form`: encoding; the header states the decimal sign. Raises `InputError` if it cannot be read, has several
     segments, or its header lacks what says where the samples are.
