@@ -190,7 +190,7 @@ def _element(item: object, unit: str, what: str) -> float:
     return number(item, unit, what) if real is None else real
 
 
-def whole(value: object, what: str, low: int = 0, high: int = LARGEST_WHOLE) -> int:
+def integer(value: object, what: str, low: int = 0, high: int = LARGEST_WHOLE) -> int:
     """Read a whole number.
 
     `low` and `high`: limits, both included. Raises `ConfigurationError` if it is no number, has a fraction, or lies
@@ -215,7 +215,7 @@ def not_whole(name: str, value: float) -> str:
 
 def thread_count(threads: object) -> int | None:
     """Read a number of threads; None stands for all usable processors."""
-    return None if threads is None else whole(threads, "number of threads", 1, MOST_THREADS)
+    return None if threads is None else integer(threads, "number of threads", 1, MOST_THREADS)
 
 
 def flag(value: object, what: str) -> bool:
@@ -226,7 +226,7 @@ def flag(value: object, what: str) -> bool:
     return value
 
 
-def chosen(value: object, kind: type[_Choice], what: str) -> _Choice:
+def enum_member(value: object, kind: type[_Choice], what: str) -> _Choice:
     """Read a member of an enum, or its value.
 
     Raises `ConfigurationError` with all values, and the nearest to a text that is none of them.

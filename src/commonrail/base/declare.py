@@ -24,15 +24,15 @@ from commonrail.base.arguments import (
     Quantity,
     amount,
     array,
-    chosen,
+    enum_member,
     file_path,
     flag,
     instance,
     instances,
+    integer,
     number,
     plain_text,
     settle,
-    whole,
 )
 from commonrail.base.units import to_text
 
@@ -107,9 +107,9 @@ class Declared(NamedTuple):
         if kind is float:
             return self._number(value)
         if kind is int:
-            return whole(value, self.words, *self.whole_limits)
+            return integer(value, self.words, *self.whole_limits)
         if isinstance(origin, type) and issubclass(origin, Enum):
-            return chosen(value, origin, self.words)
+            return enum_member(value, origin, self.words)
         if getattr(origin, "__name__", "") == "ndarray":  # without an import of NumPy
             return array(value, self.unit, self.words)
         if origin is tuple:

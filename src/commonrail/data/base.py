@@ -16,7 +16,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from commonrail.base.arguments import chosen, instance, number, plain_text, settle
+from commonrail.base.arguments import enum_member, instance, number, plain_text, settle
 from commonrail.base.arrays import Bools, Floats, Ints
 from commonrail.base.errors import ConfigurationError
 from commonrail.data.noise import NOISE, Noise
@@ -235,7 +235,7 @@ def read_labels(data: DataSet) -> None:
             f"The noise of {data.name} has a relative part, which only curves have; state it as the relative part "
             "of the tolerance."
         )
-    settle(data, role=chosen(data.role, Role, "role of the data"), weight=weight, mass_density=data.mass_density)
+    settle(data, role=enum_member(data.role, Role, "role of the data"), weight=weight, mass_density=data.mass_density)
     if data.meter is None:
         return
     meter = instance(data.meter, Meter, "meter of the data")

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from commonrail.base.arguments import Quantity, chosen, mapping, number, settle, shown
+from commonrail.base.arguments import Quantity, enum_member, mapping, number, settle, shown
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.units import parse
 from commonrail.physics.injector import FUEL_TEMPERATURE, parameter_quantities
@@ -109,8 +109,8 @@ class Noise:
         uncertain = mapping(self.uncertain, "uncertain quantities of the noise", '{"delay": "1 us"}')
         settle(
             self,
-            law=chosen(self.law, Law, "law of the noise"),
-            correlation=chosen(self.correlation, Correlation, "correlation of the noise"),
+            law=enum_member(self.law, Law, "law of the noise"),
+            correlation=enum_member(self.correlation, Correlation, "correlation of the noise"),
             uncertain={key: _deviation(key, value) for key, value in uncertain.items()},
         )
         stated = "sigma", "pressure_length", "freedom", "scatter_freedom"
