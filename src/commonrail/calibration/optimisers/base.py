@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import instance, settle, whole
+from commonrail.base.arguments import instance, integer, settle
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.errors import ConfigurationError, StudyError
 from commonrail.calibration.space import Space
@@ -75,7 +75,7 @@ def check_counts(settings: Any) -> None:
     """
     for one in fields(settings):
         if "most" in one.metadata:
-            value = whole(getattr(settings, one.name), one.name, one.metadata["least"], one.metadata["most"])
+            value = integer(getattr(settings, one.name), one.name, one.metadata["least"], one.metadata["most"])
             settle(settings, **{one.name: value})
 
 

@@ -37,7 +37,7 @@ def named(method: str) -> Registered | None:
 
 
 def _of(part: registry.Entry) -> Registered:
-    found = part.part(Registered, "a Registered")
+    found = part.load_as(Registered, "a Registered")
     if found.name != part.name:
         raise part.refused(f'has the method "{found.name}"')
     return found

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonrail.base.arguments import fraction, instance, thread_count, whole
+from commonrail.base.arguments import fraction, instance, integer, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError, SimulationError
 from commonrail.calibration.constraints import parse_constraints
@@ -78,8 +78,8 @@ def certainty(
         If the best values cannot be simulated.
     """
     instance(study, Study, "study")
-    starts = whole(starts, "starts", 1)
-    level, limit, seed = fraction(level, "level"), fraction(limit, "limit"), whole(seed, "seed", 0)
+    starts = integer(starts, "starts", 1)
+    level, limit, seed = fraction(level, "level"), fraction(limit, "limit"), integer(seed, "seed", 0)
     threads, d = thread_count(threads), study.space.dimension
     free = with_uncertain_free(study)
     likelihood = Likelihood.of(free, threads)
