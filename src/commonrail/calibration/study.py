@@ -88,7 +88,7 @@ class Judgement:
         settle(self, seeds=integer(self.seeds, "seeds of the judgement"), leave_out=leave_out)
 
     @property
-    def wanted(self) -> bool:
+    def has_searches(self) -> bool:
         """True if there is any further search."""
         return bool(self.seeds or self.leave_out)
 
@@ -320,13 +320,13 @@ def study(
         If an argument is of another kind, a parameter is unknown, or bounds are crossed.
     """
     instance(injector, Injector, "injector")
-    found = instances([data] if isinstance(data, DataSet) else data, DataSet, "data")  # type: ignore[type-abstract]
+    data_sets = instances([data] if isinstance(data, DataSet) else data, DataSet, "data")  # type: ignore[type-abstract]
     space = Space([_free(injector, *item) for item in mapping(free, "free", EXAMPLE).items()], constraints)
     usual = Method(EvolutionSettings(), POLISH, stop_when_converged=True)
     return Study(
         title or injector.name,
         injector,
-        found,
+        data_sets,
         space,
         usual if method is None else method,
         seed,
@@ -347,8 +347,8 @@ def _free(injector: Injector, name: str, bounds: Any) -> Parameter:
     elif isinstance(bounds, Sequence) and not isinstance(bounds, str) and len(bounds) == 2:
         lower, upper = (number(value, unit, f"bound of {name}") for value in bounds)
     else:
-        wanted = f'(lower, upper) or a share such as "10 %", not {bounds!r}'
-        raise ConfigurationError(f"The bounds of {name} must be {wanted}.")
+        expected = f'(lower, upper) or a share such as "10 %", not {bounds!r}'
+        raise ConfigurationError(f"The bounds of {name} must be {expected}.")
     return Parameter(name, reference, lower, upper, unit, mark=cast(Mark, origin.mark), source=origin.text)
 
 

@@ -200,9 +200,9 @@ def _resample(space: Space, parents: Floats, trials: Floats, redraw: Redraw) -> 
     if len(broken):
         further = redraw(broken)
         feasible = _feasible(space, further)
-        found = feasible.any(axis=1)
+        has_feasible = feasible.any(axis=1)
         first = feasible.argmax(axis=1)
-        unit[broken[found]] = further[found, first[found]]
+        unit[broken[has_feasible]] = further[has_feasible, first[has_feasible]]
     return _repair(space, parents, unit, redraw)
 
 
@@ -371,16 +371,16 @@ class DifferentialEvolution(Optimiser):
     def _step(self) -> Work:
         """One generation: trials, and the selection of the survivors, Eq. (20)."""
         trial = self._next() if self.steps else self._first()
-        told = yield Trials(trial.x, trial.simulate)
+        costs = yield Trials(trial.x, trial.simulate)
         if self.steps:
-            better = wins((told, trial.violation), (self.costs, self._violations))
-            told = np.where(better, told, self.costs)
+            better = wins((costs, trial.violation), (self.costs, self._violations))
+            costs = np.where(better, costs, self.costs)
             trial = Treated(
                 np.where(better[:, None], trial.unit, self._unit),
                 np.where(better, trial.violation, self._violations),
                 trial.x,
             )
-        self._take(trial.unit, told, trial.violation)
+        self._take(trial.unit, costs, trial.violation)
 
     def _take(self, unit: Floats, costs: Floats, violations: Floats) -> None:
         """Take members (n, d), their costs (n,) and violations (n,) as the population."""

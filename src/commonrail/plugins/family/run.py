@@ -132,5 +132,5 @@ FAMILIES: FitKind[Family, FamilyFit] = FitKind(
     load=load_family,
     content=_content,
     results=(RECORD, TYPE, f"{MODELS}/*"),
-    chosen=("name", "seed"),
+    options=("name", "seed"),
 )
