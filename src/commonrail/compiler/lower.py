@@ -52,8 +52,8 @@ def _answer(maker: str, words: list[str], kind: str, key: str) -> dict[str, Any]
     """Texts of a `cache.Source` by name, or a fault."""
     try:
         module, _, function = maker.partition(":")
-        made = getattr(import_module(module), function)(*words)
-        return {"texts": {name: _text(name, *of, kind=kind) for name, of in made.items()}}
+        entries = getattr(import_module(module), function)(*words)
+        return {"texts": {name: _text(name, *of, kind=kind) for name, of in entries.items()}}
     except Exception as error:  # a law of another package may raise anything
         return {"fault": " ".join(f"{type(error).__name__}: {error}".split())[:600]}
 
@@ -91,11 +91,11 @@ def emit(texts: Mapping[str, str], names: Mapping[str, str], system: System, vis
 
     `texts`: by the name of the function in its text; `names`: by the same, its name in the object.
     """
-    machine, whole = optimised(texts, names, system, visibility)
-    return bytes(machine.emit_object(ordered(machine, whole)))
+    machine, module = optimise(texts, names, system, visibility)
+    return bytes(machine.emit_object(schedule_instructions(machine, module)))
 
 
-def ordered(machine: Any, module: Any) -> Any:
+def schedule_instructions(machine: Any, module: Any) -> Any:
     """An optimised module whose instructions the machine orders so that few of them wait for operands.
 
     A step is one long piece of code, of which a processor sees a fourth at once. LLVM trusts that it reorders that by
@@ -108,7 +108,7 @@ def ordered(machine: Any, module: Any) -> Any:
     return llvm.parse_assembly(re.sub(r"^(attributes #\d+ = \{)", r'\1 "tune-cpu"="atom"', str(module), flags=re.M))
 
 
-def optimised(
+def optimise(
     texts: Mapping[str, str],
     names: Mapping[str, str],
     system: System,
@@ -123,23 +123,23 @@ def optimised(
     import llvmlite.binding as llvm
 
     machine = _machine(system)
-    whole: Any = None
+    linked: Any = None
     for name, text in texts.items():
         module = llvm.parse_assembly(text)
         module.triple, module.data_layout = machine.triple, str(machine.target_data)
         entry = module.get_function(name)
         entry.name, entry.visibility = names[name], visibility
-        if whole is None:
-            whole = module
+        if linked is None:
+            linked = module
         else:
-            whole.link_in(module)
-    whole.verify()
+            linked.link_in(module)
+    linked.verify()
     tuning = llvm.create_pipeline_tuning_options(speed_level=3)
     tuning.loop_vectorization = tuning.slp_vectorization = vectors
     tuning.loop_unrolling = True
     builder = llvm.create_pass_builder(machine, tuning)
-    builder.getModulePassManager().run(whole, builder)
-    return machine, whole
+    builder.getModulePassManager().run(linked, builder)
+    return machine, linked
 
 
 @functools.cache

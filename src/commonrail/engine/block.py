@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeAlias
 from commonrail.base.choices import Precision
 from commonrail.compiler.table import WHOLE, floats
 from commonrail.engine.end_of_run import StopRule, check, next_horizon, report_ended, set_horizons
-from commonrail.engine.job import FIGURE, FUEL, GIVEN, NEVER, VECTORS, Outcome, make_rows, shape_of
+from commonrail.engine.job import FIGURE, FUEL, LOOP_ARGUMENTS, NEVER, VECTORS, Outcome, make_rows, shape_of
 from commonrail.engine.recorder import Sample, at, crossing, keep_if_asked, record_crossing, set_densities, take_sample
 from commonrail.physics.components.feed_pipe import steady
 from commonrail.physics.law import FLUSH_TINY, KEEP_ALL, KEEP_NONE, layout_of, physics
@@ -56,11 +56,11 @@ def fill_rings(memory, rows, copy):  # type: ignore[no-untyped-def]
 
 
 @physics
-def arrived(work, rows, wave, lane):  # type: ignore[no-untyped-def]
+def arriving_wave(work, rows, wave, lane):  # type: ignore[no-untyped-def]
     """A wave that arrives: between the two slots of its ring that `arrive` has put side by side."""
-    part = work[at(rows, rows.delay_fraction + wave, lane)]
+    fraction = work[at(rows, rows.delay_fraction + wave, lane)]
     late, later = work[at(rows, rows.arriving + wave, lane)], work[at(rows, rows.arriving_before + wave, lane)]
-    return (1.0 - part) * late + part * later
+    return (1.0 - fraction) * late + fraction * later
 
 
 @physics
@@ -119,7 +119,7 @@ class Inlets(NamedTuple):
     # function (memory, courses, points, k) that turns clocks, and returns the step of the next turn of any lane
     turn: Law
     follow: Law  # function (memory, courses, points, k) that sets what follows a trace
-    traced: Law  # function (courses, points) that tells if any lane follows one
+    follows_trace: Law  # function (courses, points) that tells if any lane follows one
     first: int  # step of the first turn; negative where there is none
 
 
@@ -161,10 +161,10 @@ def make_clocks(rows: Any, read: Law) -> Inlets:
 
     @physics
     def traced(courses, points):  # type: ignore[no-untyped-def]
-        found = False
+        any_trace = False
         for lane in range(rows.lanes):
-            found = found or courses.trace[points[lane]] >= 0
-        return found
+            any_trace = any_trace or courses.trace[points[lane]] >= 0
+        return any_trace
 
     return Inlets(clock_of, tell_time, turn, follow, traced, 0)
 
@@ -193,8 +193,8 @@ def make_settings(real: Any) -> Law:
     """Function (given, lane) that gives the setting of a lane from settings, the lanes' points and the step."""
 
     @physics
-    def setting_of(given, lane):  # type: ignore[no-untyped-def]
-        settings, points, dt = given
+    def setting_of(shared, lane):  # type: ignore[no-untyped-def]
+        settings, points, dt = shared
         at_rest = settings[points[lane]]
         return Setting(real(at_rest[0]), real(at_rest[1]), real(at_rest[2]), dt)
 
@@ -211,18 +211,18 @@ def make_begin(variant: Variant, rows: Any, setting_of: Law = one_setting, copy:
     store_coefficients, store_state = wired.coefficients.store, wired.state.store
     coefficients, longest_contact, farthest_lift = wired.setup, wired.longest_contact, wired.farthest
     rest = connections_of(variant).rest
-    known, fuel_known = len(wired.parameters.paths), len(FUEL.paths)
+    parameter_count, fuel_count = len(wired.parameters.paths), len(FUEL.paths)
 
     @physics
-    def begin(memory, theta, candidates, given, out):  # type: ignore[no-untyped-def]
+    def begin(memory, theta, candidates, setting_data, out):  # type: ignore[no-untyped-def]
         work, waves = memory.work, memory.waves
         for lane in range(rows.lanes):
-            for row in range(known + fuel_known):
+            for row in range(parameter_count + fuel_count):
                 waves[at(rows, row, lane)] = theta[candidates[lane], row]
         for lane in range(rows.lanes):
-            setting = setting_of(given, lane)
+            setting = setting_of(setting_data, lane)
             parameters = load_parameters(waves, lane, rows.lanes)
-            c = coefficients(parameters, load_fuel(waves, at(rows, known, lane), rows.lanes), setting)
+            c = coefficients(parameters, load_fuel(waves, at(rows, parameter_count, lane), rows.lanes), setting)
             store_coefficients(work, lane, rows.lanes, c)
             s = rest(c, setting)
             store_state(work, at(rows, rows.state, lane), rows.lanes, s)
@@ -277,7 +277,11 @@ def make_advance(variant: Variant, rows: Any, inputs_of: Law = same_inputs, any_
             c = load_coefficients(work, lane, rows.lanes)
             u = inputs_of(inputs, work, rows, lane)
             s = load_state(work, at(rows, rows.state, lane), rows.lanes)
-            arriving = Waves(arrived(work, rows, 0, lane), arrived(work, rows, 1, lane), arrived(work, rows, 2, lane))
+            arriving = Waves(
+                arriving_wave(work, rows, 0, lane),
+                arriving_wave(work, rows, 1, lane),
+                arriving_wave(work, rows, 2, lane),
+            )
             after, away = step(c, s, u, arriving, dt)
             old, new = lifts(s.body.z).tip, lifts(after.body.z).tip
             work[at(rows, rows.tip_before, lane)], work[at(rows, rows.crossing, lane)] = old, crossing(old, new)
@@ -362,7 +366,7 @@ def entries(precision: str, width: str, *words: str) -> dict[str, tuple[Callable
         exchange(mode, KEEP_NONE)
         return 0
 
-    return {"lanes": (laws.of_table(blocks, tuple(GIVEN), vector.real), laws.TABLE)}
+    return {"lanes": (laws.of_table(blocks, tuple(LOOP_ARGUMENTS), vector.real), laws.TABLE)}
 
 
 # memory, ring, first, theta, settings, inputs, out: of `loop.Loop.march`, then figures of no use
@@ -381,14 +385,14 @@ def march_entries(*words: str) -> dict[str, Any]:
 
     def march(memory, ring, first, theta, settings, inputs, out):  # type: ignore[no-untyped-def]
         mode = exchange_rounding(FLUSH_TINY, KEEP_ALL)
-        held, dt = Memory(memory[:size], memory[size:], ring, None), settings[3]
+        views, dt = Memory(memory[:size], memory[size:], ring, None), settings[3]
         if inputs.shape[0] == 0:
-            begin(held, theta, order, Setting(settings[0], settings[1], settings[2], dt), out)
+            begin(views, theta, order, Setting(settings[0], settings[1], settings[2], dt), out)
         for i in range(inputs.shape[0]):
             u = inputs[i]
-            arrive(held, first + i, True)
-            advance(held.work, float(first + i + 1), Inputs(u[0], u[1], u[2], u[3], u[4], u[5]), dt)
-            leave(held, first + i)
+            arrive(views, first + i, True)
+            advance(views.work, float(first + i + 1), Inputs(u[0], u[1], u[2], u[3], u[4], u[5]), dt)
+            leave(views, first + i)
         exchange_rounding(mode, KEEP_NONE)
         return 0
 

@@ -65,15 +65,15 @@ class Courses(NamedTuple):
         """Fields of `Inputs` in every step, (points, steps, 6), for what reads them from a table."""
         inputs = np.zeros((len(self.steps), self.times.shape[1], len(Inputs._fields)))
         for point, steps in enumerate(self.steps.tolist()):
-            own, times = inputs[point, :steps], self.times[self.clock[point]]
-            own[:, :3] = self.settings[point]
+            point_inputs, times = inputs[point, :steps], self.times[self.clock[point]]
+            point_inputs[:, :3] = self.settings[point]
             if self.trace[point] >= 0:
-                own[:, :4] = self.traces[self.trace[point], :steps]
+                point_inputs[:, :4] = self.traces[self.trace[point], :steps]
             turn = int(self.first[point])
             while self.turns[turn] < steps:
                 here, following = int(self.turns[turn]), min(int(self.turns[turn + 1]), steps)
-                own[here:following, 4:] = times[here:following, None] - self.origins[turn, :2]
-                own[here, 4:] = self.origins[turn, 2:]
+                point_inputs[here:following, 4:] = times[here:following, None] - self.origins[turn, :2]
+                point_inputs[here, 4:] = self.origins[turn, 2:]
                 turn += 1
         return inputs
 
@@ -120,7 +120,7 @@ class Scratch(NamedTuple):
     origins: Any
 
 
-class Given(NamedTuple):
+class LoopArguments(NamedTuple):
     """All that the loop is given; it does every `stride`th block from `first` on."""
 
     shape: Any
@@ -133,7 +133,7 @@ class Given(NamedTuple):
     stride: Any
 
 
-GIVEN = Given(
+LOOP_ARGUMENTS = LoopArguments(
     shape=Shape(*[WHOLE] * 4),
     job=Job(
         theta=floats(2),
@@ -172,17 +172,17 @@ def scratch_for(shape: Shape, ring: int, real: Any) -> Scratch:
     """
     lanes = shape.lanes
     return Scratch(
-        _aligned(shape.rows * lanes, real),
-        _aligned(max(3 * ring, shape.columns) * lanes, real),
-        _aligned(2 * lanes, np.float64),
+        _allocate_aligned(shape.rows * lanes, real),
+        _allocate_aligned(max(3 * ring, shape.columns) * lanes, real),
+        _allocate_aligned(2 * lanes, np.float64),
     )
 
 
-def _aligned(count: int, real: Any) -> NDArray[Any]:
+def _allocate_aligned(count: int, real: Any) -> NDArray[Any]:
     size = np.dtype(real).itemsize
-    whole = np.empty(count + CACHE_LINE // size, real)
-    first = -(address(whole) // size) % (CACHE_LINE // size)
-    return whole[first : first + count]
+    padded = np.empty(count + CACHE_LINE // size, real)
+    first = -(address(padded) // size) % (CACHE_LINE // size)
+    return padded[first : first + count]
 
 
 # Working rows of a block, each as wide as its lanes, laid out by the names of what they hold.
@@ -277,8 +277,8 @@ Rows = namedtuple("Rows", ("lanes", *_paths(Actuation.SERVO), "tip", "top", "end
 
 def make_rows(variant: Variant, lanes: int) -> Any:
     """`Rows` of a variant: the number of lanes, the rows by name, and how many there are."""
-    body, held = wiring(variant).body, model_of(variant.actuation)
-    choices = (("coefficients", held.Coefficients), ("state", held.State), ("body", body.State))
+    body, model = wiring(variant).body, model_of(variant.actuation)
+    choices = (("coefficients", model.Coefficients), ("state", model.State), ("body", body.State))
     rows = layout_of(Working, choices)
     ends = (rows.row(f"state.body.{name}") for name in (body.TIP, body.TOP))
     return Rows(lanes, *map(rows.row, _paths(variant.actuation).values()), *ends, len(rows.paths))  # type: ignore[call-arg]

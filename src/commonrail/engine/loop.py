@@ -56,16 +56,16 @@ class CoursePlan:
         """Inputs of steps `first` to `first` + `count` − 1: (steps, 6)."""
         last = len(self._table) - 1
         steps = np.arange(first, first + count)
-        found: Floats = self._table[np.minimum(steps, last)]
+        rows: Floats = self._table[np.minimum(steps, last)]
         beyond = steps > last
         if beyond.any():
             dt, begin = self.prepared.dt, self.instants(first, count)[beyond]
             for column, course in enumerate(self._courses):
                 if isinstance(course, Trace):
-                    found[beyond, column] = course.mean(begin, begin + dt)
+                    rows[beyond, column] = course.mean(begin, begin + dt)
             if self.prepared.points[0].pulses:
-                found[beyond, 4:] += (dt * (steps[beyond] - last))[:, None]
-        return found
+                rows[beyond, 4:] += (dt * (steps[beyond] - last))[:, None]
+        return rows
 
 
 class Loop(NamedTuple):

@@ -65,7 +65,7 @@ def find(symbol: str) -> MachineCode | None:
     level = None if objection() else _level()
     if level is None:
         return None
-    holder = _opened(file_of(level))
+    holder = _open_library(file_of(level))
     try:
         function = getattr(holder, symbol)
     except AttributeError:
@@ -79,18 +79,18 @@ def objection() -> str:
     """Reason why no library is used; "" where they are."""
     if kernels_switch() == "off":
         return f"{SWITCH}=off"
-    named = [name for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES") if name in os.environ]
-    if named:
-        return f"{named[0]} names another processor"
-    stamp = made_by()
+    overrides = [name for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES") if name in os.environ]
+    if overrides:
+        return f"{overrides[0]} names another processor"
+    stamp = read_stamp()
     if stamp is None:
         return "none came with this package"
     if not _is_of_these_sources(stamp):
         return "the sources were changed since they were built"
     for package in COMPILERS:  # the installed ones are named in results, and may round differently
-        own = package_version(package)
-        if own and own != stamp.get(package):
-            return f"they were compiled by {package} {stamp.get(package)}, and {own} is installed"
+        installed = package_version(package)
+        if installed and installed != stamp.get(package):
+            return f"they were compiled by {package} {stamp.get(package)}, and {installed} is installed"
     if not is_x86():
         return "they are for x86-64 processors"
     try:
@@ -109,13 +109,13 @@ def _is_of_these_sources(stamp: Mapping[str, Any]) -> bool:
 
 
 @functools.cache
-def made_by() -> dict[str, Any] | None:
+def read_stamp() -> dict[str, Any] | None:
     """Stamp of the libraries: sources, versions of compilers, digests; None where there are no libraries."""
     try:
-        found = json.loads((FOLDER / STAMP).read_text(encoding="utf-8"))
+        stamp = json.loads((FOLDER / STAMP).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return found if isinstance(found, dict) else None
+    return stamp if isinstance(stamp, dict) else None
 
 
 @functools.cache
@@ -127,18 +127,18 @@ def _level() -> str | None:
     lowest = file_of(LEVEL_3.name)
     if not lowest.exists():
         return None
-    has = int(_opened(lowest).cr_level())
-    wanted = 3 if kernels_switch() == "v3" else 4
-    level = {4: LEVEL_4, 3: LEVEL_3}.get(min(has, wanted))
+    has = int(_open_library(lowest).cr_level())
+    highest_allowed = 3 if kernels_switch() == "v3" else 4
+    level = {4: LEVEL_4, 3: LEVEL_3}.get(min(has, highest_allowed))
     if level is None or not file_of(level.name).exists():
         return None
-    _opened(file_of(level.name))
+    _open_library(file_of(level.name))
     return level.name
 
 
 @functools.cache
-def _opened(path: Path) -> Any:
-    digests = (made_by() or {}).get("libraries")
+def _open_library(path: Path) -> Any:
+    digests = (read_stamp() or {}).get("libraries")
     if not path.is_file() or not isinstance(digests, dict) or digests.get(path.name) != digest(path):
         raise OSError(f"{path} is not the one that was built; build it again, or delete {path.parent}")
     return ctypes.CDLL(str(path))
@@ -160,9 +160,9 @@ def machine_code(variant: Variant, vector: Vector, same_bits: bool) -> MachineCo
     if (shared := find(symbol)) is not None:
         return shared
     processor = exact_processor() if same_bits else own_processor()
-    found, made = object_of(variant, vector, processor)
-    call, holder = load(found, symbol)
-    return MachineCode(call, "compiled" if made else "cache", processor.name, holder)
+    object_file, was_compiled = object_of(variant, vector, processor)
+    call, holder = load(object_file, symbol)
+    return MachineCode(call, "compiled" if was_compiled else "cache", processor.name, holder)
 
 
 def source_of(variant: Variant, vector: Vector, exact: bool) -> Source:

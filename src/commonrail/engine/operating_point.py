@@ -252,8 +252,11 @@ class OperatingPoint:
 
 def _refuse_unless_below(rail: Course, name: str, course: Course) -> None:
     """Refuse a pressure that reaches the rail's at any time: fuel would flow back, which no part's law covers."""
-    times = [t for one in (rail, course) if isinstance(one, Trace) for t in one.time] or [0.0]
-    high, low = (one.at(times) if isinstance(one, Trace) else np.full(len(times), one) for one in (rail, course))
+    times = [t for pressure in (rail, course) if isinstance(pressure, Trace) for t in pressure.time] or [0.0]
+    high, low = (
+        pressure.at(times) if isinstance(pressure, Trace) else np.full(len(times), pressure)
+        for pressure in (rail, course)
+    )
     worst = int(np.argmin(high - low))
     if not low[worst] < high[worst]:
         raise ConfigurationError(
@@ -270,12 +273,12 @@ def _course(name: str, course: object, limits: Limits) -> Course:
     return course
 
 
-def _energisings(given: object) -> tuple[Energising, ...] | float:
-    if isinstance(given, Energising):
-        return (given,)
-    if np.ndim(given) if isinstance(given, np.ndarray) else isinstance(given, list | tuple):
-        return read_pulses(given)
-    return _energising_time(given, "energising time")
+def _energisings(value: object) -> tuple[Energising, ...] | float:
+    if isinstance(value, Energising):
+        return (value,)
+    if np.ndim(value) if isinstance(value, np.ndarray) else isinstance(value, list | tuple):
+        return read_pulses(value)
+    return _energising_time(value, "energising time")
 
 
 def _energising_time(value: object, what: str) -> float:
@@ -288,15 +291,15 @@ def _energising_time(value: object, what: str) -> float:
 _PULSES = '[(0.0, "250 us"), ("900 us", "600 us")], pairs of start and duration'
 
 
-def read_pulses(given: object) -> tuple[Energising, ...]:
+def read_pulses(pairs: object) -> tuple[Energising, ...]:
     """Energisings of a list of pairs of start and duration; `ConfigurationError` if it is another thing."""
-    return tuple(_pulse(item) for item in sequence(given, "energisings", _PULSES))
+    return tuple(_pulse(item) for item in sequence(pairs, "energisings", _PULSES))
 
 
-def _pulse(given: object) -> Energising:
-    pair = given if isinstance(given, tuple | list | np.ndarray) else ()
+def _pulse(item: object) -> Energising:
+    pair = item if isinstance(item, tuple | list | np.ndarray) else ()
     if len(pair) != 2:
-        raise ConfigurationError(f"The energisings must be a list, such as {_PULSES}, and {shown(given)} is no pair.")
+        raise ConfigurationError(f"The energisings must be a list, such as {_PULSES}, and {shown(item)} is no pair.")
     return Energising(*pair)
 
 

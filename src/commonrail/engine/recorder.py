@@ -20,7 +20,7 @@ def at(rows: Any, row: int, lane: int) -> int:
 class Sample(NamedTuple):
     """Part of a step at which a sample ends, its width [s], target [m³/s] and weight."""
 
-    part: float
+    fraction: float
     width: float
     target: float
     weight: float
@@ -71,7 +71,7 @@ def take_sample(work, rows, due, first):  # type: ignore[no-untyped-def]
     """Take the `Sample` that ends in the last step, and add up its misfit, by volume as the target."""
     for lane in range(rows.lanes):
         start = work[at(rows, rows.injected_before, lane)]
-        here = start + due.part * (work[at(rows, rows.injected, lane)] - start)
+        here = start + due.fraction * (work[at(rows, rows.injected, lane)] - start)
         # a division: the compiler contracts a product and a difference in some lanes and not in others
         gain, density = here - work[at(rows, rows.injected_at_sample, lane)], work[at(rows, rows.density, lane)]
         error = gain / (due.width * density) - due.target

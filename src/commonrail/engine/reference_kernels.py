@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Drive
 from commonrail.compiler.table import REAL, floats, wholes
-from commonrail.physics.components.drive import turned
+from commonrail.physics.components.drive import toggle_conduction
 from commonrail.physics.connections import CLEAR_LIFT, REOPENED
 from commonrail.physics.equations import AT, make_air_gap, make_rates, make_sac_rate, past_limit
 from commonrail.physics.law import physics
@@ -173,7 +173,7 @@ def make_march(variant: Variant) -> Callable[..., int]:
             outside[AT.on], outside[AT.peak] = plan.schedule[k, 0], plan.schedule[k, 1]
             outside[AT.conducting] = outside[AT.conducting] if outside[AT.on] > 0.5 else 2.0
             if past(c, cells, y, outside) > MET:
-                outside[AT.conducting] = turned(outside[AT.conducting])
+                outside[AT.conducting] = toggle_conduction(outside[AT.conducting])
             now, stop, tries = stops[k], stops[k + 1], 0
             short, gap, long, over = 0.0, past(c, cells, y, outside), 0.0, 0.0
             while now < stop:
@@ -192,7 +192,7 @@ def make_march(variant: Variant) -> Callable[..., int]:
                 now = stop if h >= stop - now else now + h
                 set_all(y, new)
                 if long > 0.0:
-                    outside[AT.conducting] = turned(outside[AT.conducting])
+                    outside[AT.conducting] = toggle_conduction(outside[AT.conducting])
                 short, gap, long, tries = 0.0, past(c, cells, y, outside), 0.0, 0
             if rows[k + 1] >= 0:
                 set_all(states[rows[k + 1]], y)

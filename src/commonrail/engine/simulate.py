@@ -145,20 +145,20 @@ def simulate(
         raise SimulationError(_beyond_numbers(injector, error)) from error
 
 
-def _read_point(point: OperatingPoint | None, given: dict[str, Any]) -> OperatingPoint:
+def _read_point(point: OperatingPoint | None, keywords: dict[str, Any]) -> OperatingPoint:
     """Operating point of `simulate`, which is given whole or by its fields."""
     if point is not None:
         instance(point, OperatingPoint, "point")
-        if given:
-            raise ConfigurationError(f"Give either an operating point or {' and '.join(given)}, not both.")
+        if keywords:
+            raise ConfigurationError(f"Give either an operating point or {' and '.join(keywords)}, not both.")
         return point
-    energised = [given.pop(name) for name in ("energising_time", "energisings") if name in given]
-    if "rail_pressure" not in given or len(energised) != 1:
+    energised = [keywords.pop(name) for name in ("energising_time", "energisings") if name in keywords]
+    if "rail_pressure" not in keywords or len(energised) != 1:
         raise ConfigurationError(
             'Give an operating point, or a rail_pressure, such as "160 MPa", and either an energising_time, such as '
             '"700 us", or energisings, a list of pairs of start and duration.'
         )
-    return OperatingPoint(energisings=energised[0], **given)
+    return OperatingPoint(energisings=energised[0], **keywords)
 
 
 def _simulate_course(
@@ -276,9 +276,9 @@ def simulate_batch(
             check_inputs(injector, point)
     names = known_names(names, injector.quantities, "names", "nozzle.hole_diameter")
     candidates = read_candidates(names, values)
-    for given, kind, what in ((misfit, Misfit, "misfit"), (prepared, Prepared, "prepared")):
-        if given is not None:
-            instance(given, kind, what)
+    for argument, kind, what in ((misfit, Misfit, "misfit"), (prepared, Prepared, "prepared")):
+        if argument is not None:
+            instance(argument, kind, what)
     prepared = prepared or plan.prepare(injector, points, time_step)
     run = functools.partial(
         _run,
@@ -297,7 +297,7 @@ def simulate_batch(
     ]
     if len(parts) == 1:
         return parts[0]
-    return Batch(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Batch)})
+    return Batch(**{f.name: np.concatenate([getattr(batch, f.name) for batch in parts]) for f in fields(Batch)})
 
 
 def _engine(name: Engine | str) -> Engine:
@@ -343,13 +343,13 @@ def _run(
     same_bits: bool = False,
 ) -> tuple[Outcome, Floats]:
     """Run candidates by a fast engine; arguments as of `plan.make_job` and `lanes.run`."""
-    misfit = misfit and misfit.own_where_open(densities)
+    misfit = misfit and misfit.fill_density(densities)
     if engine is Engine.CUDA:
         from commonrail.engine import cuda
 
         return cuda.run(plan.make_job(prepared, theta, stop_when_closed, 1), variant, misfit, precision, traced)
-    apart = misfit is not None and bool(misfit.bound_count.any())
-    job = plan.make_job(prepared, theta, stop_when_closed, VECTORS[precision].lanes, apart=apart)
+    separate_points = misfit is not None and bool(misfit.bound_count.any())
+    job = plan.make_job(prepared, theta, stop_when_closed, VECTORS[precision].lanes, separate_points=separate_points)
     with naming(f"{variant.label}, {precision.value}"):
         return lanes.run(
             job, variant, misfit, precision, traced, threads, injected_only=injected_only, same_bits=same_bits
@@ -363,8 +363,8 @@ def _simulate(
     injector, points = prepared.injector, prepared.points
     inside = admissible(names, candidates, injector.fuel, injector.variant.actuation)
     if not inside.all():
-        own = np.array([injector.values[name] for name in names])
-        candidates = np.where(inside[:, None], candidates, own)
+        nominal = np.array([injector.values[name] for name in names])
+        candidates = np.where(inside[:, None], candidates, nominal)
     theta = candidate_matrix(injector, names, candidates, prepared.row)
     varies = FUEL_TEMPERATURE in names
     densities = plan.reference_densities(injector, points, names, candidates) if varies else prepared.densities
@@ -428,8 +428,8 @@ def sampled_rates(
     )
     injected = np.moveaxis(trace[:, :, 0, :], 1, 2).reshape(-1, trace.shape[1])[: len(theta)]
     time = point.start + time_step * np.arange(trace.shape[1])
-    whole = np.array_equal(bounds, time)
-    masses = injected if whole else np.array([np.interp(bounds, time, mass) for mass in injected])
+    bounds_are_steps = np.array_equal(bounds, time)
+    masses = injected if bounds_are_steps else np.array([np.interp(bounds, time, mass) for mass in injected])
     rates = np.diff(masses, axis=1) / np.diff(bounds)
     failed = which_failed(statuses_of(names, theta, prepared, outcome))[:, 0]
     return np.where(failed[:, None], np.nan, rates)

@@ -65,10 +65,10 @@ def relative_to_injected(left: float, injected: float) -> float:
 
 def _pipe(wave: Floats, delay: float, share: float) -> float:
     """Gain in fuel under way [kg]: the waves that have left but not arrived, less those at the start."""
-    whole = int(min(max(delay, 1.0), len(wave)))  # a wave under way longer than the simulation has not left yet
-    part = max(delay, 1.0) - whole
-    weights = np.concatenate((np.ones(whole), [part]))
-    recent = wave[::-1][: whole + 1]
+    whole_steps = int(min(max(delay, 1.0), len(wave)))  # a wave under way longer than the simulation has not left yet
+    fraction = max(delay, 1.0) - whole_steps
+    weights = np.concatenate((np.ones(whole_steps), [fraction]))
+    recent = wave[::-1][: whole_steps + 1]
     return float(share * np.sum(weights[: len(recent)] * (recent - wave[0])))
 
 
@@ -91,11 +91,11 @@ def read_channels(c: Any, variant: Variant, point: OperatingPoint, time: Floats,
     `c`: `plan.coefficients_at` the point; `variant`: as wired; `time` (samples,): [s]; `states` (mapping of str to
     (samples,)): state at those times, by the names of `lanes.trace_paths`.
     """
-    held = dict(states)
+    pressure_states = dict(states)
     measured = isinstance(point.rail_pressure, Trace) and variant.boundary is not Boundary.VOLUME
-    if measured or "rail.pressure" not in held:
-        held["rail.pressure"] = values_at(point.rail_pressure, time)
-    pressures = {name: held[path] for name, path in _PRESSURES.items() if path in held}
+    if measured or "rail.pressure" not in pressure_states:
+        pressure_states["rail.pressure"] = values_at(point.rail_pressure, time)
+    pressures = {name: pressure_states[path] for name, path in _PRESSURES.items() if path in pressure_states}
     cylinder = values_at(point.cylinder_pressure, time)
     channels = all_channels(c, variant, states, pressures, cylinder)
     return {name: np.ascontiguousarray(values) for name, values in channels.items()}  # the trace need not be kept
@@ -355,11 +355,11 @@ def metered(solution: Solution, meter: Meter, injector: Injector, point: Operati
             "A meter shows samples at equal intervals, and those of the solution differ; simulate with another "
             "sample_interval."
         )
-    given = given_values(meter, {}, 1)
+    meter_values = given_values(meter, {}, 1)
     density = _density(solution, meter, injector, point)
     flow = Flow(solution.mass_rate[None] / density, float(solution.time[0]), float(steps.mean()))
-    quantity = shown_quantities(given, np.array([[solution.injected_mass / density]]))
-    return Metered(meter, shown_rates(meter, given, flow, solution.time)[0], float(quantity[0, 0]))
+    quantity = shown_quantities(meter_values, np.array([[solution.injected_mass / density]]))
+    return Metered(meter, shown_rates(meter, meter_values, flow, solution.time)[0], float(quantity[0, 0]))
 
 
 def _density(solution: Solution, meter: Meter, injector: Injector, point: OperatingPoint) -> float:

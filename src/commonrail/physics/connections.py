@@ -14,12 +14,12 @@ from commonrail.physics.flow import (
     Flow,
     Guide,
     Restriction,
-    choked,
+    conductance_growth,
     jet,
     leakage_slope,
+    limit_by_cavitation,
     orifice,
     series,
-    widened,
 )
 from commonrail.physics.law import physics
 from commonrail.physics.model import Coefficients, SharedCoefficients, SharedState, accumulation_volume, control_volume
@@ -118,7 +118,7 @@ def nozzle_cda2(c: SharedCoefficients, pressure: float, cylinder: float, dischar
     `pressure`, `cylinder`: pressures in SAC and cylinder [Pa]; `discharge`: c_d of Eq. (9) [1].
     """
     cda2, cavitating = c.nozzle.area_squared * discharge * discharge, c.nozzle.cda2_choked
-    return choked(
+    return limit_by_cavitation(
         Restriction(cda2 * (pressure - cylinder), cda2),
         Restriction(cavitating * (pressure - c.fuel.vapour_pressure), cavitating),
     )
@@ -153,7 +153,7 @@ def widening_leak(c: Coefficients, guide: Guide, pressure: float, low: float) ->
     `pressure`, `low`: at both ends [Pa].
     """
     mean = middle(pressure, low)
-    slope = leakage_slope(guide.conductance * widened(guide.growth, mean), fuel.fluidity(c.fuel, mean))
+    slope = leakage_slope(guide.conductance * conductance_growth(guide.growth, mean), fuel.fluidity(c.fuel, mean))
     return Flow(slope * (pressure - low), slope)
 
 
@@ -241,7 +241,7 @@ def drain_cda2(c: Coefficients, hole: Hole, pressure: float, behind: float, gap_
     cda2 = series(hole.cda2, gap_cda2)
     free = Restriction(cda2 * (pressure - behind), cda2)
     cavitating = Restriction(hole.choked * (pressure - c.fuel.vapour_pressure), hole.choked)
-    through = choked(free, cavitating)
+    through = limit_by_cavitation(free, cavitating)
     return Drain(through.cda2_dp, through.cda2, cda2 if through.cda2_dp == free.cda2_dp else 0.0)
 
 
@@ -253,4 +253,4 @@ def z_hole_cda2(c: Coefficients, feed: float, pressure: float) -> Restriction:
     """
     hole = c.control_chamber
     free = Restriction(hole.z_cda2 * (feed - pressure), hole.z_cda2)
-    return choked(free, Restriction(hole.z_cda2_choked * (feed - c.fuel.vapour_pressure), 0.0))
+    return limit_by_cavitation(free, Restriction(hole.z_cda2_choked * (feed - c.fuel.vapour_pressure), 0.0))

@@ -19,7 +19,7 @@ from commonrail.physics import fuel_kernel as fuel
 from commonrail.physics.components import direct_needle, drive, feed_pipe, needle_seat, nozzle, solenoid
 from commonrail.physics.components.plunger_needle import Motion
 from commonrail.physics.connections import Volumes, middle, nozzle_cda2, remembered_lift, seat_cda2
-from commonrail.physics.flow import Contents, Flow, contents, filled, jet, orifice
+from commonrail.physics.flow import Contents, Flow, contents, contents_at, jet, orifice
 from commonrail.physics.fuel_kernel import FuelCoefficients
 from commonrail.physics.law import physics
 from commonrail.physics.model import (
@@ -148,9 +148,9 @@ def rest(c: Coefficients, at: Setting) -> State:
         feed_pipe=feed_pipe.State(0.0, 0.0),
         solenoid=solenoid.State(0.0, 0.0),
         drive=drive.State(2.0),
-        accumulation=needle_seat.AccumulationState(filled(c.fuel, at.rail, c.accumulation.volume), at.rail),
+        accumulation=needle_seat.AccumulationState(contents_at(c.fuel, at.rail, c.accumulation.volume), at.rail),
         body=body,
-        sac=filled(c.fuel, at.cylinder, needle_seat.sac_volume(c.sac, c.needle_seat.area, body.z.needle)),
+        sac=contents_at(c.fuel, at.cylinder, needle_seat.sac_volume(c.sac, c.needle_seat.area, body.z.needle)),
         nozzle=nozzle.State(0.0, 0.0),
         cumulative_flows=CumulativeFlows(returned=0.0, supplied=0.0),
     )

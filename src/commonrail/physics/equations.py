@@ -182,11 +182,11 @@ def past_limit(c: SharedCoefficients, peak: float, conducting: float, flux: floa
 
 
 @physics
-def switched(c: Coefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
+def pwm_flux_rate(c: Coefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
     """PWM whose transistor is set by the solver's events; after the end −boost until the current is gone."""
-    live = drive.applied(c.solenoid, drive.pwm_voltage(c.drive, outside.conducting), now).flux_rate
-    off = drive.switched_off(c.drive, c.solenoid, now).flux_rate
-    return live if outside.on > 0.5 else off
+    live = drive.apply_voltage(c.solenoid, drive.pwm_voltage(c.drive, outside.conducting), now).flux_rate
+    quenching = drive.quench(c.drive, c.solenoid, now).flux_rate
+    return live if outside.on > 0.5 else quenching
 
 
 def inlet_law(variant: Variant) -> Callable[..., float]:
@@ -197,7 +197,7 @@ def inlet_law(variant: Variant) -> Callable[..., float]:
 def coil_law(variant: Variant) -> Callable[..., float]:
     """Law of the coil's flux rate: that of the drive for a step of no length, but for the PWM, which events switch."""
     if variant.drive is Drive.PWM:
-        return switched
+        return pwm_flux_rate
     law = wiring(variant).drive
 
     @physics

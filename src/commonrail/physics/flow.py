@@ -83,7 +83,7 @@ def orifice(through: Restriction, density: float, offset: float) -> Flow:
 
 
 @physics
-def choked(free: Restriction, cavitating: Restriction) -> Restriction:
+def limit_by_cavitation(free: Restriction, cavitating: Restriction) -> Restriction:
     """Restriction of an orifice, limited by cavitation in its contraction.
 
     A cavitating orifice passes q = C_c A sqrt(2 ρ (p₁ − p_v)) whatever the pressure behind it
@@ -150,7 +150,7 @@ def guide_of(diameter: float, gap: float, length: float, eccentricity: float, wi
 
 
 @physics
-def widened(growth: float, pressure: float) -> float:
+def conductance_growth(growth: float, pressure: float) -> float:
     """(g/g₀)³ of a gap that the pressure in it has widened, g = g₀ (1 + p C/g₀) [1].
 
     `growth`: C/g₀ [1/Pa]; `pressure`: mean pressure in the gap [Pa].
@@ -263,6 +263,6 @@ def contents(f: fuel.FuelCoefficients, mass: float, volume: float) -> Contents:
 
 
 @physics
-def filled(f: fuel.FuelCoefficients, pressure: float, volume: float) -> Contents:
+def contents_at(f: fuel.FuelCoefficients, pressure: float, volume: float) -> Contents:
     """Contents of a volume at a given pressure; `pressure`: p [Pa], above the vapour pressure; `volume`: V [m³]."""
     return contents(f, fuel.density(f, pressure) * volume, volume)

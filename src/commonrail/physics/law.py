@@ -101,9 +101,9 @@ class Layout:
     def load(self) -> Callable[..., Any]:
         """Function (array, start, stride) -> NamedTuple that reads the fields from index `start` on, `stride` apart."""
         names: dict[str, Any] = {}
-        made = _constructor(self._kind, self._choices, names, iter(range(10_000)))
+        constructor = _constructor(self._kind, self._choices, names, iter(range(10_000)))
         reads = [line for row, _ in enumerate(self.paths) for line in (f"    r{row} = a[i]", _ON)]
-        return self._law("load(a, start, stride)", [*reads[:-1], f"    return {made}"], names)
+        return self._law("load(a, start, stride)", [*reads[:-1], f"    return {constructor}"], names)
 
     @functools.cached_property
     def store(self) -> Callable[..., Any]:
@@ -114,7 +114,7 @@ class Layout:
 
     def row(self, path: str) -> int:
         """Row of a dotted field name, the first one of a group of fields."""
-        return next(i for i, known in enumerate(self.paths) if f"{known}.".startswith(f"{path}."))
+        return next(i for i, row_path in enumerate(self.paths) if f"{row_path}.".startswith(f"{path}."))
 
     def _law(self, head: str, lines: list[str], names: dict[str, Any]) -> Callable[..., Any]:
         """Law of a text, which only what compiles it asks for.
@@ -143,9 +143,9 @@ def field_paths(kind: type, choices: Choices = (), prefix: str = "") -> Iterator
 
 @functools.cache
 def _fields(kind: type, choices: Choices) -> tuple[tuple[str, type], ...]:
-    hints, chosen = get_type_hints(kind), dict(choices)
+    hints, chosen_types = get_type_hints(kind), dict(choices)
     names = kind._fields  # type: ignore[attr-defined]
-    return tuple((name, chosen.get(name, hints[name]) if hints[name] is Any else hints[name]) for name in names)
+    return tuple((name, chosen_types.get(name, hints[name]) if hints[name] is Any else hints[name]) for name in names)
 
 
 @functools.cache

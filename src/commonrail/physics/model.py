@@ -319,7 +319,7 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
     """Coefficients of every part; wave speeds, laminar offsets and films at the pressures of time zero."""
     density = fuel.density(f, at.rail)
     speed = fuel.sound_speed(f, density)
-    viscosity, seat = fuel.dynamic_viscosity(f, at.rail), 0.5 * (at.rail + at.low)
+    viscosity, mean_pressure = fuel.dynamic_viscosity(f, at.rail), 0.5 * (at.rail + at.low)
     low_density = fuel.density(f, at.low)
     feed = feed_pipe.coefficients(p.feed_pipe, density, speed)
     back = return_line.coefficients(p.return_line, fuel.sound_speed(f, low_density), at.dt)
@@ -329,7 +329,7 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
         rail=feed_pipe.rail_coefficients(p.rail),
         feed_pipe=feed,
         control_chamber=control_chamber.coefficients(p.control_chamber, viscosity),
-        valve=valve.coefficients(p.valve, fuel.dynamic_viscosity(f, at.low), fuel.dynamic_viscosity(f, seat)),
+        valve=valve.coefficients(p.valve, fuel.dynamic_viscosity(f, at.low), fuel.dynamic_viscosity(f, mean_pressure)),
         solenoid=solenoid.coefficients(p.solenoid),
         drive=p.drive,
         return_line=back,

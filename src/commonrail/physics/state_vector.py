@@ -115,7 +115,7 @@ def start_vector(variant: Variant, c: SharedCoefficients, s: Any, cells: Ints, a
         )
     flow, behind = s.feed_pipe.end_flow, 1.0 - (np.arange(cells[0]) + 0.5) / cells[0]  # share of the pipe
     along = s.accumulation.fuel.pressure + behind * feed_pipe.loss(c.feed_pipe, flow)
-    return _joined(variant, core, (s.body.z, 0.0), cells, ((flow, along), (at.low, 0.0)))
+    return _join_vector(variant, core, (s.body.z, 0.0), cells, ((flow, along), (at.low, 0.0)))
 
 
 def typical_sizes(variant: Variant, start: Floats, cells: Ints, rail: float) -> Floats:
@@ -128,10 +128,10 @@ def typical_sizes(variant: Variant, start: Floats, cells: Ints, rail: float) -> 
     core = core._replace(solenoid=solenoid.TYPICAL, nozzle=typical, cumulative_flows=flows)
     if variant.actuation is Actuation.SERVO:
         core = core._replace(valve=valve.TYPICAL, outlet=LINE)
-    return _joined(variant, core, (1e-4, 1.0), cells, ((1e-1, rail), (LINE, 1e-1)))
+    return _join_vector(variant, core, (1e-4, 1.0), cells, ((1e-1, rail), (LINE, 1e-1)))
 
 
-def _joined(variant: Variant, core: Any, body: Any, cells: Any, pipes: Any) -> Floats:
+def _join_vector(variant: Variant, core: Any, body: Any, cells: Any, pipes: Any) -> Floats:
     """Vector of a core, of positions and velocities, and of pairs that repeat along the pipes."""
     at = make_frame(variant)(cells)
     y = np.empty(at.line + 2 * cells[1])
@@ -147,7 +147,7 @@ def vector_states(variant: Variant, y: Floats, cells: Ints) -> dict[str, Floats]
     `y`: (…, entries); `cells`: (2,) int.
     """
     at, positions = make_frame(variant)(cells), wiring(variant).positions.paths
-    named = {path: y[..., at.core + row] for row, path in enumerate(core_of(variant).paths)}
+    states = {path: y[..., at.core + row] for row, path in enumerate(core_of(variant).paths)}
     for row, path in enumerate(positions):
-        named[".".join(filter(None, ("body.z", path)))] = y[..., at.body + 2 * row]
-    return named
+        states[".".join(filter(None, ("body.z", path)))] = y[..., at.body + 2 * row]
+    return states

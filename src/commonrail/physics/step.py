@@ -206,7 +206,7 @@ def magnetise(
     change = drive_law(c.drive, c.solenoid, s.drive, supply, now, dt)
     flux = s.solenoid.flux + dt * change.flux_rate
     rising, falling = c.delays.rising_lag_fraction, c.delays.falling_lag_fraction
-    pulling = solenoid.lagged(s.solenoid.flux, flux, s.solenoid.pulling_flux, rising, falling)
+    pulling = solenoid.follow_flux(s.solenoid.flux, flux, s.solenoid.pulling_flux, rising, falling)
     return solenoid.State(flux, pulling), change.conducting
 
 

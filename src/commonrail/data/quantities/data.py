@@ -54,7 +54,7 @@ from commonrail.data.study_block import Context, mass_density
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
-from commonrail.physics.meters import Given, Meter, shown_quantities
+from commonrail.physics.meters import Meter, QuantityValues, shown_quantities
 from commonrail.readers.location import Place, located
 
 _Map = TypeVar("_Map", bound="QuantityData")
@@ -197,7 +197,9 @@ class QuantityData(ToleratedData):
         """Mass per stroke that the map holds volumes of, (candidates, points) [kg]."""
         return batch.injected_mass
 
-    def densities(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint], given: Given) -> Floats:
+    def densities(
+        self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint], given: QuantityValues
+    ) -> Floats:
         """Densities that make volumes of masses where the data state none, (1 or candidates, points) [kg/m³].
 
         Of the quantities of the meter, which are `given` (candidates,), `density` and `temperature` count.

@@ -81,7 +81,7 @@ def contact_over_step(
 
 
 @physics
-def damped_gain(v: float, gain: float, half: float) -> float:
+def velocity_gain(v: float, gain: float, half: float) -> float:
     """Gain of velocity over a step [m/s] whose contact damping is taken at mid-step (implicit, never unstable).
 
     `v`: velocity half a step before [m/s]; `gain`: dt F/m, without the damping [m/s]; `half`: dt c/(2 m) [1].

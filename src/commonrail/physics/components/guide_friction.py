@@ -91,15 +91,15 @@ def advance_body(c: Coefficients, seat: SeatContact, s: rigid_body.State, load: 
     """
     free = rigid_body.advance(c, seat, s, load, dt).v
     per_mass = dt / c.total_mass
-    held = plunger_needle.at_stop(c.guides, s.z).damping + plunger_needle.on_seat(seat, s.z).damping
-    touching = 1.0 + 0.5 * per_mass * held
-    first = _slowed(c.guides, s.v, touching * free, touching, (per_mass, s.v))
-    v = _slowed(c.guides, s.v, touching * free, touching, (per_mass, 0.5 * (s.v + first)))
+    contact_damping = plunger_needle.at_stop(c.guides, s.z).damping + plunger_needle.on_seat(seat, s.z).damping
+    touching = 1.0 + 0.5 * per_mass * contact_damping
+    first = _slow_down(c.guides, s.v, touching * free, touching, (per_mass, s.v))
+    v = _slow_down(c.guides, s.v, touching * free, touching, (per_mass, 0.5 * (s.v + first)))
     return rigid_body.State(s.z + dt * v, v)
 
 
 @physics
-def _slowed(g: Guides, v: float, free: float, touching: float, friction: tuple[float, float]) -> float:
+def _slow_down(g: Guides, v: float, free: float, touching: float, friction: tuple[float, float]) -> float:
     """Velocity after a step [m/s] in which both guides rub.
 
     `v`, `free`: velocity before the step, and after one without friction times `touching` [m/s]; `touching`: one plus

@@ -129,7 +129,7 @@ class DecayParameters(NamedTuple):
 
 
 @physics
-def lagged(before: float, after: float, pulling: float, rising: float, falling: float) -> float:
+def follow_flux(before: float, after: float, pulling: float, rising: float, falling: float) -> float:
     """Pulling flux φ_f [Wb] after a step: it follows the mean of φ over the step, φ itself where there is no lag.
 
     `before`, `after`: φ at both ends of the step [Wb]; `pulling`: φ_f before the step [Wb]; `rising`, `falling`: share

@@ -188,7 +188,7 @@ def chain_matrices(k: Floats, masses: Floats, joint: float) -> tuple[Floats, Flo
     matrix = np.diag(np.append(springs, 0.0) + np.append(0.0, springs))
     matrix -= np.diag(springs, 1) + np.diag(springs, -1)
     plunger, needle = masses[:5], masses[5:]
-    half = [np.append(part, 0.0) / 2 + np.append(0.0, part) / 2 for part in (plunger, needle)]
+    half = [np.append(body, 0.0) / 2 + np.append(0.0, body) / 2 for body in (plunger, needle)]
     return matrix, np.concatenate(half)
 
 
@@ -330,8 +330,8 @@ def chain_modes(injector: Injector) -> list[Check]:
     stiffness[8, 8] += seat.stiffness
     squares, shapes = eigh(stiffness, np.diag(nodes))
     omega = np.sqrt(squares)
-    found = [chain_frequency(p, seat, shapes[:, i], nodes, omega[i]) for i in range(9)]
-    worst = float(np.max(np.abs(np.array(found) / omega - 1.0)))
+    frequencies = [chain_frequency(p, seat, shapes[:, i], nodes, omega[i]) for i in range(9)]
+    worst = float(np.max(np.abs(np.array(frequencies) / omega - 1.0)))
     detail = (
         f"nine modes, {omega[0] / 2e3 / math.pi:.1f} to {omega[8] / 2e3 / math.pi:.0f} kHz; limit: 200 steps a period"
     )
