@@ -38,7 +38,7 @@ _LANES = f"{_PACKAGE}.engine.block"  # makes the kernels that most simulations c
 
 
 def read(path: Path) -> tuple[bytes | None, str]:
-    """Payload of a file, None where there is none or it must not be loaded, and what is wrong with it."""
+    """Payload of a file, None if absent or not to be loaded, and its fault."""
     try:
         handle = os.open(path, os.O_RDONLY | _GUARDED)
         with open(handle, "rb") as file:
@@ -79,12 +79,12 @@ def write(path: Path, payload: bytes) -> None:
 
 
 def get_or_make(name: str, make: Callable[[], bytes]) -> bytes:
-    """Return the payload of a file beside the kernels; it is made and kept where there is none.
+    """Return the payload of a cached file; make and store it if absent.
 
     Parameters
     ----------
     name : str
-        Of the file. The folder stands for the versions of the compiler: what else decides belongs into the name.
+        Of the file. The folder identifies the versions of the compiler; all else that matters belongs in the name.
     make : function
         Makes the payload.
     """
@@ -126,7 +126,7 @@ def turn(path: Path) -> Iterator[None]:
 def cache_folder() -> Path | None:
     """Folder of compiled kernels, or None where no place is safe and writable (then every process compiles).
 
-    It is named by what decides over the lanes' machine code beside the processor: laws, Python, Numba and llvmlite.
+    Its name covers all that determines the lanes' machine code except the processor: laws, Python, Numba and llvmlite.
     """
     stamps = private_folder(_STAMPS)
     if stamps is None:
@@ -139,7 +139,7 @@ def cache_folder() -> Path | None:
 
 @functools.cache
 def private_folder(name: str) -> Path | None:
-    """Folder of a name in the first place where nobody else can write, or None where there is none."""
+    """Folder of a name in the first place where nobody else can write, or None."""
     return next((place / name for place in places() if _is_usable(place / name)), None)
 
 

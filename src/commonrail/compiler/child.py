@@ -1,6 +1,6 @@
-"""Process that lowers laws to LLVM's text, and what is asked of it.
+"""Child process that lowers laws to LLVM's text.
 
-Numba types and lowers laws in a child process, for no processor in particular. There it may be told to leave the text
+Numba types and lowers laws in a child process, for no processor in particular. There Numba may leave the text
 unoptimised and unvectorised, which nobody else's Numba is; and laws that were typed for one kernel are known to the
 next one. The child ends with its parent, or when it has waited for a while.
 """

@@ -1,4 +1,4 @@
-"""Laws for Numba: overloads by precision, memory behind addresses, rows that are one vector.
+"""Laws for Numba: overloads by precision, memory at addresses, rows as one vector.
 
 Only the child process that lowers laws (`lower`), CUDA kernels and tests import it: loading Numba takes longer than a
 simulation.
@@ -24,7 +24,7 @@ from commonrail.physics.law import CACHE_LINE, in_single, offer_laws, physics
 
 # What the compiler may do with sums and products, by the kind of a kernel. No "nnan"/"ninf": a candidate that blows up
 # must be seen to be non-finite. No "arcp" in single precision: a reciprocal would be the processor's estimate, and
-# makers differ in it. Nothing at all in an exact one: every processor rounds alike what is neither fused nor reordered.
+# makers differ in it. Nothing at all in an exact one: processors round equally what is neither fused nor reordered.
 FASTMATH: dict[str, set[str]] = {
     "f64": {"nsz", "arcp", "contract", "reassoc"},
     "f32": {"nsz", "contract", "reassoc"},
@@ -149,7 +149,7 @@ def row_copier(lanes: int) -> Callable[..., None]:
 
 
 def row_tester(lanes: int) -> Callable[..., bool]:
-    """Function (source, first) that tells whether any of `lanes` numbers is not zero, as one vector."""
+    """Function (source, first) that is true if any of `lanes` numbers is not zero, as one vector."""
 
     @intrinsic
     def is_any(typing: Any, source: Any, first: Any) -> Any:
@@ -231,7 +231,7 @@ def of_table(function: Callable[..., Any], described: tuple[Any, ...], real: typ
 
 
 def _reader(described: Any, real: type) -> Any:
-    """Function (table) of what is described: tuples with arrays that view the memory which the table names."""
+    """Make the function (table) that returns the described arguments, arrays as views of the memory in the table."""
     names: dict[str, Any] = {"carray": numba.carray, "pointer": pointer, "number": number}
     text = _expression(described, np.dtype(real).name, names, itertools.count())
     exec(f"def read(table):\n    return {text}\n", names)

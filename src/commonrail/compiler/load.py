@@ -23,7 +23,7 @@ Call = Callable[[int, int, int], int]
 def object_of(source: Source, names: Mapping[str, str], processor: Processor) -> tuple[bytes, bool]:
     """Object file of a source for this system, from the cache or compiled, and whether it was compiled.
 
-    `names`: as of `lower.emit`. Raises ConfigurationError as `lower.texts`.
+    `names`: see `lower.emit`. Raises ConfigurationError as `child.texts` does.
     """
     compiled = []
 

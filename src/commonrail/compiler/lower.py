@@ -25,14 +25,14 @@ NUMBA = {
     "NUMBA_DISABLE_JIT": "0",
     "PYTHONHASHSEED": "0",  # flags of operations are written in the order of a set
 }
-# Counts of an array's owners: those of a kernel are views, which have none.
+# Reference counts of arrays: a kernel has only views, which need none.
 _COUNTS = re.compile(r"^ *(?:tail )?call void @NRT_(?:in|de)cref\(.*\n", re.MULTILINE)
-_IDLE = 300.0  # after which a child, of some 300 MB, ends [s]: another would have to type all laws anew
+_IDLE = 300.0  # idle time after which a child of about 300 MB ends [s]; the next one types all laws again
 
 
 def _serve(kind: str) -> None:
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="ascii")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what an import prints is no answer
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # output of an import must not mix with the answer
     from commonrail.compiler.laws import declare_laws
 
     declare_laws(kind)
@@ -79,7 +79,7 @@ def _text(name: str, function: Callable[..., Any], signature: Any, *, kind: str)
     passes.run(module, builder)
     text = str(module)
     if "@NRT_" in text:
-        raise TypeError(f"{name} allocates memory, for which there is no owner")
+        raise TypeError(f"{name} allocates memory, which would have no owner")
     return text
 
 
@@ -96,7 +96,7 @@ def emit(texts: Mapping[str, str], names: Mapping[str, str], system: System, vis
 
 
 def schedule_instructions(machine: Any, module: Any) -> Any:
-    """An optimised module whose instructions the machine orders so that few of them wait for operands.
+    """Reschedule an optimised module so few instructions wait for operands.
 
     A step is one long piece of code, of which a processor sees a fourth at once. LLVM trusts that it reorders that by
     itself, but for the one model of an x86-64 processor that takes instructions as they come: Intel's first Atom.
@@ -116,7 +116,7 @@ def optimise(
     *,
     vectors: bool = True,
 ) -> tuple[Any, Any]:
-    """LLVM's machine of a system, and one optimised module of functions; arguments as of `emit`.
+    """LLVM's machine of a system, and one optimised module of functions; arguments as in `emit`.
 
     `vectors`: may loops and statements be put into vectors.
     """

@@ -41,7 +41,7 @@ def address(array: NDArray[Any]) -> int:
 
 
 def fill(described: Any, values: Any, real: type = np.float64) -> tuple[Ints, list[NDArray[Any]]]:
-    """Table of what is given, and arrays that must outlive it; `real`: that the function computes in."""
+    """Table of the values, and arrays that must outlive it; `real`: that the function computes in."""
     entries: list[int] = []
     arrays: list[NDArray[Any]] = []
     for kind, value in _leaves(described, values):

@@ -68,9 +68,9 @@ class Processor(NamedTuple):
     name : str
         LLVM's name.
     features : str
-        Instruction sets that it may (+) or must not (-) use beside.
+        Further instruction sets that may (+) or must not (-) be used.
     exact : bool
-        Compile every operation as it stands: nothing fused, nothing reordered, so that all processors round alike.
+        Compile without fusing or reordering: all processors then round equally.
     """
 
     name: str
@@ -96,7 +96,7 @@ class System(NamedTuple):
     triple : str
         Architecture, vendor and system as LLVM names them; "" for this machine's.
     name, features : str
-        As of `Processor`.
+        See `Processor`.
     """
 
     triple: str
@@ -159,7 +159,7 @@ def kernels_switch() -> str:
     Raises
     ------
     ConfigurationError
-        If it is none of them.
+        If the value is unknown.
     """
     setting = os.environ.get(SWITCH, "")
     if setting not in ("", "off", "v3", "v4"):
@@ -191,9 +191,9 @@ def may_compile() -> bool:
 
 
 def exact_processor() -> Processor:
-    """This machine's processor, for kernels whose bits are those of every other; loads llvmlite.
+    """This machine's processor, for kernels with equal bits on all processors; loads llvmlite.
 
-    Additions, products, divisions and roots are rounded alike by every processor (IEEE 754). Processors give other
+    Additions, products, divisions and roots are rounded equally by every processor (IEEE 754). Processors give other
     bits where the compiler fuses a product and a sum, or reorders operations, as it finds best for each: such a kernel
     is compiled without either.
 
@@ -242,7 +242,7 @@ def differences(before: Mapping[str, str], now: Mapping[str, str]) -> str:
 
 
 def _features(before: str, now: str) -> str:
-    """Difference of two lists of instruction sets, by those that are in use in one of them only."""
+    """Difference of two lists of instruction sets, by the sets used in only one of them."""
     then, today = ({feature[1:] for feature in text.split(",") if feature.startswith("+")} for text in (before, now))
     parts = [
         f"{word} {', '.join(names[:MOST])}{' ...' if len(names) > MOST else ''}"

@@ -132,7 +132,7 @@ def _is_traced(injector: Injector, point: OperatingPoint) -> bool:
 
 
 def _means(point: OperatingPoint, dt: float, steps: int, length: int) -> Floats:
-    """Means of a traced point over its steps, (length, 4); its last ones stay behind its end.
+    """Means of a traced point over its steps, (length, 4); the last ones continue after its end.
 
     `steps`, `length`: steps of the point, and rows.
     """

@@ -1,7 +1,7 @@
 """The engine for NVIDIA GPUs: a thread for each candidate at each operating point.
 
-The same laws and the same loop as those of the lanes, compiled by numba-cuda; populations go to the device in parts
-that its memory holds. Nothing of CUDA is imported before it is asked for.
+The laws and the loop of the lanes, compiled by numba-cuda. Populations go to the device in parts
+that fit its memory. CUDA is imported on first use.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def _missing_library() -> str | None:
 def require_device() -> None:
     """Refuse a machine on which this engine cannot run.
 
-    Raises ConfigurationError: that says what is missing.
+    Raises ConfigurationError that names the missing part.
     """
     sentence = missing()
     if sentence is not None:

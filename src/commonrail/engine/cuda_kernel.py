@@ -1,7 +1,7 @@
 """The loop that one CUDA thread runs: one candidate at one operating point.
 
-The functions are those of `block`, for a block of one lane, and the laws are the same source. Working rows are a
-local array: every law is inlined and reads them at constant places, so that the compiler takes the array apart and
+Functions of `block` for a block of one lane, with laws from the same source. Working rows are a
+local array: every law is inlined and reads them at constant places, and the compiler splits the array and
 keeps it in registers. The rings of the waves lie in the device's memory, slot after slot with all threads side by
 side: a warp reads neighbouring numbers. Whatever the loop reads is in the numbers that it computes in; with single
 precision no double is touched in a step.

@@ -53,7 +53,7 @@ class Courses(NamedTuple):
     times: Floats  # (clocks, steps): starts of the steps [s]
     clock: Ints  # (points,) int: row of a point's `times`
     first: Ints  # (points,) int: place of a point's first turn, which is in step 0
-    turns: Ints  # (turns,) int: steps of the turns; behind those of each point one that is never reached
+    turns: Ints  # (turns,) int: steps of the turns; each point's list ends with the sentinel `NEVER`
     origins: Floats  # (turns, 4): origins from a turn on, and the two clocks in its own step [s]
     # (points,) int: row of a point's `traces`, −1 where all its pressures are constant and no trace drives it
     trace: Ints
@@ -82,7 +82,7 @@ class Job(NamedTuple):
     """All that a run needs, as arrays."""
 
     theta: Floats  # (candidates, parameters + fuel coefficients)
-    courses: Any  # or those of another machine, such as `cuda_kernel.Table`
+    courses: Any  # or `cuda_kernel.Table` on a GPU
     # (blocks, lanes) int: Operating point and candidate of each lane. All lanes of a block have the same `times`
     points: Ints
     candidates: Ints
@@ -187,11 +187,11 @@ def _allocate_aligned(count: int, real: Any) -> NDArray[Any]:
 
 # Working rows of a block, each as wide as its lanes, laid out by the names of what they hold.
 #
-# Coefficients, state, the waves that leave and that arrive, and what the loop keeps of a lane, behind one pointer.
+# Coefficients, state, leaving and arriving waves, and the progress of each lane, at one pointer.
 
 
 class Progress(NamedTuple):
-    """Numbers that the loop keeps of each lane; instants are in steps, and zero is none."""
+    """Progress of each lane; instants are in steps, zero means absent."""
 
     # mass injected [kg] before the step, and at the end of the last sample
     injected_before: float
@@ -247,7 +247,7 @@ _STATE = {
         "valve_lift": "valve.lift",
     },
     # The armature takes the valve's place. There is no control chamber that must refill before the injection has ended,
-    # and no return line: its wave stands still.
+    # and no return line: its wave is constant.
     Actuation.DIRECT: _BOTH
     | {
         "control_pressure": "accumulation.fuel.pressure",
@@ -294,7 +294,7 @@ def shape_of(variant: Variant, vector: Vector) -> Shape:
 class Outcome(NamedTuple):
     """Figures of the simulations of a run, (candidates, points).
 
-    `opening`, `closing` and `first_closing` are in steps (NaN where there is none); masses in kg; `absolute` and
+    `opening`, `closing` and `first_closing` are in steps (NaN if absent); masses in kg; `absolute` and
     `squared` are the weighted sums of the samples' errors [m³/s], [(m³/s)²]; `sound` is 1 for a run that stayed
     finite and inside its stops, `closed_at_start` for needle and valve at rest before energising, `closed_at_end` for
     a needle on its seat and a SAC that had emptied when the simulation ended.
@@ -314,4 +314,4 @@ class Outcome(NamedTuple):
     first_closing: Any
 
 
-FIGURE: Any = Outcome._make(range(len(Outcome._fields)))  # where each stands in `out`, (lanes, figures)
+FIGURE: Any = Outcome._make(range(len(Outcome._fields)))  # column of each figure in `out`, (lanes, figures)

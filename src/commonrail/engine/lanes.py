@@ -1,10 +1,10 @@
 """The fast engine: candidates side by side in SIMD lanes, blocks of lanes on threads.
 
-Each lane of a block holds one candidate at one operating point. They live behind one pointer, rows × lanes; the loop
+Each lane of a block holds one candidate at one operating point. They are stored at one pointer, rows × lanes; the loop
 over lanes calls the step of `commonrail.physics.step` on NamedTuples and is vectorised by the compiler. Travelling
-waves wait in ring buffers behind the other rows. Samples and their misfit are taken inside the loop, so a population
-leaves no traces in memory. A lane depends on nothing but its own candidate and point: results are the same bits for any
-neighbours and any number of threads.
+waves are stored in ring buffers after the other rows. Samples and their misfit are taken inside the loop, so a
+population leaves no traces in memory. A lane depends on nothing but its own candidate and point: results are the same
+bits for any neighbours and any number of threads.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _FIRST_CALL = threading.Lock()
 class Misfit(NamedTuple):
     """Samples to compare with, per operating point."""
 
-    bound_count: Ints  # (points,) int: sample bounds used, 0 where there are none
+    bound_count: Ints  # (points,) int: sample bounds used, 0 if absent
     # (points, bounds): sample bounds in steps after time zero; a sample is the mean flow between two bounds
     bounds: Floats
     # (points, bounds): measured mean flow by volume [m³/s] and weight of the sample that ends at a bound
@@ -50,7 +50,7 @@ class Misfit(NamedTuple):
     def samples(self, dt: float, steps: Ints) -> Samples:
         """The samples as a loop over steps takes them.
 
-        `steps` (points,) int: of each point. A bound that rounding puts behind the last step is taken at its end.
+        `steps` (points,) int: of each point. A bound that rounding moves past the last step is taken at its end.
         """
         within = np.minimum(self.bounds, steps[:, None])
         # in the first step whose end reaches the bound, and in order
@@ -75,7 +75,7 @@ def _no_samples(points: int) -> Samples:
 def load_loop(variant: Variant, precision: Precision, same_bits: bool) -> MachineCode:
     """The block loop of a variant.
 
-    `same_bits`: exact, so that its bits are those of any processor: see `compiler.target.exact_processor`. Raises
+    `same_bits`: exact code with equal bits on every processor, see `compiler.target.exact_processor`. Raises
     ConfigurationError if no bits are promised on this machine, or it may not compile.
     """
     with _FIRST_CALL:
@@ -101,11 +101,11 @@ def run(
     """Run all blocks of a job.
 
     `misfit` (Misfit, optional): samples to compare with; `traced`: keep the state after every step; `threads`: the
-    result does not depend on it; `injected_only`: of a traced run, keep only the mass injected: one row, some hundredth
-    of the memory.
+    result does not depend on it; `injected_only`: of a traced run, keep only the injected mass: one row, about a
+    hundredth of the memory.
 
-    Returns `outcome` Outcome; `trace` (blocks, steps + 1, rows, lanes), empty unless traced: of a block that there are
-    not enough simulations for, only their lanes are kept.
+    Returns `outcome` Outcome; `trace` (blocks, steps + 1, rows, lanes), empty unless traced: the last block is
+    truncated to its used lanes.
     """
     n, lanes = job.points.shape
     loop, vector, steps = load_loop(variant, precision, same_bits), VECTORS[precision], job.courses.steps
@@ -134,7 +134,7 @@ def _call(loop: MachineCode, arguments: LoopArguments, real: Any) -> None:
     table, referenced_arrays = fill(
         LOOP_ARGUMENTS, arguments._replace(scratch=scratch_for(arguments.shape, arguments.job.ring, real)), real
     )
-    ended = np.zeros(2, np.int64)  # what the loop returns, and room for an exception that it never has
+    ended = np.zeros(2, np.int64)  # return value, and unused room for an exception
     result = address(ended)
     if loop.call(result, result + 8, address(table)) or ended[0]:
         raise SimulationError("The machine code of the fast engine was made for another injector; report this.")

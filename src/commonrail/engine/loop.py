@@ -25,7 +25,7 @@ from commonrail.physics.variants import DRIVE, Variant, kernel_name, unread_inpu
 class CoursePlan:
     """Inputs that the operating point plans, for any step of `dt` [s], also beyond its horizon.
 
-    `prepared` is that of the point, with a trace of zeros for a drive whose trace the caller gives.
+    `prepared` belongs to the point, with a trace of zeros if the caller supplies the drive's trace.
     """
 
     def __init__(self, injector: Injector, point: OperatingPoint, dt: float) -> None:
@@ -75,7 +75,7 @@ class Loop(NamedTuple):
     # takes one step for each row of them, the first of them with the number `first`
     march: Callable[..., Any]
     rows: Any
-    # names of the rows of the state, which begin at `rows.state`; behind them are the three waves that leave
+    # names of the rows of the state, which begin at `rows.state`; after them are the three leaving waves
     state: tuple[str, ...]
     parameters: int  # length of `theta`
 

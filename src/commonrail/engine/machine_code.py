@@ -32,9 +32,8 @@ from commonrail.physics.variants import Variant, kernel_name
 
 # Libraries of lane loops that came with the package, compiled for levels of x86-64 where the package was built.
 #
-# A library is used if it was made from the sources that are here, for a level that this processor has, and is whole: a
-# cut one would end the process. A file beside the libraries, `STAMP`, tells from which sources and by which compiler
-# they were made, and their digests.
+# A library is used if it was made from the present sources, for a level that this processor has, and is intact: a
+# truncated one would end the process. The file `STAMP` next to them records their sources, compiler and digests.
 
 FOLDER = Path(__file__).resolve().parents[1] / "kernels"
 STAMP = "stamp.json"
@@ -58,9 +57,9 @@ def file_of(processor: str) -> Path:
 
 
 def find(symbol: str) -> MachineCode | None:
-    """Function of a library by its name; None where there is none that may be used.
+    """Function of a library by its name; None if no library may be used.
 
-    Raises ConfigurationError if ``COMMONRAIL_KERNELS`` is none of its values.
+    Raises ConfigurationError if ``COMMONRAIL_KERNELS`` has an unknown value.
     """
     level = None if objection() else _level()
     if level is None:
@@ -76,7 +75,7 @@ def find(symbol: str) -> MachineCode | None:
 
 @functools.cache
 def objection() -> str:
-    """Reason why no library is used; "" where they are."""
+    """Reason why no library is used; "" if they are used."""
     if kernels_switch() == "off":
         return f"{SWITCH}=off"
     overrides = [name for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES") if name in os.environ]
@@ -110,7 +109,7 @@ def _is_of_these_sources(stamp: Mapping[str, Any]) -> bool:
 
 @functools.cache
 def read_stamp() -> dict[str, Any] | None:
-    """Stamp of the libraries: sources, versions of compilers, digests; None where there are no libraries."""
+    """Stamp of the libraries: sources, versions of compilers, digests; None without libraries."""
     try:
         stamp = json.loads((FOLDER / STAMP).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -153,7 +152,7 @@ def symbol_of(variant: Variant, precision: Precision, exact: bool = False) -> st
 def machine_code(variant: Variant, vector: Vector, same_bits: bool) -> MachineCode:
     """Machine code of a loop.
 
-    `same_bits`: exact, so that its bits are those of any processor: see `compiler.target.exact_processor`. Raises
+    `same_bits`: exact code with equal bits on every processor, see `compiler.target.exact_processor`. Raises
     ConfigurationError if no bits are promised on this machine, or it may not compile.
     """
     symbol = symbol_of(variant, vector.precision, same_bits)

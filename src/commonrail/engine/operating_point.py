@@ -22,7 +22,7 @@ OTHER_PRESSURES = Limits(
     10e3, 1e9, (0.05e6, 30e6), ("MPa", "bar")
 )  # cylinder, return line: little below the atmosphere
 ENERGISING_TIMES = Limits(0.0, 0.1, (10e-6, 20e-3), ("us", "ms"))
-SHORTEST = 1e-9  # of an energising that is one [s]; zero stands for none, as where a closed injector leaks
+SHORTEST = 1e-9  # of an energising that is one [s]; zero: no energising, only leakage
 LONGEST = 1.0  # of a simulation [s]
 CUT_OFFS = Limits(1.0, 1e9, (100.0, 20e3), ("Hz", "kHz"))
 
@@ -111,7 +111,7 @@ class Energising(_Pulse):
     Raises
     ------
     ConfigurationError
-        If one is no time, or the duration lies beyond its limits.
+        If a value is not a time, or the duration lies beyond its limits.
     """
 
     __slots__ = ()
@@ -123,7 +123,7 @@ class Energising(_Pulse):
             _energising_time(duration, "duration of an energising"),
         )
 
-    _make = classmethod(lambda cls, values: cls(*values))  # type: ignore[assignment]  # so that `_replace` checks too
+    _make = classmethod(lambda cls, values: cls(*values))  # type: ignore[assignment]  # `_replace` checks too
 
 
 @dataclass(frozen=True)
@@ -148,8 +148,8 @@ class OperatingPoint:
     Raises
     ------
     ConfigurationError
-        If a value is no quantity of its kind or lies beyond its limits, energisings overlap, or more than 1 s would be
-        simulated.
+        If a value is not a quantity of its kind or lies beyond its limits, energisings overlap, or more than 1 s would
+        be simulated.
 
     Examples
     --------
@@ -165,7 +165,7 @@ class OperatingPoint:
     horizon: float | None = None
     start: float = field(default=0.0, kw_only=True)
 
-    if TYPE_CHECKING:  # what is accepted is wider than what is kept
+    if TYPE_CHECKING:  # accepted types are wider than stored ones
 
         def __init__(
             self,
@@ -229,7 +229,7 @@ class OperatingPoint:
 
     @property
     def end_of_energising(self) -> float:
-        """End of the last energising, the start of the simulation if there is none [s]."""
+        """End of the last energising, or the start of the simulation without one [s]."""
         return self.pulses[-1].start + self.pulses[-1].duration if self.pulses else self.start
 
     @property

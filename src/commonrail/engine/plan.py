@@ -115,7 +115,7 @@ def admissible(
 
 @functools.lru_cache(maxsize=64)
 def _domains(names: tuple[str, ...], actuation: Actuation | None) -> list[tuple[Domain, list[int] | slice]]:
-    """Domains of parameters, and the places of those that lie in each."""
+    """Domains of parameters, and the columns in each."""
     quantities = parameter_quantities(actuation)
     columns: dict[Domain, list[int]] = {}
     for column, name in enumerate(names):
@@ -174,7 +174,7 @@ def _largest(course: Course) -> float:
 
 
 def coefficients_at(injector: Injector, point: OperatingPoint, dt: float) -> Any:
-    """Coefficients of an injector at a point, those of its actuation."""
+    """Coefficients of an injector at a point."""
     fuel = fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE])
     return wiring(injector.variant).setup(injector.parameters, fuel, Setting(*point.initial_pressures(), dt))
 
@@ -260,8 +260,8 @@ def fill_lanes(
 ) -> tuple[Ints, Ints]:
     """Points and candidates of the lanes of each block, (blocks, width) each: every candidate at every point.
 
-    Points follow one another by the end of their simulation, so that the lanes of a block, and the blocks of each
-    thread, end at about the same time. A last block that is not full repeats its last lane.
+    Points are sorted by the end of their simulation: the lanes of a block, and the blocks of each
+    thread, then end at about the same time. A last block that is not full repeats its last lane.
 
     `width`: lanes of a block; `by_earliest_end`: simulations end once their injection has ended, rather than at their
     horizon; `separate_points`: only candidates at the same point share a block.
@@ -312,7 +312,7 @@ def _step_too_long(names: Sequence[str], theta: Floats, prepared: Prepared, lift
     `lifts` (candidates, points): [m].
     """
     injector, dt, points = prepared.injector, prepared.dt, lifts.shape[1]
-    # fuel is stiffest at the largest pressure: what bears the step there, at its largest lift, bears it at every point
+    # fuel is stiffest at the largest pressure: a candidate stable there, at its largest lift, is stable at every point
     step_too_long = np.repeat(
         too_long(injector, names, theta, prepared.medium, dt, lifts.max(axis=1))[:, None], points, axis=1
     )

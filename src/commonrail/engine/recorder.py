@@ -34,7 +34,7 @@ def crossing(old, new):  # type: ignore[no-untyped-def]
 
 @physics
 def record_crossing(work, rows, lane, count):  # type: ignore[no-untyped-def]
-    """Keep the opening, the first and the last closing, in steps; zero is none.
+    """Keep the opening, the first and the last closing, in steps; zero means absent.
 
     The needle is open once its tip has first risen by `CLEAR_LIFT`, and closes when it first meets the seat after
     that. It has reopened, and closes again, if it rises as far again or injects more than `REOPENED` meanwhile: the

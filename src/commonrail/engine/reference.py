@@ -1,6 +1,6 @@
 """The reference engine: the same equations by SciPy's LSODA, error-controlled, restarted at every switching.
 
-Slow and obvious; the lanes are judged by it. Where LSODA shrinks its step to nothing behind a kink, DOP853 does the
+Slow and simple; the lanes are checked against it. If LSODA's step becomes too small after a kink, DOP853 repeats the
 segment. Pipes are resolved by `cells` finite volumes. On request the explicit march of `reference_kernels` solves
 instead.
 """
@@ -119,7 +119,7 @@ def _compile_march(variant: Variant) -> Callable[..., int]:
 
 
 class _Crawling(Exception):
-    """LSODA has shrunk its step to nothing, as it sometimes does behind a kink."""
+    """LSODA's step has become too small, as happens after a kink."""
 
 
 def simulate_reference(
@@ -265,7 +265,7 @@ class Model:
             records.extend((float(t), float(y[injected])) for t, y in zip(times, states, strict=True))
 
     def solve(self, start: float, stop: float, y: Floats, inside: Floats) -> Any:
-        """Solve between two switchings, with samples `inside`; a result as of `solve_ivp`, its last state in `last`."""
+        """Solve between two switchings, with samples `inside`; a result of `solve_ivp`; its last state is in `last`."""
         at = np.append(inside, stop) if not len(inside) or inside[-1] < stop else inside
         common = {
             "t_eval": at,
@@ -286,7 +286,7 @@ class Model:
         return result
 
     def events(self) -> list[Callable[[float, Floats], float]]:
-        """Those of `Crossings`; then the PWM's current meets its limit, which ends a solve."""
+        """Events of `Crossings`, then the PWM's current at its limit, which ends a solve."""
         tip = self.at.tip
 
         def closes(t: float, y: Floats) -> float:

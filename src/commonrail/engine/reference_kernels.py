@@ -1,7 +1,7 @@
 """Loops of the reference engine that are compiled: the right-hand side, and the explicit march.
 
 The march is the classical Runge–Kutta method of order 4 at small steps, several times faster than LSODA and free of
-Python, so that many truths can be simulated side by side. Steps end at every sample, edge of the schedule and knot of
+Python, to simulate many truths at once. Steps end at every sample, edge of the schedule and knot of
 a trace; the PWM switches inside a step, where its current meets the limit. Between them steps are of one length unless
 the SAC, the stiffest of the volumes, settles sooner. A state that runs away is seen, not raised.
 """
@@ -48,7 +48,7 @@ TRIES = 40  # to meet it; three suffice
 
 
 class Fixed(NamedTuple):
-    """Arguments of the rates beside the state, in their order."""
+    """Arguments of the rates in addition to the state, in order."""
 
     constants: Floats  # `Coefficients` as one lane of a layout
     cells: Ints  # (2,) int array: of the feed pipe and of the return line

@@ -72,8 +72,8 @@ def simulate(
         Or its fields by keyword: `rail_pressure` with `energising_time` or `energisings`, and where they differ from
         the defaults `cylinder_pressure`, `return_pressure`, `drive` and `horizon`.
     engine : Engine or str
-        "lanes" (fast, fixed step), "cuda" (the same on an NVIDIA GPU; to compare, one injection is no work for it) or
-        "reference" (slow, error-controlled).
+        "lanes" (fast, fixed step), "cuda" (the same on an NVIDIA GPU; useful for comparison only, one injection cannot
+        fill it) or "reference" (slow, error-controlled).
     time_step : float or str
         The fixed step [s], or text such as ``"1 us"``; from 1 ns to 100 us.
     sample_interval : float or str, optional
@@ -96,7 +96,7 @@ def simulate(
     ------
     ConfigurationError
         If an argument is of the wrong kind or beyond its limits, the settings contradict each other, or the engine is
-        not to be had here. A simulation that fails returns a `Solution` whose status says so.
+        not available on this machine. A simulation that fails returns a `Solution` whose status says so.
     SimulationError
         If parameters far from any injector's lead to a division by zero or a number beyond all bounds.
 
@@ -141,7 +141,7 @@ def simulate(
             return simulate_reference(injector, point, sample_interval or 3e-6)
         stride = 1 if sample_interval is None else _stride(sample_interval, time_step)
         return _simulate_course(injector, plan.prepare(injector, [point], time_step), stride, engine, real, alike)
-    except ArithmeticError as error:  # of parameters that are far from any injector's
+    except ArithmeticError as error:  # parameters far from any injector's
         raise SimulationError(_beyond_numbers(injector, error)) from error
 
 
@@ -201,7 +201,7 @@ def _simulate_course(
 
 
 def _stride(sample_interval: float, time_step: float) -> int:
-    """Steps of a sample; `ConfigurationError` if they are no whole number."""
+    """Steps of a sample; `ConfigurationError` if not a whole number."""
     steps = sample_interval / time_step
     stride = max(round(steps), 1)
     if abs(steps - stride) > ROUNDING * stride:
@@ -257,21 +257,21 @@ def simulate_batch(
     engine : Engine or str
         "lanes", or "cuda" for one simulation on each thread of an NVIDIA GPU; `threads` is then ignored.
     same_bits : bool
-        Compute with machine code in which nothing is fused or reordered, so that the result has the same bits on every
-        x86-64 processor, and in an exported library; of the lanes alone. docs/performance.md states the cost.
+        Compute with machine code in which nothing is fused or reordered: equal bits on every x86-64 processor and in an
+        exported library. Lanes only. docs/performance.md states the cost.
 
     Raises
     ------
     ConfigurationError
         If an argument is of the wrong kind or beyond its limits, a name is unknown or repeated, the settings contradict
-        each other, or the engine is not to be had here.
+        each other, or the engine is not available on this machine.
     """
     instance(injector, Injector, "injector")
     time_step, threads = check_step(time_step), thread_count(threads)
     points = instances(points, OperatingPoint, "points")
     if not points:
         raise ConfigurationError("At least one operating point is needed among the points.")
-    if prepared is None:  # what is prepared may be data of another drive, which a comparison takes as they are
+    if prepared is None:  # prepared points may hold data of another drive, which a comparison uses unchanged
         for point in points:
             check_inputs(injector, point)
     names = known_names(names, injector.quantities, "names", "nozzle.hole_diameter")
@@ -342,7 +342,7 @@ def _run(
     threads: int = 1,
     same_bits: bool = False,
 ) -> tuple[Outcome, Floats]:
-    """Run candidates by a fast engine; arguments as of `plan.make_job` and `lanes.run`."""
+    """Run candidates by a fast engine; arguments as in `plan.make_job` and `lanes.run`."""
     misfit = misfit and misfit.fill_density(densities)
     if engine is Engine.CUDA:
         from commonrail.engine import cuda

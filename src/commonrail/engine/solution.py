@@ -59,7 +59,7 @@ def relative_balance(c: SharedCoefficients, states: Mapping[str, Floats], dt: fl
 
 
 def relative_to_injected(left: float, injected: float) -> float:
-    """Mass that the cumulative flows miss [kg] relative to what was injected, and to `SMALL` where less was [1]."""
+    """Mass missing in the cumulative flows [kg], relative to the injected mass, at least `SMALL` [1]."""
     return float(left / max(injected, SMALL))
 
 
@@ -76,7 +76,7 @@ def _pipe(wave: Floats, delay: float, share: float) -> float:
 
 States = Mapping[str, Floats]
 
-_PRESSURES = {  # names of the states, those that an injector has
+_PRESSURES = {  # channel names and states; absent ones are skipped
     "control_pressure": "control_chamber.fuel.pressure",
     "accumulation_pressure": "accumulation.fuel.pressure",
     "sac_pressure": "sac.pressure",
@@ -199,9 +199,9 @@ class Solution(Shown):
 
     @functools.cached_property
     def longest_step(self) -> float:
-        """Longest time step that the fast engines bear for this injector [s]; infinite for the reference.
+        """Longest stable time step of the fast engines for this injector [s]; infinite for the reference.
 
-        It is sought when it is first asked for: that takes about half as long as the simulation.
+        Computed at the first access, which takes about half as long as the simulation.
         """
         return math.inf if self.find_longest_step is None else self.find_longest_step()
 
@@ -250,7 +250,7 @@ class Batch(Shown):
     Attributes
     ----------
     injected_mass, returned_mass : [kg] per stroke, NaN for a failed simulation
-    opening, closing, first_closing : [s], as in `Solution`, NaN where there is none
+    opening, closing, first_closing : [s], as in `Solution`, NaN if absent
     greatest_lift : [m]
     status : int
         Values of `Status`.
@@ -332,7 +332,7 @@ def metered(solution: Solution, meter: Meter, injector: Injector, point: Operati
     solution : Solution
         Of `simulate`, with samples at equal intervals.
     meter : Meter
-        Its values are taken as they are, those that a study fits at their start.
+        Its values are used unchanged; fitted ones have their start values.
     injector : Injector
         The one that was simulated; its fuel gives the density at a temperature of the meter.
     point : OperatingPoint

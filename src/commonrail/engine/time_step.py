@@ -76,7 +76,7 @@ DIRECT_SHORTENS = (
 DIRECT_LENGTHENS = ("armature.mass", "needle.mass", "accumulation.volume", "sac.volume", "feed_pipe.length")
 
 
-_OF_BOTH_ACTUATIONS = (  # of either actuation: which of them an injector has is a matter of its values
+_OF_BOTH_ACTUATIONS = (  # union over both actuations; parameters an injector lacks are ignored
     {*SHORTENS, *DIRECT_SHORTENS},
     {*LENGTHENS, *DIRECT_LENGTHENS},
 )
@@ -111,7 +111,7 @@ def _medium_at(fuel: Fuel, temperature: float, rail_pressure: float) -> Medium:
 
 @functools.lru_cache(maxsize=128)
 def sound_speed(fuel: Fuel, temperature: float, pressure: float) -> float:
-    """Speed of sound [m/s], which takes a millisecond and is asked for again at the same point."""
+    """Speed of sound [m/s], cached: it takes a millisecond."""
     return float(fuel.sound_speed(pressure, temperature))
 
 
@@ -159,7 +159,7 @@ def _chain_is_stable(values: Values, medium: Medium, dt: float) -> Any:
         diagonal = 2.0 * node - before - after - dt * dt * ground_stiffness.get(i, 0.0)
         pivot = diagonal if pivot is None else diagonal - before * before / pivot
         stable = stable & (pivot > 0.0)
-        pivot = abs(pivot) + 1e-300  # what is unstable already stays so; no division by zero
+        pivot = abs(pivot) + 1e-300  # an unstable candidate stays unstable; no division by zero
         before = after
     return stable
 
@@ -206,8 +206,8 @@ def _volumes_are_stable(boundary: Boundary, values: Values, medium: Medium, dt: 
 
 
 # Of a direct-acting injector armature and needle are judged as two masses with all contacts closed that can be at once:
-# the armature on its stop and on the needle, the needle on its seat and on the fuel enclosed in the SAC. Leapfrog bears
-# the largest eigenvalue λ of that pair as long as dt² λ < 4; `RIGID` is stricter, so that contacts are resolved.
+# the armature on its stop and on the needle, the needle on its seat and on the fuel enclosed in the SAC. Leapfrog is
+# stable for the largest eigenvalue λ of that pair as long as dt² λ < 4; `RIGID` is stricter, to resolve contacts.
 
 
 def _pair_is_stable(values: Values, medium: Medium, dt: float) -> Any:
@@ -230,7 +230,7 @@ def _stiffest(values: Values, enclosed: Any) -> Any:
 
 
 def limiting(actuation: Actuation) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Parameters that shorten the longest step as they grow, and those that do as they shrink."""
+    """Parameters that shorten the longest step as they grow, and parameters that do so as they shrink."""
     if actuation is Actuation.DIRECT:
         return DIRECT_SHORTENS, DIRECT_LENGTHENS
     return SHORTENS, LENGTHENS
@@ -245,20 +245,20 @@ def _columns(actuation: Actuation) -> dict[str, int]:
 
 
 def _volumes_at_lift(actuation: Actuation, values: Values, lift: Any) -> Values:
-    """Volumes that a risen plunger has changed; none of a direct-acting injector."""
+    """Volumes at plunger lift `lift`; empty for a direct-acting injector."""
     return {} if actuation is Actuation.DIRECT else {"control_chamber.volume": room_left(values, lift)}
 
 
 def room_left(values: Values, lift: Any) -> Any:
     """Control chamber [m³] that a plunger risen by `lift` [m], at most to its stop, leaves; never quite nothing."""
     risen = np.clip(lift, 0.0, values[STOP])
-    with np.errstate(all="ignore"):  # an area beyond all numbers leaves NaN, which no step bears
+    with np.errstate(all="ignore"):  # an infinite area gives NaN, for which no step is stable
         taken = pipe_area(values["plunger_needle.plunger_diameter"]) * risen
         return np.maximum(values["control_chamber.volume"] - taken, 1e-30)
 
 
 def longest_step(injector: Injector, theta: Floats, medium: Medium, lift: float = 0.0) -> float:
-    """Longest step [s] that a candidate bears, 0 if none does.
+    """Longest stable time step of a candidate [s]; 0 if none is stable.
 
     Parameters
     ----------
@@ -314,7 +314,7 @@ def too_long(
     columns, shortens = _columns(acts), (*limiting(acts)[0], STOP)
     values: dict[str, Any] = {name: theta[0, column] for name, column in columns.items()}
     varied = {name: theta[:, columns[name]] for name in names if name in columns}
-    # if the stiffest combination of what varies bears the step, so does every candidate
+    # if the stiffest combination is stable, so is every candidate
     corner = values | {
         name: varied_values.max() if name in shortens else varied_values.min() for name, varied_values in varied.items()
     }
@@ -352,7 +352,7 @@ def step_advice(longest: float) -> str:
 
 
 def nice_step(longest: float) -> float:
-    """Largest round time step [s] that leaves five per cent to the longest, 0 if there is none."""
+    """Largest round time step [s] at least five per cent below the longest, 0 if there is no such step."""
     if not longest > 0.0:
         return 0.0
     decade = 10.0 ** math.floor(math.log10(0.95 * longest))

@@ -1,8 +1,8 @@
 """Injector whose solenoid acts on the needle itself: parameters, coefficients, state at rest, and one time step.
 
 No control chamber, no A- and Z-hole, no control valve and no return: the armature moves the needle. Components that
-both injectors have bear the same names in both, so that the laws between them (`connections`, and those of `step` that
-are "of either actuation") serve both.
+both types of injector contain have the same names in both. The laws of `connections` and the shared laws of `step`
+therefore serve both.
 
 As in `step`, positions, pressures and flux are those of t_n, velocities a little older. Armature and needle move first;
 then the flux follows with the gap of mid-step; then the SAC, the stiffest volume, is filled, and what flows through the
@@ -184,7 +184,7 @@ def loads(c: Coefficients, s: State) -> direct_needle.Loads:
 
 @physics
 def volumes_of(c: Coefficients, lifts: Motion) -> Volumes:
-    """Volumes that the needle leaves to the fuel; there is no control chamber."""
+    """Fuel volumes at the given lifts of the needle; there is no control chamber."""
     return Volumes(0.0, accumulation_volume(c, lifts.tip), needle_seat.sac_volume(c.sac, c.needle_seat.area, lifts.tip))
 
 

@@ -25,7 +25,7 @@ _EXPM1 = tuple(1.0 / math.factorial(k + 1) for k in range(19))  # to 1 exact to 
 _LOG = tuple(1.0 / (2 * k + 1) for k in range(13))  # area tangent, for mantissas from √½ to √2
 _SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(12))  # Taylor: to π/2 exact to rounding
 _RANGE = 800.0  # beyond, an exponential is zero or infinite
-_SMALLEST = -708.0  # the exponential below is no normal number
+_SMALLEST = -708.0  # below it the exponential is not a normal number
 
 
 def _series(coefficients: tuple[float, ...], x: Floats) -> Floats:
@@ -97,7 +97,7 @@ def cosine(x: Any) -> Any:
 
 @physics
 def exponential(x: float) -> float:
-    """Return exp x of a decay, 0 where it is no normal number; for kernels, which have no `ldexp`.
+    """Return exp x of a decay, 0 where it is not a normal number; for kernels, which have no `ldexp`.
 
     `x`: exponent [1], not above 0; the series takes what ln 2 leaves, halvings the rest.
     """

@@ -1,4 +1,4 @@
-"""A fuel as the host sees it: density, moduli, viscosity, wave speed over pressure, temperature.
+"""Fuel properties for Python code: density, moduli, viscosity, wave speed over pressure, temperature.
 
 Kernels do not call this: `commonrail.physics.fuel_polynomials` fits polynomials to a `Fuel` at one temperature.
 """
@@ -134,7 +134,7 @@ class Origin:
     mark : str
         M measured, C ECU calibration, F fitted or derived, E engineering estimate.
     source : str
-        What was measured, fitted or assumed, and by whom.
+        Origin: measured, fitted or assumed, and by whom.
     error : float
         Largest relative deviation from that source over the declared range; for a law marked E,
         the relative uncertainty that its author expects.
@@ -260,7 +260,7 @@ class Fuel:
         Raises
         ------
         ConfigurationError
-            If one is no finite number, or their shapes do not broadcast (so do all methods of this class).
+            If one is not a finite number, or their shapes do not broadcast (so do all methods of this class).
         InputError
             If a temperature lies outside `temperature_range` (so do all methods of this class).
         """

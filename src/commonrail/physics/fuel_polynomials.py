@@ -22,7 +22,7 @@ from commonrail.physics.fuel import Fuel
 from commonrail.physics.fuel_kernel import FuelCoefficients
 
 _POINTS = 64
-_BEYOND = 1.4  # fitted this far beyond the range, so that an overshoot meets no surprise
+_BEYOND = 1.4  # fitted this far beyond the range, so an overshoot stays defined
 _OUTSIDE_WEIGHT = 0.3  # and with this weight there
 _DEGREE_PRESSURE, _DEGREE_START, _DEGREE_FLUIDITY, _DEGREE_RATIO = 7, 4, 5, 2
 _TOGETHER = 32  # temperatures whose laws are evaluated at once: some megabytes

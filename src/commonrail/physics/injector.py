@@ -32,7 +32,7 @@ def parameter_quantities(actuation: Actuation | None = None) -> dict[str, Q]:
     Parameters
     ----------
     actuation : Actuation, optional
-        Of the injector; by default the parameters of all injectors, those of the servo injector first.
+        Of the injector; by default all parameters, first those of the servo injector.
     """
     kinds = tuple(Actuation) if actuation is None else (actuation,)
     components: dict[str, Any] = {}
@@ -67,7 +67,7 @@ class Injector(Shown):
     sources : mapping of str to Source
         Origin of values by dotted name.
     synthetic : str
-        What about it is not measured, empty if nothing.
+        Reason why it is synthetic; empty for measured data.
 
     Raises
     ------
@@ -86,7 +86,7 @@ class Injector(Shown):
     sources: Mapping[str, Source] = field(default_factory=dict)
     synthetic: str = field(default="", kw_only=True)
 
-    if TYPE_CHECKING:  # what is accepted is wider than what is kept
+    if TYPE_CHECKING:  # accepted types are wider than stored ones
 
         def __init__(
             self,
@@ -179,7 +179,7 @@ class Injector(Shown):
 
 @functools.cache
 def _components(actuation: Actuation) -> tuple[Any, Mapping[str, Any]]:
-    """Class of the parameters and those of its components, whose type hints take as long to look up as all values."""
+    """Class of the parameters and of its components; cached because looking up type hints is slow."""
     kind = model_of(actuation).Parameters
     return kind, get_type_hints(kind)
 

@@ -1,10 +1,10 @@
 """Laws of the physics as plain functions, metadata of their parameters, and NamedTuples laid out in rows of an array.
 
 `physics` marks every small scalar law and returns the plain Python function, so debuggers, coverage and dimensional
-tests see ordinary code. Whatever compiles the laws (`commonrail.compiler.laws`, the CUDA kernels) is told of them by
+tests see ordinary code. Whatever compiles the laws (`commonrail.compiler.laws`, the CUDA kernels) receives them from
 `offer_laws`; nothing here needs Numba. In all laws `dt` is the time step [s], `c` the coefficients and `s` the state.
 
-An engine keeps everything behind one base pointer, so the compiler can prove that lanes do not overlap: a nested
+An engine stores everything at one base pointer, so the compiler can prove that lanes do not overlap: a nested
 NamedTuple of numbers lies in one column of a (rows × lanes) array. Physics never sees a row number: `Layout.load` gives
 it the NamedTuple back by name.
 """
@@ -32,7 +32,7 @@ _MACHINES: list[Callable[[Callable[..., Any]], None]] = []
 
 
 def physics(law: _Law) -> _Law:
-    """Let kernels inline a scalar law; from Python it stays the plain function that it is."""
+    """Mark a scalar law that kernels may inline; for Python it stays a plain function."""
     _LAWS.append(law)
     for offer in _MACHINES:
         offer(law)
@@ -85,7 +85,7 @@ class Layout:
     Parameters
     ----------
     kind, choices
-        As of `layout_of`.
+        Arguments of `layout_of`.
 
     Attributes
     ----------

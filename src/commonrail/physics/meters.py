@@ -1,4 +1,4 @@
-"""Meters of a bench, which stand between the injection and what is recorded: their laws, quantities and signals."""
+"""Meters of a bench, between the injection and the recorded signal: laws, quantities and signals."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def _butterworth(signal: Floats, interval: float, order: int, cutoff: float) -> 
 
 
 def _zero_phase(signal: Floats, interval: float, order: int, cutoff: float) -> Floats:
-    """Product with the amplitude in the frequency domain; zeros behind the signal keep its ends apart."""
+    """Product with the amplitude in the frequency domain; zeros after the signal keep its ends from overlapping."""
     samples = signal.shape[-1]
     tail = math.ceil(_TAIL * _slowest(order, cutoff) / interval)
     padded = 1 << (samples + min(tail, 16 * samples) - 1).bit_length()
@@ -142,7 +142,7 @@ def parameter_name(meter: str, quantity: str) -> str:
 
 
 def is_of_meter(name: str) -> bool:
-    """True for the dotted name of a meter's quantity, False for that of an injector's parameter."""
+    """True for the dotted name of a meter's quantity, False for an injector's parameter."""
     return name.startswith(f"{PREFIX}.")
 
 
@@ -155,7 +155,7 @@ def parts_of(name: str) -> tuple[str, str]:
 def known_quantity(name: str) -> Q:
     """Unit, meaning and domain of a free parameter, of an injector or of a meter.
 
-    Raises KeyError if there is none of that name.
+    Raises KeyError for an unknown name.
     """
     return QUANTITIES[parts_of(name)[1]] if is_of_meter(name) else parameter_quantities()[name]
 
@@ -173,12 +173,12 @@ class Meter:
     name : str
         Letters, digits and underscores; data sets that name the same meter share its quantities.
     values : mapping of str to float
-        Quantities by the names of `QUANTITIES` [SI]; what is not given is neutral. Texts with units are read. Those
+        Quantities by the names of `QUANTITIES` [SI]; absent ones are neutral. Texts with units are read. Quantities
         that a study fits (parameters such as ``meter.bench.delay``) start from here.
     law : LowPass
-        Of the low-pass: "butterworth", "cascade" or "zero-phase".
+        Law of the low-pass: "butterworth", "cascade" or "zero-phase".
     order : int
-        Of the low-pass, 1 to 8.
+        Order of the low-pass, 1 to 8.
     sources : mapping of str to Source
         Mark and source of quantities.
 
@@ -186,7 +186,7 @@ class Meter:
     ------
     ConfigurationError
         If a quantity is unknown or outside its domain, both density and temperature are given, the shares of the echoes
-        leave nothing of the direct signal, a late cut-off is given with a law that delays, or the name is no name.
+        leave nothing of the direct signal, a late cut-off is given with a law that delays, or the name is not valid.
     """
 
     name: str
@@ -195,7 +195,7 @@ class Meter:
     order: int = 2
     sources: Mapping[str, Source] = field(default_factory=dict)
 
-    if TYPE_CHECKING:  # what is accepted is wider than what is kept
+    if TYPE_CHECKING:  # accepted types are wider than stored ones
 
         def __init__(
             self,
@@ -254,7 +254,7 @@ class Meter:
 
     @property
     def neutral(self) -> bool:
-        """True if it shows what it is given."""
+        """True if the meter shows its input unchanged."""
         return all(QUANTITIES[key].default == value for key, value in self.values.items())
 
     @property
@@ -273,12 +273,12 @@ class Meter:
         return is_of_meter(name) and parts_of(name)[0] == self.name
 
     def with_best(self, best: Mapping[str, float], source: Source | None = None) -> Meter:
-        """The same meter with what a fit has found.
+        """The same meter with fitted values.
 
         Parameters
         ----------
         best : mapping of str to float
-            Values [SI] by the names of free parameters; those that are not the meter's are left out.
+            Values [SI] by the names of free parameters; those of other meters are ignored.
         source : Source, optional
             Of these values.
         """
@@ -307,7 +307,7 @@ class Flow(NamedTuple):
 
 
 def given_values(meter: Meter, columns: Mapping[str, Floats], candidates: int) -> dict[str, Floats]:
-    """Values of a meter's quantities for each candidate; those without value and default are absent.
+    """Values of a meter's quantities for each candidate; absent if a quantity has neither value nor default.
 
     `columns` (mapping of str to (candidates,)): quantities that vary.
     """

@@ -70,11 +70,11 @@ def make_leaking(leak: LeakLaw, boundary: Boundary) -> Callable[[Coefficients, S
 
     @physics
     def closer(c: Coefficients, at: Setting, s: Leaking) -> Leaking:
-        """Pressures and flows by the leakage at the pressures `s`; the error shrinks to some 1 % of it."""
+        """Pressures and flows by the leakage at the pressures `s`; one pass reduces the error to about 1 %."""
         guides, hole, x = c.plunger_needle.guides, c.control_chamber, c.control_chamber.z_inlet_fraction
         needle = leak(c, guides.needle_gap, s.accumulation, at.low).mass_flow
         total = s.z_hole + needle
-        # a loss of more than all pressure is that of a guide far too wide, whose needle does not stay closed
+        # a loss above the full pressure means a guide far too wide, whose needle does not stay closed
         loss = throttled * total * abs(total) / (2.0 * c.source.density * c.rail.throttle_cda2)
         inlet = max(at.rail - loss, at.low)
         pipe = needle + (1.0 - x) * s.z_hole

@@ -40,8 +40,8 @@ class NeedleMasses(NamedTuple):
 class Core(NamedTuple):
     """State of the servo injector between the pipes, all at one time, without plunger and needle; or its rates.
 
-    `outlet` is the pressure behind the valve [Pa] as if the liquid there could be stretched: what it lacks to the
-    vapour pressure stands for the liquid missing in a cavity.
+    `outlet` is the pressure downstream of the valve [Pa] as if the liquid there could be stretched: what it lacks to
+    the vapour pressure represents the liquid missing in a cavity.
     """
 
     solenoid: solenoid.State
@@ -54,7 +54,7 @@ class Core(NamedTuple):
 
 
 class DirectCore(NamedTuple):
-    """State of the direct-acting injector behind the pipe, without armature and needle; or its rates."""
+    """State of the direct-acting injector downstream of the pipe, without armature and needle; or its rates."""
 
     solenoid: solenoid.State
     fuel: NeedleMasses
@@ -121,7 +121,7 @@ def start_vector(variant: Variant, c: SharedCoefficients, s: Any, cells: Ints, a
 def typical_sizes(variant: Variant, start: Floats, cells: Ints, rail: float) -> Floats:
     """Typical size of each entry, for a solver's absolute tolerances.
 
-    `start`: the vector at rest, which gives those of the masses of fuel; `cells`: (2,) int; `rail`: rail pressure [Pa].
+    `start`: the vector at rest, which sets the sizes of the masses; `cells`: (2,) int; `rail`: rail pressure [Pa].
     """
     core: Any = core_of(variant).load(np.abs(start), make_frame(variant)(cells).core, 1)
     typical, flows = INJECTED

@@ -53,7 +53,7 @@ class Variant(_Wired):
     Raises
     ------
     ConfigurationError
-        If one is no such word, or a direct-acting injector is to be fed from a rail volume, or to have an A-hole.
+        If a word is unknown, or a direct-acting injector has a rail volume or a law of the A-hole.
     """
 
     __slots__ = ()
@@ -95,7 +95,7 @@ class Variant(_Wired):
             a_hole_law,
         )
 
-    _make = classmethod(lambda cls, values: cls(*values))  # type: ignore[assignment]  # so that `_replace` checks too
+    _make = classmethod(lambda cls, values: cls(*values))  # type: ignore[assignment]  # `_replace` checks too
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -148,11 +148,11 @@ EXTENDING = (
     "valve.seat_disc",
 )
 
-# Laws of other packages, by the field of a variant that names one: the group of the registry, and what it is.
+# Laws of other packages by the field of a variant that names them: group of the registry and description.
 INSTALLED_LAWS = {"nozzle_law": ("nozzle_laws", "nozzle law"), "a_hole_law": ("a_hole_laws", "law of the A-hole")}
 
 
-# What one variant alone needs is imported with it.
+# Modules that only one variant needs are imported with it.
 
 
 def model_of(actuation: Actuation) -> Any:
@@ -257,7 +257,7 @@ class Connections(NamedTuple):
 
 @functools.cache
 def connections_of(variant: Variant) -> Connections:
-    """Laws between the components of a variant, imported for the compiler: who runs a compiled kernel needs none."""
+    """Laws between the components of a variant; imported on demand: a compiled kernel needs none of them."""
     from commonrail.physics import connections, rest, step
 
     wired = wiring(variant)
@@ -288,7 +288,7 @@ def connections_of(variant: Variant) -> Connections:
     return Connections(step.make_step(laws), at_rest, connections.volumes_of, laws)
 
 
-# Inputs and parameters that a variant does not read, so that none is ignored in silence.
+# Inputs and parameters that a variant does not read; they are refused instead of being ignored.
 
 # Inputs of a step; cylinder pressure is read by all variants.
 RAIL, RETURN, DRIVE, COMMAND = "rail_pressure", "return_pressure", "drive", "command"

@@ -23,7 +23,7 @@ from commonrail.workers.task import Answer, Lost, Outcome, Package, Task, failur
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-# Deadlines for calls that have none of their own.
+# Deadlines for calls without their own.
 
 T = TypeVar("T")
 
@@ -62,13 +62,13 @@ class Missing(NamedTuple):
     """Answer of a worker that does not have the work."""
 
 
-_HELD: dict[str, Package] = {}  # on a worker; two, so that two studies on one cluster can take turns
+_HELD: dict[str, Package] = {}  # on a worker; two, for two studies that take turns on one cluster
 
 
 def perform_held(key: str, package: Package | None, argument: Any) -> Answer | Lost | Refused | Missing:
     """Answer of a task, on its worker, by the work that is given, or that was given before under its package's key.
 
-    Data of Dask's own would be lost with the workers that have them, and out of reach behind one that hangs. An error
+    Data of Dask's own would be lost with the workers that have them, and out of reach if one hangs. An error
     is returned: of those that Dask passes on, some do not arrive.
     """
     if package is not None:
@@ -250,7 +250,7 @@ _LEVELS: list[int] = []  # of the log, before each block that some thread is ins
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Silence of Dask's log: what went wrong is told in our own words."""
+    """Silence Dask's log: errors are reported in our own messages."""
     log = logging.getLogger("distributed")
     with _TURN:
         _LEVELS.append(log.level)
@@ -266,7 +266,7 @@ FETCH = 10.0  # how long to wait for a result that is said to be there [s]
 APPEAR = 30.0  # how long to wait for its first worker [s]
 REAPPEAR = 300.0  # how long to wait for another one when all are lost [s]
 FRESH = 1.0  # how long the workers are taken to be as they were [s]
-AHEAD = 2  # tasks submitted for each thread, so that none waits for the next one
+AHEAD = 2  # tasks submitted per thread, to keep it busy
 
 
 class Sent(NamedTuple):
@@ -284,10 +284,10 @@ class Cluster:
     """Workers of a Dask cluster.
 
     A worker that dies is Dask's to replace, and its tasks Dask's to repeat: a task is lost here once Dask gives it up.
-    A task that only certain workers may do is sent anew once these have gone: those that replace them have other
+    A task that only certain workers may do is sent again once these have gone: those that replace them have other
     addresses, and Dask would keep the task for ever.
     A worker that hangs is not noticed by Dask: if nothing at all has come back for as long as a task may take, the
-    workers that still have tasks are started anew, or dropped if they cannot be started.
+    workers that still have tasks are restarted, or dropped if that fails.
 
     Parameters, errors: see `Workers.cluster`.
     """
@@ -341,7 +341,7 @@ class Cluster:
             yield from self._after_silence(waited(start))
             return
         sent = self._open.pop(future, None)
-        if sent is None:  # withdrawn, and sent anew
+        if sent is None:  # cancelled, and sent again
             return
         self._silence = 0.0
         with quiet():  # Dask says what it could not gather, and has it done again
@@ -398,7 +398,7 @@ class Cluster:
         future.add_done_callback(self._done.put)
 
     def _shake(self) -> list[Task]:
-        """Start the workers anew that have our tasks; the tasks that they were at are lost, all others sent again."""
+        """Restart the workers that have our tasks; running tasks are lost, all others sent again."""
         threads = self._link.ask(lambda client: client.nthreads())
         keys_by_worker = self._link.ask(lambda client: client.processing())
         lost: set[Future[Any]] = set()
@@ -459,7 +459,7 @@ def _outcome(future: Future[Any]) -> Outcome | Missing:
         outcome = future.result(timeout=FETCH)
     except TimeoutError:
         return Lost(f"did not hand over what it had found within {FETCH:.0f} s")
-    except Exception as error:  # told in a sentence after some attempts
+    except Exception as error:  # reported after some attempts
         return failure(error)
     if isinstance(outcome, Refused):
         raise outcome.error

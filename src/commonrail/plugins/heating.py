@@ -1,4 +1,4 @@
-"""Temperatures of the fuel along its way, and their effect on the quantities: an estimate beside a simulation.
+"""Temperatures of the fuel along its way, and their effect on the quantities: an estimate in addition to a simulation.
 
 A simulation has one temperature. The slopes along a change of pressure without exchange of heat are those of
 thermodynamics,
@@ -34,7 +34,7 @@ from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.variants import Variant, connections_of
 
-_INTERVALS = 16  # of the way from rail pressure to zero: temperatures are exact to some 0.01 K
+_INTERVALS = 16  # of the way from rail pressure to zero: temperatures are exact to about 0.01 K
 _LENGTHS = ("plunger_needle.plunger_guide_length", "plunger_needle.needle_guide_length")
 _HALF_DIFFERENCE = 0.5  # K: of temperatures for the slope of density; third derivatives are negligible over it
 
@@ -119,14 +119,14 @@ class Heating:
     Attributes
     ----------
     rail : float
-        In the rail: that of the simulation, with adiabatic compression that behind the pump.
+        In the rail: the simulation's temperature; with adiabatic compression the one after the pump.
     control_chamber : float
-        Behind the Z-hole, mean of what leaves through the valve; NaN too where the solution has no return pressure,
-        as of the reference engine.
+        After the Z-hole, mean of the fuel that leaves through the valve; NaN also without a return pressure, as from
+        the reference engine.
     returned : float
-        Behind valve and guides, at the return pressure.
+        After valve and guides, at the return pressure.
     sac : float
-        Behind the needle's seat, mean of the injected mass.
+        After the needle's seat, mean of the injected mass.
     jet : float
         At the end of the nozzle's holes, where (c_d)² of the pressure drop is motion: a jet without contraction.
     injected : float
@@ -138,7 +138,7 @@ class Heating:
     limits : tuple of str
         Where the fuel would boil, and which holes cavitate, in words.
     effect : Effect or None
-        None where it is not asked for, or the control chamber's temperature is not known or above the fuel's range.
+        None if not requested, or if the control chamber's temperature is unknown or above the fuel's range.
     """
 
     rail: float
@@ -172,7 +172,7 @@ def heating(
     Parameters
     ----------
     injector, point, solution
-        What was simulated, and what came out of it.
+        Simulated injector and point, and their solution.
     effect : bool
         Simulate again, with the heat (`Effect`).
     time_step : float or str
@@ -207,7 +207,7 @@ def heating(
 
 
 def _refuse_other(point: OperatingPoint, solution: Solution) -> None:
-    """Refuse a solution whose length or rail pressure at rest is not that of the point."""
+    """Refuse a solution whose length or rail pressure at rest differs from the point's."""
     rail = solution.channels.get("rail_pressure", np.array([point.initial_pressures()[0]]))[0]
     for words, unit, stated, simulated, slack in (
         ("duration", "s", point.duration, float(np.ptp(solution.time)), 2.0 * float(np.diff(solution.time[:2])[0])),
@@ -227,7 +227,7 @@ class _Way(NamedTuple):
     temperatures: Floats
 
     def at(self, p: float) -> float:
-        """Temperature at a pressure [Pa]; above the rail's, in a wave, that of the rail; NaN for NaN."""
+        """Temperature at a pressure [Pa]; above rail pressure, in a wave, the rail's temperature; NaN for NaN."""
         return float(np.interp(p, self.pressures[::-1], self.temperatures[::-1])) if np.isfinite(p) else np.nan
 
 
@@ -244,7 +244,7 @@ def _way(injector: Injector, point: OperatingPoint) -> _Way:
 def _nozzle(
     fuel: Fuel, c: Any, point: OperatingPoint, solution: Solution, way: _Way
 ) -> tuple[float, float, float, tuple[str, ...]]:
-    """Temperatures behind seat, holes, and motion, means of the injected mass, and the limits that it meets."""
+    """Temperatures after seat, holes and the end of motion, means of the injected mass, and limits reached."""
     weight, channels = np.maximum(solution.mass_rate, 0.0), solution.channels
     sac, discharge = _middles(channels["sac_pressure"]), _middles(channels["discharge_coefficient"])
     cylinder = _middles(values_at(point.cylinder_pressure, solution.time))
@@ -333,7 +333,7 @@ def _effect(injector: Injector, point: OperatingPoint, estimate: Heating, step: 
 
 
 def beside(injector: Injector, point: OperatingPoint, solution: Solution, step: float | None) -> Beside:
-    """Figures and record beside a simulation; the figure says why where there is no estimate, whatever it fails by.
+    """Figures and record in addition to a simulation; without an estimate the figure says why, for any error.
 
     `step`: time step [s] of the simulations that give the effect; None for none.
     """
@@ -342,7 +342,7 @@ def beside(injector: Injector, point: OperatingPoint, solution: Solution, step: 
         return Beside((("fuel temperatures", text),), {"heating": None})
     try:
         estimate = heating(injector, point, solution, effect=step is not None, time_step=step or DEFAULT_STEP)
-    except Exception as error:  # an estimate beside a simulation never costs the simulation
+    except Exception as error:  # a failed estimate must not cost the simulation
         text = f"not estimated: {error if isinstance(error, CommonrailError) else repr(error)}"
         return Beside((("fuel temperatures", text),), {"heating": None})
     return Beside(tuple(_figures(estimate)), {"heating": estimate.record()})
@@ -357,8 +357,8 @@ def _figures(estimate: Heating) -> Iterator[tuple[str, str]]:
     }
     texts = [f"{_celsius(value)} {name}" for name, value in parts.items() if np.isfinite(value)]
     if np.isfinite(estimate.jet):
-        texts.append(f"{_celsius(estimate.jet)} in the jet, {_celsius(estimate.injected)} once its motion is heat")
-    note = "; above the fuel's range, whose properties are held" if estimate.beyond else ""
+        texts.append(f"{_celsius(estimate.jet)} in the jet, {_celsius(estimate.injected)} after the jet has stopped")
+    note = "; above the fuel data, held constant" if estimate.beyond else ""
     yield "fuel temperatures", ", ".join(texts) + note
     if estimate.effect is not None:
         injected, returned = (signed(100.0 * value, 1) for value in estimate.effect[:2])

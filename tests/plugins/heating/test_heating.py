@@ -161,7 +161,7 @@ def test_simulate_shows_and_records_it(command: Command) -> None:
     asked = ("simulate", "virtual-lino-2016", "--rail-pressure", "120MPa", "--energising-time", "500us")
     shown = command(*asked)
     assert shown.status == 0, shown.err
-    assert "once its motion is heat" in shown.out
+    assert "fuel temperatures" in shown.out
     heat = command(*asked, "--json").record["heating"]
     assert heat["returned"] > heat["control_chamber"] > heat["rail"]
     assert heat["effect"]["returned"] > 0.0

@@ -1,6 +1,6 @@
 """Friction of plunger and needle in their guides: F = −v (c_v + F_c/(|v| + v_0)), on mass 1 and on mass 7.
 
-The viscous part stands for the oil film, the dry part for lateral forces; v_0 rounds the dry part at standstill, so
+The viscous part models the oil film, the dry part lateral forces; v_0 rounds the dry part at standstill, so
 that a needle at rest is not held. The rigid body carries both. The paper neglects it.
 
 The virtual test bench rounds otherwise (`bench_friction`), and on any mass: on purpose. Its truth must be none that a
@@ -15,7 +15,7 @@ from commonrail.physics.components import plunger_needle, rigid_body
 from commonrail.physics.components.plunger_needle import Coefficients, Guides, Loads, Nine, SeatContact
 from commonrail.physics.law import physics
 
-ROUNDED = 0.01  # v_0 [m/s]: half of the dry friction acts at this speed; 76 % of that of the bench
+ROUNDED = 0.01  # v_0 [m/s]: half of the dry friction acts at this speed; 76 % of the bench's value
 
 
 @physics
@@ -64,7 +64,7 @@ def advance_chain(
 
 @physics
 def with_guided(x: Nine, top: float, head: float) -> Nine:
-    """Velocities of the chain [m/s] with those of the guided masses 1 and 7 replaced; positions alike.
+    """Velocities of the chain [m/s] with the guided masses 1 and 7 replaced; used for positions too.
 
     `x`: velocities [m/s]; `top`, `head`: of mass 1 and of mass 7 [m/s].
     """

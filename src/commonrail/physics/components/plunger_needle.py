@@ -362,7 +362,7 @@ def forces(c: Coefficients, z: Nine, v: Nine, load: Loads) -> Nine:
 
 @physics
 def with_ends(f: Nine, top: float, tip: float) -> Nine:
-    """Forces [N] with those on the ends, where stop and seat act, replaced; gains of velocity alike.
+    """Forces [N] with the ends replaced, where stop and seat act; used for gains of velocity too.
 
     `f`: forces on the masses [N]; `top`: force on mass 1 [N]; `tip`: force on mass 9 [N].
     """
@@ -443,7 +443,7 @@ Positions = Nine
 
 @physics
 def lifts(z: Nine) -> Motion:
-    """Lifts at top, shoulder and tip. Also their velocities [m/s], from those of the masses; `z`: positions [m]."""
+    """Lifts at top, shoulder and tip. Also velocities [m/s], from velocities of the masses; `z`: positions [m]."""
     return Motion(z.i1, z.i8, z.i9)
 
 

@@ -53,7 +53,7 @@ Positions = float
 
 @physics
 def lifts(z: float) -> Motion:
-    """Lifts at top, shoulder and tip: all equal. Also their velocities [m/s], from that of the body; `z`: lift [m]."""
+    """Lifts at top, shoulder and tip: all equal. Also velocities [m/s], from the body's velocity; `z`: lift [m]."""
     return Motion(z, z, z)
 
 

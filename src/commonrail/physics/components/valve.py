@@ -108,7 +108,7 @@ def film_of(disc: float, thickness: float, viscosity: float) -> Film:
 
 @physics
 def no_film(c: Coefficients, s: State) -> float:
-    """Damping coefficient of a valve that squeezes no fuel [N s/m]; signature as of `film_damping`."""
+    """Damping coefficient of a valve that squeezes no fuel [N s/m]; same signature as `film_damping`."""
     return 0.0
 
 

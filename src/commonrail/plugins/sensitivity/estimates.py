@@ -162,7 +162,7 @@ def morris_effects(
 
 
 def _means(weights: Floats, columns: Floats) -> Floats:
-    """Weighted means (resamples, columns) of what is there."""
+    """Weighted means (resamples, columns) of the finite values."""
     present = np.isfinite(columns)
     sums = weights @ np.where(present, columns, 0.0)
     if present.all():

@@ -151,7 +151,7 @@ def _check(space: Space, injector: Injector, study: Study | None) -> None:
 
 
 def _objective(study: Study, space: Space, computing: Computing) -> Objective:
-    """J of the fitted data, without the priors: they are not a part of what was measured."""
+    """J of the fitted data, without the priors, which are not measured."""
     return Objective(
         study.injector,
         space.names,
@@ -219,7 +219,7 @@ def _radial(a: Floats, b: Floats) -> Floats:
 def _evaluate_design(
     model: Model, space: Space, design: _Design, report: Callable[[int], object]
 ) -> tuple[Evaluated, Floats]:
-    """Outputs of all candidates, and for each output the mean position of the failed ones less that of all."""
+    """Outputs of all candidates, and for each output the mean position of failed candidates minus the mean of all."""
     values, codes, done = [], [], 0
     outputs, d = len(model.outputs), space.dimension
     failed, sums, everything = np.zeros(outputs), np.zeros((outputs, d)), np.zeros(d)

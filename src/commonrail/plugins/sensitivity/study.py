@@ -57,7 +57,7 @@ def reason(code: int) -> str:
 
 
 class Output(NamedTuple):
-    """Quantity whose sensitivity is asked for: name, SI unit, meaning, and operating point as text, if it has one."""
+    """Output of a sensitivity study: name, SI unit, meaning, and operating point as text, if it has one."""
 
     name: str
     unit: str
@@ -66,7 +66,7 @@ class Output(NamedTuple):
 
 
 class Evaluated(NamedTuple):
-    """Values (candidates, outputs) of candidates, NaN where there is none, and their codes, OK where there is one."""
+    """Values (candidates, outputs) of candidates, NaN if absent, and their codes, OK if present."""
 
     values: Floats
     codes: Codes
@@ -105,7 +105,7 @@ class Features:
     injector : Injector
         Gives the values that do not vary.
     names : sequence of str
-        Columns of the candidates; those that are no parameters of the injector, such as a meter's, are ignored.
+        Columns of the candidates; others than parameters of the injector, such as a meter's, are ignored.
     points : sequence of OperatingPoint
     features : sequence of Feature
     computing : Computing
@@ -206,7 +206,7 @@ COUNTED = ("nozzle.holes", "solenoid.turns", "solenoid.air_gaps")  # whole numbe
 
 
 def default_names(injector: Injector) -> tuple[str, ...]:
-    """Parameters that a study varies unless told otherwise: all read ones but zeros, counts and temperature."""
+    """Parameters that a study varies by default: all read ones but zeros, counts and temperature."""
     unread = unread_parameters(injector.variant)
     return tuple(
         name

@@ -41,7 +41,7 @@ VOLUME, RATE, OPENING = (0.3, 0.1), (1.0, 0.4), 0.3
 
 @dataclass(frozen=True)
 class Run:
-    """One injection with one energising by the program outside; the horizon of the point is that of the rate.
+    """One injection with one energising by the program outside; the point's horizon is the end of the rate.
 
     Injected volume [m³], instant at which the tip passes 5 um [s], and rate (samples,) as means over `INTERVAL` each
     [m³/s], where they are known.

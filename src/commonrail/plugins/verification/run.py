@@ -49,7 +49,7 @@ class Difference(NamedTuple):
 
 
 class Compared(NamedTuple):
-    """Outcome of a task: single simulations in f64, and in f32 if it was asked for, against the reference.
+    """Outcome of a task: single simulations in f64, and optionally in f32, against the reference.
 
     `volume` is injected by the reference [m³], `gap` by the fast engine less that [m³], `batch` by `simulate_batch`
     less that of `simulate` [m³]; NaN where one has failed. `sensitivity` is the change of the injected volume [%] per 1
@@ -127,7 +127,7 @@ def verify(
     processes: int | None = None,
     quick: bool = False,
 ) -> list[Check]:
-    """Check the fast engine against the reference and both against what is known otherwise.
+    """Check the fast engine against the reference and both against independent figures.
 
     The injector is flexible, fed by an ideal rail and driven by PWM or regulator: the catalogue's "virtual-lino-2016".
     The injectors of the catalogue and figures of a program outside the project are compared too. `progress` is told
@@ -185,7 +185,7 @@ def _rate_checks(group: str, limits: RateLimits, differences: Sequence[Differenc
 def _volume_check(group: str, limit: VolumeLimit, members: Sequence[tuple[Task, Compared]]) -> Check:
     shares = np.array([100.0 * abs(comparison.gap) / limit.of(comparison.volume) for _, comparison in members])
     shares = np.where(np.isnan(shares), np.inf, shares)
-    # the largest of those that must keep the limit
+    # the largest among the share that must keep the limit
     k = int(np.argsort(shares)[math.ceil(limit.share * len(shares)) - 1])
     task, worst = members[k]
     some = sum(comparison.volume > INJECTS for _, comparison in members)

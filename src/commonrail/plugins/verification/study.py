@@ -85,7 +85,7 @@ class Task(NamedTuple):
     """One comparison of the engines.
 
     Checks are named by the group, whose members have the same limits; `single` is the group of the same run in single
-    precision, empty if there is none; `method` is that of the reference.
+    precision, or empty; `method` is the reference's method.
     """
 
     group: str
