@@ -187,10 +187,10 @@ class Project:
 
     def _numbered(self, stem: str, file: str) -> list[Path]:
         parent, _, prefix = stem.rpartition("/")
-        found = (
+        paths = (
             p for p in (self.folder / parent).glob(f"{prefix}-*/{file}") if p.parent.name[len(prefix) + 1 :].isdecimal()
         )
-        return sorted(found, key=lambda p: -int(p.parent.name.rpartition("-")[2]))
+        return sorted(paths, key=lambda p: -int(p.parent.name.rpartition("-")[2]))
 
     def _free(self, stem: str) -> str:
         numbers = [1]
@@ -218,9 +218,9 @@ class Project:
             else:
                 forms += [text for text in form if text not in forms]
             sources[name] = source
-        named = [text for source in sources.values() for text in ("--from", source)]
+        from_options = [text for source in sources.values() for text in ("--from", source)]
         bench = [text for key, value in self.state["bench"].items() if value for text in (f"--{key}", value)]
-        record = await self.run("new", folder, "--injector", "injector.toml", *named, *bench, *forms, "--json")
+        record = await self.run("new", folder, "--injector", "injector.toml", *from_options, *bench, *forms, "--json")
 
         def change(document: Any) -> None:
             for block in document["data"]:

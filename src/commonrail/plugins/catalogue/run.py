@@ -47,11 +47,13 @@ def catalogue(section: Section | None = None, search: str = "") -> Entries:
     """
     from commonrail.readers.part_number import find_part
 
-    chosen = list(Section) if section is None else [Section(section)]
-    parts = find_part(search) if Section.INJECTORS in chosen and part_digits(search) else ()
-    named = {part.injector for part in parts}
-    found = {s.value: [e for e in _ENTRIES[s]() if _matches(e, search) or e["name"] in named] for s in chosen}
-    return Entries(found, tuple(parts))
+    sections = list(Section) if section is None else [Section(section)]
+    parts = find_part(search) if Section.INJECTORS in sections and part_digits(search) else ()
+    listed_injectors = {match.injector for match in parts}
+    entries = {
+        s.value: [e for e in _ENTRIES[s]() if _matches(e, search) or e["name"] in listed_injectors] for s in sections
+    }
+    return Entries(entries, tuple(parts))
 
 
 def _fuels() -> list[dict[str, Any]]:
@@ -89,7 +91,9 @@ def _features() -> list[dict[str, Any]]:
             "unit": feature.unit,
             "meaning": feature.meaning,
             "found in": " and ".join(
-                word for word, found in (("traces", feature.of_trace), ("simulations", feature.of_simulation)) if found
+                word
+                for word, is_available in (("traces", feature.of_trace), ("simulations", feature.of_simulation))
+                if is_available
             ),
         }
         for feature in known_features().values()
@@ -98,13 +102,13 @@ def _features() -> list[dict[str, Any]]:
 
 def _sound(load: Callable[[str], _Found], names: Sequence[str]) -> dict[str, _Found]:
     """Files that can be loaded, by name; one of an installed package that cannot be is named in a warning."""
-    found = {}
+    injectors = {}
     for name in names:
         try:
-            found[name] = load(name)
+            injectors[name] = load(name)
         except CommonrailError as error:
             note(f"commonrail: {error}")
-    return found
+    return injectors
 
 
 def _parameters() -> list[dict[str, Any]]:

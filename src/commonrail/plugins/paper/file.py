@@ -138,7 +138,7 @@ def reproduction_record(reproduction: Reproduction, quick: bool = False) -> dict
         "claims": [c._asdict() | {"interval": list(c.interval)} for c in claims(f)],
         "shown_seed": f.seeds[0],
         "seconds": reproduction.seconds,
-        "simulations": sum(found.injections for r in f.repetitions for found in r.searches),
+        "simulations": sum(search.injections for r in f.repetitions for search in r.searches),
     }
 
 
@@ -214,9 +214,9 @@ _READINGS = {
 
 
 def _treatment(f: Figures, t: study.TreatmentCase) -> dict[str, Any]:
-    found = [r.treatments[t.name] for r in f.repetitions]
-    simulated = np.array([x.counts.simulated for x in found])
-    costs = [x.cost for x in found]
+    results = [r.treatments[t.name] for r in f.repetitions]
+    simulated = np.array([x.counts.simulated for x in results])
+    costs = [x.cost for x in results]
     return {
         "name": t.name,
         "text": t.text,
@@ -268,8 +268,8 @@ def _meter(f: Figures) -> list[dict[str, Any]]:
     searches |= {label: [r.metered[label] for r in f.repetitions] for label in METERED}
     texts = {"none": "none, as in the paper"} | METERED
     rows, symbols = [], [p.name.rpartition(".")[2] for p in f.space.parameters]
-    for label, found in searches.items():
-        x, js = np.array([one.x for one, _ in found]), np.array([j for _, j in found])
+    for label, metered in searches.items():
+        x, js = np.array([search.x for search, _ in metered]), np.array([j for _, j in metered])
         stiffness = {k: {"values": numbers(x[:, i]), **_spread(x[:, i])} for i, k in enumerate(symbols)}
         rows.append(
             {
@@ -283,9 +283,9 @@ def _meter(f: Figures) -> list[dict[str, Any]]:
     return rows
 
 
-def _each(found: dict[str, dict[str, Floats]], make: Callable[[Floats], Any]) -> dict[str, dict[str, Any]]:
+def _each(values_by_name: dict[str, dict[str, Floats]], make: Callable[[Floats], Any]) -> dict[str, dict[str, Any]]:
     """Results of a function of the arrays of each data set and label."""
-    return {name: {label: make(values) for label, values in models.items()} for name, models in found.items()}
+    return {name: {label: make(values) for label, values in models.items()} for name, models in values_by_name.items()}
 
 
 def _spread(values: ArrayLike) -> Mapping[str, float | None]:

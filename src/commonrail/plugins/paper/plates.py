@@ -67,11 +67,11 @@ def _sheet(size: tuple[float, float]) -> Sheet:
 
 def _entries(panels: Sequence[Axes]) -> tuple[list[Any], list[str]]:
     """Handles and texts of a legend, each text once."""
-    found: dict[str, Any] = {}
+    handles: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            found.setdefault(label, handle)
-    return list(found.values()), list(found)
+            handles.setdefault(label, handle)
+    return list(handles.values()), list(handles)
 
 
 def printed(sheets: Mapping[str, Callable[[], Sheet]]) -> dict[str, bytes]:
