@@ -84,7 +84,7 @@ class Preview:
         self._process = None
 
 
-def _drawn(values: Any, count: int = MOST_SAMPLES) -> list[float | None]:
+def _thin_out(values: Any, count: int = MOST_SAMPLES) -> list[float | None]:
     """Means of neighbours, so that a curve has at most `count` values; None where there is none."""
     values = np.asarray(values, dtype=float)
     width = -(-len(values) // count)
@@ -101,9 +101,9 @@ def _compare(data: Any, simulated: Any) -> dict[str, Any]:
     if data.kind == "rate":
         middle = 0.5e6 * (data.bounds[1:] + data.bounds[:-1])
         return answer | {
-            "time": _drawn(middle),
-            "measured": _drawn(measured * 1e6),
-            "simulated": _drawn(simulated * 1e6),
+            "time": _thin_out(middle),
+            "measured": _thin_out(measured * 1e6),
+            "simulated": _thin_out(simulated * 1e6),
         }
     rows = []
     if len(data.points) == len(measured) and "quantities" in data.kind:

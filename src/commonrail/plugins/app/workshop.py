@@ -204,7 +204,7 @@ class Workshop:
                 self.row(row)
         with ui.element("div").classes("two"):
             self.cause(self.record.get("diagnosis") or {})
-            self.further(self.record.get("diagnosis") or {}, self.record.get("trim") or {})
+            self.show_next_test_and_trim(self.record.get("diagnosis") or {}, self.record.get("trim") or {})
 
     def row(self, row: dict[str, Any]) -> None:
         """One test in its band."""
@@ -254,7 +254,7 @@ class Workshop:
                         bar.props('aria-hidden="true"')
                         ui.label(f"{100 * candidate['probability']:.0f} %").classes("number")
 
-    def further(self, diagnosis: dict[str, Any], trim: dict[str, Any]) -> None:
+    def show_next_test_and_trim(self, diagnosis: dict[str, Any], trim: dict[str, Any]) -> None:
         """The next test, and the trim."""
         with ui.card().classes("box"):
             if tests := diagnosis.get("next"):

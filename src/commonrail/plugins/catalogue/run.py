@@ -59,7 +59,7 @@ def catalogue(section: Section | None = None, search: str = "") -> Entries:
 def _fuels() -> list[dict[str, Any]]:
     from commonrail.readers.fuel import fuel_catalogue, load_fuel
 
-    fuels = _sound(load_fuel, fuel_catalogue()).values()
+    fuels = _load_all(load_fuel, fuel_catalogue()).values()
     return [{"name": f.name, "title": f.title, "mark": f.mark, "source": f.source} for f in fuels]
 
 
@@ -68,7 +68,7 @@ def _injectors() -> list[dict[str, Any]]:
 
     return [
         {"name": name, "title": i.title, "variant": i.variant.label, "synthetic": i.synthetic}
-        for name, i in _sound(load_injector, injector_catalogue()).items()
+        for name, i in _load_all(load_injector, injector_catalogue()).items()
     ]
 
 
@@ -78,7 +78,7 @@ def _meters() -> list[dict[str, Any]]:
 
     return [
         {"name": name, "law": f"{m.law.value}, order {m.order}", "quantities": ", ".join(m.values)}
-        for name, m in _sound(installed_meter, list(registry.installed("meters"))).items()
+        for name, m in _load_all(installed_meter, list(registry.installed("meters"))).items()
     ]
 
 
@@ -100,7 +100,7 @@ def _features() -> list[dict[str, Any]]:
     ]
 
 
-def _sound(load: Callable[[str], _Found], names: Sequence[str]) -> dict[str, _Found]:
+def _load_all(load: Callable[[str], _Found], names: Sequence[str]) -> dict[str, _Found]:
     """Files that can be loaded, by name; one of an installed package that cannot be is named in a warning."""
     injectors = {}
     for name in names:

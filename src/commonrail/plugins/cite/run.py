@@ -251,7 +251,7 @@ def references_of(uses: Sequence[Use]) -> list[Reference]:
     for note, use in notes.items():
         key = re.sub(r"\W+", "-", f"{use.kind.split()[0]}-{use.name}").strip("-")
         title = use.name if use.kind == "package" else f"{use.kind}: {use.name}"
-        references.append(Reference(key, "misc", {"title": _escaped(title), "note": _escaped(note)}))
+        references.append(Reference(key, "misc", {"title": _escape(title), "note": _escape(note)}))
     return list({reference.key: reference for reference in references}.values())
 
 
@@ -263,7 +263,7 @@ def _tool(use: Use) -> Reference:
     return Reference("commonrail", "software", fields | {"note": f"Licence {about['License-Expression']}"})
 
 
-def _escaped(text: str) -> str:
+def _escape(text: str) -> str:
     """Text of a BibTeX field, without what LaTeX would read as commands."""
     return re.sub(r"([&%#_$])", r"\\\1", re.sub(r"[{}\\]", "", text))
 

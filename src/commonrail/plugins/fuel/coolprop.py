@@ -15,7 +15,7 @@ from commonrail.physics import fuel_kernel
 from commonrail.physics.fuel import Fuel, coefficient, log_compression, scaled_temperature
 from commonrail.physics.fuel_polynomials import fuel_coefficients
 from commonrail.plugins.fuel.file import document
-from commonrail.plugins.fuel.run import FittedFuel, FittedLaw, heat_capacity_law, modulus_law, rounded_up, viscosity_law
+from commonrail.plugins.fuel.run import FittedFuel, FittedLaw, heat_capacity_law, modulus_law, round_up, viscosity_law
 from commonrail.readers.fuel import parse_fuel
 
 LIMITS = {"density": 1e-3, "sound_speed": 5e-3, "kinematic_viscosity": 3e-2}
@@ -106,7 +106,7 @@ def fit_pure_fuel(
     the laws miss it by more than `LIMITS`.
     """
     fluid = Fluid(name, pressure, temperature)
-    fit = _fitted(fluid, pressure, temperature)
+    fit = _fit_laws(fluid, pressure, temperature)
     source = (
         f"fitted to CoolProp {fluid.version}, {name}, from {quantity_range(*pressure, 'Pa')} and "
         f"{quantity_range(*temperature, 'K')}"
@@ -117,15 +117,13 @@ def fit_pure_fuel(
     with np.errstate(all="ignore"):  # laws that are no numbers are refused
         deviations = {prop: _largest(values / true[prop] - 1.0, p, t) for prop, values in _laws(fuel, p, t).items()}
     _refuse_inaccurate(f"{name}: over this range the law misses", deviations)
-    simulated = {prop: _largest(values / true[prop] - 1.0, p, t) for prop, values in _simulated(fuel, p, t).items()}
+    simulated = {prop: _largest(values / true[prop] - 1.0, p, t) for prop, values in _simulate(fuel, p, t).items()}
     _refuse_inaccurate(f"{name}: over this range the polynomial of a simulation misses", simulated)
-    laws = tuple(
-        law._replace(error=rounded_up(np.array([law.error, deviations[law.table].largest]))) for law in fit.laws
-    )
+    laws = tuple(law._replace(error=round_up(np.array([law.error, deviations[law.table].largest]))) for law in fit.laws)
     return fit._replace(laws=laws), {prop: deviation.largest for prop, deviation in simulated.items()}, source
 
 
-def _fitted(fluid: Fluid, pressure: tuple[float, float], temperature: tuple[float, float]) -> FittedFuel:
+def _fit_laws(fluid: Fluid, pressure: tuple[float, float], temperature: tuple[float, float]) -> FittedFuel:
     """Laws fitted to a fluid, at pressures that are dense at both ends."""
     spread = pressure[0] + (pressure[1] - pressure[0]) * (0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, _PRESSURES)))
     levels = np.linspace(*temperature, _TEMPERATURES)
@@ -163,7 +161,7 @@ def _laws(fuel: Fuel, p: Floats, temperature: Floats) -> dict[str, Floats]:
     }
 
 
-def _simulated(fuel: Fuel, p: Floats, temperature: Floats) -> dict[str, Floats]:
+def _simulate(fuel: Fuel, p: Floats, temperature: Floats) -> dict[str, Floats]:
     """Properties by the polynomials of the hot loop (temperatures, pressures), those with `LIMITS`."""
     properties = np.empty((len(LIMITS), len(temperature), len(p)))
     for i, f in enumerate(fuel_coefficients(fuel, level) for level in temperature.tolist()):

@@ -118,7 +118,7 @@ def heat_capacity_law(temperature: Floats, heat_capacity: Floats, degree: int) -
     """Polynomial in temperature for isobaric heat capacities (n,) [J/(kg K)]."""
     line = np.polynomial.polynomial.Polynomial.fit(scaled_temperature(temperature), heat_capacity, degree).convert()
     coefficients = [float(f"{value:.9g}") for value in line.coef]
-    error = rounded_up(np.abs(coefficient(coefficients, temperature) / heat_capacity - 1.0))
+    error = round_up(np.abs(coefficient(coefficients, temperature) / heat_capacity - 1.0))
     return FittedLaw("heat_capacity", "J/(kg K)", {"isobaric": coefficients}, error)
 
 
@@ -160,8 +160,8 @@ def _density_and_modulus(path: Path, c: dict[str, Floats], levels: Sequence[Inde
         ends = [(rows[np.argmin(p[rows])], rows[np.argmax(p[rows])]) for rows in levels]
         law = density * (1.0 + of_density)
         error = np.abs([(law[b] - law[a]) / (density[b] - density[a]) - 1.0 for a, b in ends])
-    density_law = FittedLaw("density", "kg/m3", {"at_zero_pressure": parts[0]}, rounded_up(np.abs(of_density)))
-    return [density_law, _law("bulk_modulus", "MPa", (parts[1:], rounded_up(error)), k2=True)]
+    density_law = FittedLaw("density", "kg/m3", {"at_zero_pressure": parts[0]}, round_up(np.abs(of_density)))
+    return [density_law, _law("bulk_modulus", "MPa", (parts[1:], round_up(error)), k2=True)]
 
 
 def _law(table: str, unit: str, solution: tuple[list[list[float]], float], k2: bool = False) -> FittedLaw:
@@ -203,10 +203,10 @@ def _least_squares(
     except ValueError as error:  # values of other orders of magnitude: the slopes overflow
         raise InputError("No law of a fuel comes near these values; check the units of the columns.") from error
     x = np.array([float(f"{value:.9g}") for value in solution.x.tolist()])
-    return polynomials(x), rounded_up(np.abs(residual(x)))
+    return polynomials(x), round_up(np.abs(residual(x)))
 
 
-def rounded_up(deviations: Floats) -> float:
+def round_up(deviations: Floats) -> float:
     """Largest of deviations, with two digits."""
     worst = float(np.max(deviations))
     unit = 10.0 ** (np.floor(np.log10(worst)) - 1.0) if worst > 0.0 else 1.0

@@ -197,14 +197,14 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
         (place / "data").mkdir()
         copies = [_copy(path, place / "data" / path.name) for path in sources]
         if injector.endswith(".toml") or "@" in injector:  # a study takes no variant
-            copies.append(_copied_injector(injector, model, place / "injector.toml"))
+            copies.append(_copy_injector(injector, model, place / "injector.toml"))
             injector = "injector.toml"
         study = place / "study.toml"
         noted = {key: text for surveyed in surveys if surveyed.found for key, text in surveyed.found.notes.items()}
         bench = {key: stated.pressures.get(key) or noted.get(key, UNKNOWN) for key in _BENCH}
         read = [key for key in _BENCH if key in noted and not stated.pressures.get(key)]
         trial = _Trial(model, [bench | block for block in blocks], study)
-        free, delay, doubts = free_by_name or trial.screened(), trial.delay(), trial.doubted_units(surveys)
+        free, delay, doubts = free_by_name or trial.screen_parameters(), trial.delay(), trial.doubted_units(surveys)
         for curve in delay.curves if delay else ():
             blocks[trial.block_of(curve.name)]["meter"] = BENCH
         warmth = _temperature_lines(model, noted.get("fuel_temperature", ""))
@@ -329,7 +329,7 @@ def _rises(sheet: Sheet, name: str, share: float) -> Floats:
     return np.asarray(0.5 * (time[rising] + time[rising + 1]))
 
 
-def _copied_injector(source: str, model: Injector, target: Path) -> Path:
+def _copy_injector(source: str, model: Injector, target: Path) -> Path:
     """Copy of an injector's file; of a variant, or where it refers to other files, one with all values."""
     document = read_toml(Path(source))[0] if source.endswith(".toml") else {}
     if not document or str(document.get("base", "")).endswith(".toml") or "file" in document.get("fuel", {}):
@@ -351,13 +351,13 @@ class _Trial:
         self.sets: list[tuple[int, DataSet]] = []
         for i in range(len(blocks)):
             try:
-                self.sets += [(i, data) for data in self._read(i)]
+                self.sets += [(i, data) for data in self._read_block(i)]
             except CommonrailError as error:  # who reads the study gets it too
                 self.error = final_text(str(error), study.parent)
 
-    def _read(self, i: int) -> list[DataSet]:
+    def _read_block(self, i: int) -> list[DataSet]:
         """Data sets of a block, none if it states no operating points."""
-        assumed = _assumed(self.blocks[i])
+        assumed = _assume_open_values(self.blocks[i])
         if open_keys(assumed):
             return []
         kind = kind_of(self.blocks[i]["kind"])
@@ -365,7 +365,7 @@ class _Trial:
         with quiet():  # who reads the study gets its notes
             return list(kind.read_all(read_model(kind.model, assumed, context.at), context))
 
-    def screened(self) -> list[Parameter]:
+    def screen_parameters(self) -> list[Parameter]:
         """Parameters to free, by a screening at the points of the data that state them; none if there are no such data.
 
         A map that has more points than a screening takes is screened on a part of its pressures and times.
@@ -430,10 +430,10 @@ def _thin(data: DataSet, most: int) -> DataSet:
     return data
 
 
-def _assumed(keys: Mapping[str, Any]) -> dict[str, Any]:
+def _assume_open_values(keys: Mapping[str, Any]) -> dict[str, Any]:
     """Keys with substitutes for what is open, where the screening has one."""
     return {
-        key: _assumed(value)
+        key: _assume_open_values(value)
         if isinstance(value, Mapping)
         else _SUBSTITUTES.get(key, value)
         if value == UNKNOWN

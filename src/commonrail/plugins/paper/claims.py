@@ -110,7 +110,7 @@ def _best_configuration(f: Figures) -> Claim:
     at = study.CONFIGURATIONS.index(study.BEST)
     medians = np.median(means, axis=1)
     first = study.CONFIGURATIONS[int(np.argmin(medians))]
-    verdict, test = _compared(means, at)
+    verdict, test = _compare(means, at)
     figure = (
         f"median of the mean J {medians[at]:.1f}; lowest {medians.min():.1f} "
         f"at ({first.generations}, {first.members}); {test}"
@@ -118,7 +118,7 @@ def _best_configuration(f: Figures) -> Claim:
     return judged("best-configuration", figure, np.argmin(means, axis=0) == at, verdict=verdict)
 
 
-def _compared(means: Floats, at: int) -> tuple[ClaimVerdict, str]:
+def _compare(means: Floats, at: int) -> tuple[ClaimVerdict, str]:
     """True if row `at` of (configurations, seeds) is the lowest, by tests over the seeds."""
     from scipy.stats import friedmanchisquare, wilcoxon  # slow to import
 

@@ -144,7 +144,7 @@ def reproduction_record(reproduction: Reproduction, quick: bool = False) -> dict
 
 def _table1(f: Figures, bench: cr.lab.Bench) -> list[dict[str, Any]]:
     values = np.array([r.best.x for r in f.repetitions])
-    true = bench.truth.hidden(bench.injector).values
+    true = bench.truth.hide_truth(bench.injector).values
     rows = []
     for i, p in enumerate(f.space.parameters):
         errors = [e["standard_error"] for e in f.certainty(i) if e["standard_error"] is not None]
@@ -157,7 +157,7 @@ def _table1(f: Figures, bench: cr.lab.Bench) -> list[dict[str, Any]]:
                 "unit": p.unit,
                 "theoretical": p.reference,
                 "paper": optimal,
-                **_searched(p, values[:, i]),
+                **_summarise_search(p, values[:, i]),
                 "paper_change": optimal / p.reference - 1.0,
                 "change": _spread(f.change[:, i]),
                 "verdicts": f.verdicts(i),
@@ -180,13 +180,13 @@ def _rigid_fit(f: Figures) -> list[dict[str, Any]]:
             "unit": p.unit,
             "meaning": meanings[p.name].meaning,
             "drawing": p.reference,
-            **_searched(p, values[:, i]),
+            **_summarise_search(p, values[:, i]),
         }
         for i, p in enumerate(f.rigid_space.parameters)
     ]
 
 
-def _searched(p: cr.Parameter, values: Floats) -> dict[str, Any]:
+def _summarise_search(p: cr.Parameter, values: Floats) -> dict[str, Any]:
     """Bounds of a parameter and what was found over the seeds."""
     return {"lower": p.lower, "upper": p.upper, "values": numbers(values), **_spread(values)}
 

@@ -236,7 +236,7 @@ def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plate
         tiles=_tiles(record),
         first=drawn[2] if len(drawn) > 2 else None,
         counted=verdicts(record),
-        groups=_grouped(record["claims"]),
+        groups=_group_claims(record["claims"]),
         table1=table1(record),
         table3=table3(record),
         models=[table(record) for table in MODEL_TABLES],
@@ -260,7 +260,7 @@ GROUPS = {
 ORDERING, FITTED = "ordering-", "ordering-fitted-"
 
 
-def _grouped(claims: list[Record]) -> list[tuple[str, list[dict[str, str]]]]:
+def _group_claims(claims: list[Record]) -> list[tuple[str, list[dict[str, str]]]]:
     """Claims by group, those of none at the end."""
     groups: dict[str, list[dict[str, str]]] = {group: [] for group in (*GROUPS, "Others")}
     for claim in claims:
@@ -279,7 +279,7 @@ def _seeds(claims: list[Record]) -> str:
     return f"{' · '.join(str(c['true_in']) for c in claims)} of {max(c['of'] for c in claims)}"
 
 
-def _kept(record: Record) -> str:
+def _describe_gains_kept(record: Record) -> str:
     gains = [number(gain["gain_kept"]["median"]) for gain in record["overfitting"].values()]
     return " · ".join(f"{percent(gain, 0)} %" for gain in gains if gain is not None)
 
@@ -297,7 +297,7 @@ def meaning(record: Record) -> list[str]:
         sentences.append(
             f"The order of the models, optimised before theoretical before rigid body, came out in {_seeds(drawn)} "
             f"seeds at {names}, and in {_seeds(fitted)} where the rigid body is fitted too; on the unseen curves the "
-            f"fit keeps {_kept(record)} of the gain that is possible."
+            f"fit keeps {_describe_gains_kept(record)} of the gain that is possible."
         )
     covered, intervals = _totals(record, "covered", "intervals")
     verdicts = [k["verdicts"] for k in record["table1"]]
@@ -333,7 +333,11 @@ def _tiles(record: Record) -> list[Tile]:
     order = [Tile("order of the models", _seeds(drawn), "seeds, as in the paper", worst)] if drawn else []
     return [
         *order,
-        Tile("unseen curves", _kept(record) or MISSING, f"of the gain kept at {' · '.join(record['overfitting'])}"),
+        Tile(
+            "unseen curves",
+            _describe_gains_kept(record) or MISSING,
+            f"of the gain kept at {' · '.join(record['overfitting'])}",
+        ),
         Tile("stiffnesses", f"{covered} of {intervals}", "intervals hold the truth"),
         Tile("claims", f"{always} of {len(claims)}", "of the paper's claims, true in every seed"),
     ]
@@ -428,10 +432,10 @@ def draw_plates(folder: Path) -> str:
 
 def make_plates(record: Record, traces: Traces) -> dict[str, bytes]:
     """Figures 4, 5 and 6 of the paper as SVG and PDF, by the names of their files."""
-    from commonrail.plugins.paper.plates import COLUMN, PAGE, printed, side_by_side, single
+    from commonrail.plugins.paper.plates import COLUMN, PAGE, print_sheets, side_by_side, single
 
     rates = figures.rates(record, traces)
-    return printed(
+    return print_sheets(
         {
             "fig4": lambda: single(figures.convergence(record), (COLUMN, 66.0)),
             "fig5": lambda: single(figures.search_boxes(record), (COLUMN, 66.0)),

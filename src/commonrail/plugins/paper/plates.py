@@ -74,7 +74,7 @@ def _entries(panels: Sequence[Axes]) -> tuple[list[Any], list[str]]:
     return list(handles.values()), list(handles)
 
 
-def printed(sheets: Mapping[str, Callable[[], Sheet]]) -> dict[str, bytes]:
+def print_sheets(sheets: Mapping[str, Callable[[], Sheet]]) -> dict[str, bytes]:
     """Sheets by name, made in the style of print, as files NAME.svg and NAME.pdf that are the same whenever made."""
     with mpl.rc_context(_STYLE):
         drawn = {name: make() for name, make in sheets.items()}

@@ -51,12 +51,11 @@ class Repetition:
     `space` and `rigid_space` have the bounds and ordering of k1…k7, and the bounds of the rigid body's stop and control
     volume. `rates` (3, samples) are simulated rates of injection [m³/s] by label of `LABELS`; NaN if the simulation
     failed. `best` is the search (70, 50) at 160 MPa; `table3` has each search at 160 MPa and the J (3,) of its best at
-    all pressures. `own_curve_searches` has a search (70, 50) on each validation curve; `rigid` is the rigid body fitted
-    at 160 MPa. `random_j` (3, members) is J of random feasible stiffness: of the best search's first population.
-    `identified`
-    is the certainty of each stiffness by the curve at 160 MPa, by name, as `certainty` records it; empty if no
-    simulation succeeded. `metered` has by label of `METERED` the search (70, 50) at 160 MPa with a meter, and the J
-    (3,) of its best.
+    all pressures. `own_curve_searches` has a search (70, 50) on each validation curve; `rigid` is the rigid body
+    fitted at 160 MPa. `random_j` (3, members) is J of random feasible stiffness: of the best search's first
+    population. `identified` is the certainty of each stiffness by the curve at 160 MPa, by name, as `certainty`
+    records it; empty if no simulation succeeded. `metered` has by label of `METERED` the search (70, 50) at 160 MPa
+    with a meter, and the J (3,) of its best.
     """
 
     seed: int
