@@ -170,7 +170,7 @@ def _sources(tables: Mapping[str, Values]) -> dict[str, Source]:
 def _check_fit(truth: Truth, injector: Injector, at: Place) -> None:
     """Refuse what the injector cannot have."""
     with located(at / "values"):
-        truth.hide_truth(injector)
+        truth.make_true_injector(injector)
     if any(truth.friction.coulomb + truth.friction.viscous) and injector.variant.body is not Body.FLEXIBLE:
         raise (at / "friction").error(
             f"the injector {injector.name} has a rigid body, and friction acts on nine masses"

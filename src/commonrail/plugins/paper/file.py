@@ -144,7 +144,7 @@ def reproduction_record(reproduction: Reproduction, quick: bool = False) -> dict
 
 def _table1(f: Figures, bench: cr.lab.Bench) -> list[dict[str, Any]]:
     values = np.array([r.best.x for r in f.repetitions])
-    true = bench.truth.hide_truth(bench.injector).values
+    true = bench.truth.make_true_injector(bench.injector).values
     rows = []
     for i, p in enumerate(f.space.parameters):
         errors = [e["standard_error"] for e in f.certainty(i) if e["standard_error"] is not None]
