@@ -68,7 +68,7 @@ class Variant(_Wired):
         nozzle_law: str = "",
         a_hole_law: str = "",
     ) -> Variant:
-        acts, fed = enum_member(actuation, Actuation, "actuation"), chosen(boundary, Boundary, "boundary")
+        acts, fed = enum_member(actuation, Actuation, "actuation"), enum_member(boundary, Boundary, "boundary")
         stated_body = enum_member(body, Body, "body")
         if acts is Actuation.DIRECT and fed is Boundary.VOLUME:
             raise ConfigurationError(

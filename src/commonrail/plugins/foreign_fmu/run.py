@@ -70,7 +70,7 @@ def _work(listener: Listener, processes: int | None) -> Work[FmuStudy, FmuFit]:
 def _content(study: FmuStudy) -> str:
     """Fingerprint of a study: equal fingerprints mean identical searches, but for simulations that are given up."""
     rows, method = study.space.rows, study.method
-    how = study.seed, study.step, study.time_limit, study.loss, study.loss_scale
+    settings = study.seed, study.step, study.time_limit, study.loss, study.loss_scale
     return fingerprint_of(
         study.title,
         study.fmu.digest,
@@ -78,7 +78,7 @@ def _content(study: FmuStudy) -> str:
         (rows.matrix, rows.labels),
         study.data,
         replace(method, evolution=replace(method.evolution, generations=0)),
-        *how,
+        *settings,
     )
 
 

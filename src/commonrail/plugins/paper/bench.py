@@ -168,7 +168,7 @@ class Truth:
         """Note shown with its data."""
         return f"All data are simulated by the virtual test bench (truth {self.name}), not measured."
 
-    def hidden(self, injector: Injector) -> Injector:
+    def make_true_injector(self, injector: Injector) -> Injector:
         """The true injector behind the one that is fitted.
 
         Raises
@@ -315,7 +315,7 @@ def _shoot(
 ) -> Solution:
     """The injection as it is, with its own deviations."""
     scatter, (rail, duration, boost) = truth.scatter, rng.standard_normal(3)
-    hidden = truth.hidden(injector)
+    hidden = truth.make_true_injector(injector)
     boosted = hidden.values["drive.boost_voltage"] + scatter.boost_voltage * boost
     point = OperatingPoint(
         rail_pressure + scatter.rail_pressure * rail,

@@ -88,10 +88,10 @@ def for_seeds(
             counter.ended = True
             for future in futures:
                 future.cancel()
-    found = tuple(f.result() for f in futures if not f.cancelled() and f.exception() is None)
-    if not found:
+    results = tuple(f.result() for f in futures if not f.cancelled() and f.exception() is None)
+    if not results:
         raise KeyboardInterrupt
-    return found
+    return results
 
 
 class _Counter:
