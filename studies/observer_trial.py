@@ -34,7 +34,7 @@ from commonrail.data.currents import read_energisings
 from commonrail.engine.reference import Resolution, simulate_reference
 from commonrail.engine.status import OK
 from commonrail.physics.fuel import Fuel
-from commonrail.plugins.observer.response import RATE_STEP, cuts_of, figures_of
+from commonrail.plugins.observer.response import RATE_STEP, find_cuts, find_figures
 from commonrail.plugins.observer.run import observe
 from commonrail.plugins.observer.study import ObserverSettings
 
@@ -199,7 +199,7 @@ def true_shot(injector: cr.Injector, friction: np.ndarray, rail: float, pulses: 
     if found.status != OK:
         return None
     time, injected = np.asarray(found.time), np.asarray(found.injected)
-    figures = figures_of(time, injected, cuts_of(time, injected, point.pulses))  # defined as the observer's
+    figures = find_figures(time, injected, find_cuts(time, injected, point.pulses))  # defined as the observer's
     figures[0] /= found.reference_density
     still = simulate_reference(injector, cr.OperatingPoint(rail, 0.0, CYLINDER, RETURN, horizon=STILL), 2e-6, coarse)
     return {

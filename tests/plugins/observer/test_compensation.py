@@ -17,7 +17,7 @@ from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.compensation import LONGEST, compensate
 from commonrail.plugins.observer.file import Compensated, Memory, Observation, ObservedShot
 from commonrail.plugins.observer.kalman import Belief, StepTest
-from commonrail.plugins.observer.response import cuts_of, figures_of
+from commonrail.plugins.observer.response import find_cuts, find_figures
 from commonrail.plugins.observer.run import observe
 from commonrail.plugins.observer.study import InjectionTrain, ObserverSettings
 from commonrail.plugins.observer.verb import _Wanted
@@ -34,7 +34,7 @@ def shot(injector: Injector, pulses: tuple[Energising, ...]) -> tuple[Floats, Fl
     """Times [s], rail pressure [Pa] and quantities (injections,) [m³] of a train, at half the observer's step."""
     point = OperatingPoint(RAIL, pulses, horizon=pulses[-1].start + pulses[-1].duration + 2.2e-3)
     found = simulate(injector, point, time_step=0.5e-6)
-    figures = figures_of(found.time, found.injected, cuts_of(found.time, found.injected, pulses))
+    figures = find_figures(found.time, found.injected, find_cuts(found.time, found.injected, pulses))
     return found.time, found.channels["rail_pressure"], figures[0] / found.reference_density
 
 
@@ -202,12 +202,12 @@ def test_a_train_that_is_no_list_says_how_to_write_one(quantities: Any, dwells: 
 def test_masses_are_volumes_at_the_learnt_temperature(observed: Observation) -> None:
     """By 30 K more of the fuel the volume grows as its density in the cylinder falls."""
     with pytest.raises(InputError, match="5e\\+09 mg"):
-        _Wanted.read("5e9mg", None, None)
-    wanted = _Wanted.read("4,12 mg", "0.4ms", None)
+        _Wanted.parse("5e9mg", None, None)
+    wanted = _Wanted.parse("4,12 mg", "0.4ms", None)
     names = [state.name for state in observed.settings.states]
     mean = np.where([name == "fuel temperature" for name in names], 30.0, 0.0)
     warmer = replace(observed, memory=observed.memory._replace(belief=observed.memory.belief._replace(mean=mean)))
-    (train,) = wanted.added(warmer, 1).compensation
+    (train,) = wanted.add_compensation(warmer, 1).compensation
     injector = observed.injector
     density = injector.fuel.density(observed.settings.cylinder_pressure, injector.values["fuel.temperature"] + 30.0)
     assert train.train.quantities == pytest.approx(np.array([4e-6, 12e-6]) / density)

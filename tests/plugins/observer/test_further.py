@@ -17,13 +17,13 @@ from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.disturbance import Disturbance
 from commonrail.plugins.observer.file import LogColumns, read_log
-from commonrail.plugins.observer.further import joined
+from commonrail.plugins.observer.further import join_covariances
 from commonrail.plugins.observer.kalman import Belief, update
 from commonrail.plugins.observer.online import Online, observer_texts
 from commonrail.plugins.observer.page import observer_html, observer_lines, warning_lines
 from commonrail.plugins.observer.response import Response, Simulator
 from commonrail.plugins.observer.run import observe
-from commonrail.plugins.observer.study import CURRENT_DELAY, METER_GAIN, ObserverSettings, ShotRecord, states_of
+from commonrail.plugins.observer.study import CURRENT_DELAY, METER_GAIN, ObserverSettings, ShotRecord, resolve_states
 from tests.child_in_process import read_in_process
 from tests.cli.conftest import Command
 
@@ -40,7 +40,7 @@ def leak(injector: Injector, rail: float) -> float:
 def test_rows_are_current_and_return_quantity_of_the_engine(rigid_volume: Injector) -> None:
     """Values, and slopes by the boost voltage and the meter's gain, against `simulate`."""
     settings = ObserverSettings(further=BOTH)
-    settings = replace(settings, states=states_of(rigid_volume, settings))
+    settings = replace(settings, states=resolve_states(rigid_volume, settings))
     names = [state.name for state in settings.states]
     time = np.arange(-10, 140) / RATE
     shot = ShotRecord(0.0, (Energising(0.0, 600e-6),), time, time, time, dict.fromkeys(BOTH, time), CYCLE)
@@ -160,10 +160,10 @@ def test_what_the_model_lacks_of_the_return_quantity_stays_however_many_shots_th
     shot = ShotRecord(0.0, (Energising(0.0, 600e-6),), time, time, time, {"return": time}, CYCLE)
     reading = np.array([5e-6])
     one = Response(reading, np.array([[5e-6, 5e-6]]), none[..., 0], none, np.zeros(1), np.zeros((1, 2)))
-    spread = joined(np.zeros((0, 0)), np.eye(0), settings, shot, reading, time[:0])
+    spread = join_covariances(np.zeros((0, 0)), np.eye(0), settings, shot, reading, time[:0])
     belief = Belief.before(states)
     for _ in range(300):
-        done = update(belief, states, reading, lambda _: spread, one.moved, 1)
+        done = update(belief, states, reading, lambda _: spread, one.shift, 1)
         assert done is not None
         belief = done.belief
     lacking, before = 0.03, states[0].deviation  # [E], as the page says
@@ -227,7 +227,7 @@ def test_a_meter_over_many_cycles_tells_as_much_less(rigid_volume: Injector) -> 
     time = np.arange(-10, 140) / RATE
     shot = ShotRecord(0.0, (Energising(0.0, 600e-6),), time, time, time, {"return": time}, CYCLE)
     settings = ObserverSettings(further=("return",), return_deviation=0.02, return_shots=9, return_discrepancy=0.03)
-    whole = joined(np.eye(2), np.eye(2), settings, shot, np.array([0.0, 0.0, 5e-6]), time[:2])
+    whole = join_covariances(np.eye(2), np.eye(2), settings, shot, np.array([0.0, 0.0, 5e-6]), time[:2])
     assert whole[2, 2] == pytest.approx((0.06**2 + 0.03**2) * 25e-12)
     assert not whole[2, :2].any()
 

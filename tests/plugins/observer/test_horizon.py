@@ -36,7 +36,7 @@ def solved(length: int, curved: float, change: Floats | None = None, measured: F
     """Horizon after all shots; `change`: variances before the last but one."""
     horizon, belief = Horizon(STATES, length, 40), Belief.before(STATES)
     for k in range(SHOTS):
-        before = belief.walked(STATES)
+        before = belief.walk(STATES)
         made = Measured(measured[k], lambda _: NOISE, partial(response, k, curved))
         done = update(before, STATES, *made, 40)
         assert done is not None
@@ -45,7 +45,7 @@ def solved(length: int, curved: float, change: Floats | None = None, measured: F
     if change is not None:
         horizon.change(1, change)
         belief = horizon.solve()
-    assert belief.mean == pytest.approx(horizon.found()[-1][1].belief.mean)
+    assert belief.mean == pytest.approx(horizon.updates()[-1][1].belief.mean)
     return horizon
 
 
@@ -70,7 +70,7 @@ def test_all_shots_are_the_conditional_expectation_of_a_linear_model(change: Flo
     both = states + own
     owns = (both @ slopes.T @ inverse @ MEASURED.ravel()).reshape(SHOTS, 2)
     spreads = both - both @ slopes.T @ inverse @ slopes @ both
-    for k, found in solved(SHOTS, 0.0, change).found():
+    for k, found in solved(SHOTS, 0.0, change).updates():
         here = slice(2 * k, 2 * k + 2)
         assert found.belief.mean == pytest.approx(means[k], rel=1e-9)
         assert found.belief.covariance == pytest.approx(spread[here, here], rel=1e-9)
@@ -82,7 +82,7 @@ def test_all_shots_are_the_conditional_expectation_of_a_linear_model(change: Flo
 def test_a_shot_that_no_state_explains_tells_nothing_to_the_others() -> None:
     strange = MEASURED.copy()
     strange[1] += [5.0, -5.0, 5.0, -5.0, 5.0]
-    found = dict(solved(SHOTS, 0.0, measured=strange).found())
+    found = dict(solved(SHOTS, 0.0, measured=strange).updates())
     states, own = prior(np.zeros(2))
     kept = [0, 2, 3]
     slopes = np.zeros((3 * SAMPLES, 2 * SHOTS))
@@ -98,9 +98,9 @@ def test_a_shot_that_no_state_explains_tells_nothing_to_the_others() -> None:
 
 
 def test_shots_that_have_left_enter_by_the_belief_before_the_rest() -> None:
-    alone = dict(solved(2, 0.0).found())
+    alone = dict(solved(2, 0.0).updates())
     assert sorted(alone) == [SHOTS - 2, SHOTS - 1]
-    for k, found in solved(SHOTS, 0.0).found()[-2:]:  # the model is linear: nothing is lost
+    for k, found in solved(SHOTS, 0.0).updates()[-2:]:  # the model is linear: nothing is lost
         assert alone[k].figures == pytest.approx(found.figures, rel=1e-9)
         assert alone[k].deviations == pytest.approx(found.deviations, rel=1e-9)
 
@@ -119,7 +119,7 @@ def test_a_curved_model_is_solved_by_least_squares_on_all_shots() -> None:
 
     best = least_squares(residuals, np.zeros(3 * SHOTS), xtol=1e-12, ftol=1e-12, gtol=1e-12)
     states = best.x[: 2 * SHOTS].reshape(SHOTS, 2)
-    for k, found in solved(SHOTS, curved).found():  # shots within half a deviation of their states are not done again
+    for k, found in solved(SHOTS, curved).updates():  # shots within half a deviation of their states are not done again
         assert found.belief.mean == pytest.approx(states[k], abs=0.05)
-    linear = np.array([found.belief.mean for _, found in solved(SHOTS, 0.0).found()])
+    linear = np.array([found.belief.mean for _, found in solved(SHOTS, 0.0).updates()])
     assert np.max(np.abs(linear - states)) > 0.15  # the curvature matters

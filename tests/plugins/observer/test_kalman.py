@@ -74,7 +74,7 @@ def followed(shots: int, step: float, onset: int, rng: np.random.Generator) -> t
     for k in range(shots):
         own = np.array([0.3, 0.0, 0.0]) * rng.standard_normal(3)
         moved = truth + own + np.array([step if k >= onset else 0.0, 0.0, 0.0])
-        before = belief.walked(STATES)
+        before = belief.walk(STATES)
         belief = updated(before, SLOPES @ moved + root @ rng.standard_normal(12)).belief
         if k:
             test.add(before, belief)

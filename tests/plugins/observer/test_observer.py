@@ -22,7 +22,7 @@ from commonrail.plugins.observer.design import observer_design
 from commonrail.plugins.observer.disturbance import Disturbance
 from commonrail.plugins.observer.file import LogColumns, Observation, read_log
 from commonrail.plugins.observer.page import observer_html, observer_lines, warning_lines
-from commonrail.plugins.observer.response import RATE_STEP, Simulator, cuts_of, figures_of
+from commonrail.plugins.observer.response import RATE_STEP, Simulator, find_cuts, find_figures
 from commonrail.plugins.observer.run import observe
 from commonrail.plugins.observer.study import (
     DELAY,
@@ -33,7 +33,7 @@ from commonrail.plugins.observer.study import (
     ObserverSettings,
     ShotRecord,
     cut_log,
-    states_of,
+    resolve_states,
 )
 from tests.cli.conftest import Command, check_made_again
 
@@ -119,7 +119,7 @@ def test_the_result_does_not_depend_on_threads(rigid_volume: Injector, observed:
 def test_slopes_are_those_of_a_changed_part_and_of_the_sensor(rigid_volume: Injector) -> None:
     """Each slope against `simulate` of a changed part, or a changed sensor, written out here."""
     settings = ObserverSettings(averaged=20e-6)
-    settings = replace(settings, states=states_of(rigid_volume, settings))
+    settings = replace(settings, states=resolve_states(rigid_volume, settings))
     time = np.arange(-10, 140) / RATE
     shot = ShotRecord(0.0, (Energising(0.0, 600e-6),), time, time, time)
     simulator = Simulator(rigid_volume, settings)
@@ -201,7 +201,7 @@ def test_opening_and_closing_are_where_the_rate_crosses_its_level() -> None:
     rate = np.interp(time, corners, [0, 10, 10, 0, 0, 1.5, 0, 0, 4, 4, 0])
     injected = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1])) * 1e-6])
     pulses = (Energising(0.0, 500e-6), Energising(1.3e-3, 400e-6))
-    found = figures_of(time, injected, cuts_of(time, injected, pulses))
+    found = find_figures(time, injected, find_cuts(time, injected, pulses))
     assert found[0] == pytest.approx([5.0e-3 + 0.075e-3, 0.8e-3], rel=1e-6)
     assert found[1] == pytest.approx([302e-6, 2002e-6], abs=0.05e-6)
     assert found[2] == pytest.approx([898e-6, 2298e-6], abs=0.05e-6)
@@ -267,7 +267,7 @@ def test_what_cannot_be_observed_is_refused_in_a_sentence(rigid_volume: Injector
         ObserverSettings(deviations={state.name: 0.0 for state in STATES})
     eddy = next(state for state in STATES if state.parameter == "solenoid.eddy_lag")
     with pytest.raises(ConfigurationError, match="no drift state"):
-        states_of(rigid_volume.with_values({"solenoid.eddy_lag": 0.0}), ObserverSettings(states=(eddy,)))
+        resolve_states(rigid_volume.with_values({"solenoid.eddy_lag": 0.0}), ObserverSettings(states=(eddy,)))
     with pytest.raises(ConfigurationError, match=r"at 0\.005 s lasts 1 ns"):
         observe(rigid_volume, *log[:2], [(5e-3, 1e-9)])
 
@@ -311,7 +311,7 @@ def test_odd_settings_are_refused_in_a_sentence(change: dict[str, Any], words: s
 def test_a_drift_state_of_no_parameter_is_refused(rigid_volume: Injector, parameter: str) -> None:
     state = DriftState("x", parameter, 1.0, 0.1, 0.0, 0.0, 0.0)
     with pytest.raises(ConfigurationError, match="no parameter"):
-        states_of(rigid_volume, ObserverSettings(states=(*STATES[:1], state)))
+        resolve_states(rigid_volume, ObserverSettings(states=(*STATES[:1], state)))
 
 
 def test_a_log_says_where_it_is_wrong(rigid_volume: Injector) -> None:

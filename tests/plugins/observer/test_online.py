@@ -33,7 +33,7 @@ from commonrail.plugins.observer.online import (
     write_observer_library,
 )
 from commonrail.plugins.observer.run import observe
-from commonrail.plugins.observer.study import STATES, ObserverSettings, states_of
+from commonrail.plugins.observer.study import STATES, ObserverSettings, resolve_states
 from tests.cli.conftest import Command
 from tests.exporting import usable_platform
 
@@ -339,7 +339,7 @@ def test_the_verb_writes_an_fmu_at_the_rate_of_the_log(command: Command, log: Lo
 
 def test_the_header_has_room_for_the_states(rigid_volume: Injector) -> None:
     text = observer_texts(Online(rigid_volume, SETTINGS, SAMPLING))["observer.h"]
-    assert f"#define CR_STATES {len(states_of(rigid_volume, SETTINGS))}\n" in text
+    assert f"#define CR_STATES {len(resolve_states(rigid_volume, SETTINGS))}\n" in text
     assert f"#define CR_MOST_INJECTIONS {INJECTIONS}\n" in text
 
 

@@ -17,7 +17,7 @@ from commonrail.engine.operating_point import ENERGISING_TIMES, OperatingPoint
 from commonrail.engine.status import which_failed
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.file import Compensated, Observation
-from commonrail.plugins.observer.response import Simulator, cuts_of, figures_of
+from commonrail.plugins.observer.response import Simulator, find_cuts, find_figures
 from commonrail.plugins.observer.study import GAIN, OFFSET, InjectionTrain, ObserverSettings
 
 SHORTEST, LONGEST = 20e-6, 5e-3  # energising times between which is searched [s]; no injector answers a shorter one
@@ -70,40 +70,42 @@ def compensate(
         injections or from `last`, or the states leave the domain of a parameter or the fuel.
     """
     instance(source, Injector | Observation, "source")
-    wanted = instances(trains, InjectionTrain, "trains")
-    present = None if last is None else _times_of(last, wanted)
-    if len({len(train.quantities) for train in wanted}) != 1:
+    targets = instances(trains, InjectionTrain, "trains")
+    present = None if last is None else _read_last_times(last, targets)
+    if len({len(train.quantities) for train in targets}) != 1:
         raise ConfigurationError("One call takes trains with equally many injections, and at least one train.")
     if isinstance(source, Observation):
         if settings is not None:
             raise ConfigurationError("An observation has settings of its own; give none beside it.")
-        given, settings = source.injector, source.settings
+        injector, settings = source.injector, source.settings
     else:
-        given = source
+        injector = source
         settings = ObserverSettings() if settings is None else instance(settings, ObserverSettings, "settings")
-    nominal = learnt = _Model(given, settings, thread_count(threads) or 1)
+    nominal = learnt = _Model(injector, settings, thread_count(threads) or 1)
     if isinstance(source, Observation):
         learnt = nominal.at(source.memory.belief.mean)
-    plain = _single(nominal, wanted)
-    times = _solved(learnt, wanted, plain)
-    found = learnt.quantities(wanted, times)
-    met = np.all(np.abs(found / [train.quantities for train in wanted] - 1.0) <= MET, axis=1)
+    plain = _solve_single(nominal, targets)
+    times = _solve(learnt, targets, plain)
+    delivered = learnt.quantities(targets, times)
+    met = np.all(np.abs(delivered / [train.quantities for train in targets] - 1.0) <= MET, axis=1)
     if not met.all():
         note(f"{np.sum(~met)} of {len(met)} trains do not meet their quantities; look at what they deliver.")
     if present is not None:
         times = present + TAKEN * (times - present)
-        found = learnt.quantities(wanted, times)
-    before = learnt.quantities(wanted, plain)
-    return [Compensated(train, times[k], found[k], plain[k], before[k], bool(met[k])) for k, train in enumerate(wanted)]
+        delivered = learnt.quantities(targets, times)
+    before = learnt.quantities(targets, plain)
+    return [
+        Compensated(train, times[k], delivered[k], plain[k], before[k], bool(met[k])) for k, train in enumerate(targets)
+    ]
 
 
-def _times_of(last: Sequence[Compensated], trains: Sequence[InjectionTrain]) -> Floats:
+def _read_last_times(last: Sequence[Compensated], trains: Sequence[InjectionTrain]) -> Floats:
     """Energising times (trains, injections) [s] of earlier compensations of these trains."""
-    given = instances(last, Compensated, "last")
-    before = instances([one.train for one in given], InjectionTrain, "trains of last")
-    times = [array(one.energising_times, "s", "energising times of last", 1).tolist() for one in given]
-    if [(one.quantities, one.dwells, len(one.quantities)) for one in trains] != [
-        (one.quantities, one.dwells, len(row)) for one, row in zip(before, times, strict=True)
+    earlier = instances(last, Compensated, "last")
+    before = instances([train.train for train in earlier], InjectionTrain, "trains of last")
+    times = [array(train.energising_times, "s", "energising times of last", 1).tolist() for train in earlier]
+    if [(train.quantities, train.dwells, len(train.quantities)) for train in trains] != [
+        (train.quantities, train.dwells, len(row)) for train, row in zip(before, times, strict=True)
     ] or any(abs(b.rail_pressure / a.rail_pressure - 1.0) > SAME_RAIL for a, b in zip(trains, before, strict=True)):
         raise ConfigurationError(
             "`last` must hold times for the same quantities and dwells as the trains, in their order, and rail "
@@ -146,13 +148,13 @@ class _Model:
         failed = which_failed(plan.statuses_of((), job.theta, prepared, outcome))[0]
         injected = np.empty((len(points), trace.shape[1]))
         injected[job.points[:, : trace.shape[3]]] = np.moveaxis(trace[:, :, 0], 1, 2)
-        clock, found = np.asarray(dt * np.arange(trace.shape[1]), float), np.full(times.shape, np.nan)
+        clock, masses = np.asarray(dt * np.arange(trace.shape[1]), float), np.full(times.shape, np.nan)
         for k in np.flatnonzero(~failed):
-            found[k] = figures_of(clock, injected[k], cuts_of(clock, injected[k], pulses[k]))[0]
-        return np.asarray(found / prepared.densities[0][:, None])
+            masses[k] = find_figures(clock, injected[k], find_cuts(clock, injected[k], pulses[k]))[0]
+        return np.asarray(masses / prepared.densities[0][:, None])
 
 
-def _solved(model: _Model, trains: Sequence[InjectionTrain], first: Floats) -> Floats:
+def _solve(model: _Model, trains: Sequence[InjectionTrain], first: Floats) -> Floats:
     """Energising times (trains, injections) [s] that deliver trains, or the nearest that were tried.
 
     `first` (trains, injections): times from which the search begins [s].
@@ -166,11 +168,11 @@ def _solved(model: _Model, trains: Sequence[InjectionTrain], first: Floats) -> F
             tried = times[k]
             tried[:, i] = time
             some = [trains[j] for j in k]
-            off = np.asarray(model.quantities(some, tried)[:, i] / [one.quantities[i] for one in some] - 1.0)
-            for j, one, size in zip(k, time, np.abs(off), strict=True):
+            errors = np.asarray(model.quantities(some, tried)[:, i] / [train_j.quantities[i] for train_j in some] - 1.0)
+            for j, train_j, size in zip(k, time, np.abs(errors), strict=True):
                 if size < least[j]:
-                    nearest[j], least[j] = one, size
-            return off
+                    nearest[j], least[j] = train_j, size
+            return errors
 
         low, high = (1.0 - NEAR) * times[:, i], (1.0 + NEAR) * times[:, i]
         around = bracket_root(miss, low, high, xmin=SHORTEST, xmax=LONGEST, args=(which,), maxiter=ITERATIONS)
@@ -180,7 +182,7 @@ def _solved(model: _Model, trains: Sequence[InjectionTrain], first: Floats) -> F
     return times
 
 
-def _single(model: _Model, trains: Sequence[InjectionTrain]) -> Floats:
+def _solve_single(model: _Model, trains: Sequence[InjectionTrain]) -> Floats:
     """Energising times (trains, injections) [s] that deliver each quantity by itself, each pair of values once."""
     pairs = [[(train.rail_pressure, volume) for volume in train.quantities] for train in trains]
     alone = [InjectionTrain(rail, (volume,)) for rail, volume in sorted({pair for row in pairs for pair in row})]
@@ -188,7 +190,10 @@ def _single(model: _Model, trains: Sequence[InjectionTrain]) -> Floats:
     grid = [InjectionTrain(rail, (1e-9,)) for rail in rails for _ in SINGLE]
     table = model.quantities(grid, np.tile(SINGLE, len(rails))[:, None]).reshape(len(rails), -1)
     rising = dict(zip(rails, np.maximum.accumulate(np.nan_to_num(table), axis=1), strict=True))
-    first = [[np.interp(one.quantities[0], rising[one.rail_pressure], SINGLE)] for one in alone]
-    found = _solved(model, alone, np.array(first))[:, 0].tolist()
-    times = {(one.rail_pressure, one.quantities[0]): time for one, time in zip(alone, found, strict=True)}
+    first = [[np.interp(train_alone.quantities[0], rising[train_alone.rail_pressure], SINGLE)] for train_alone in alone]
+    solutions = _solve(model, alone, np.array(first))[:, 0].tolist()
+    times = {
+        (train_alone.rail_pressure, train_alone.quantities[0]): time
+        for train_alone, time in zip(alone, solutions, strict=True)
+    }
     return np.array([[times[pair] for pair in row] for row in pairs])

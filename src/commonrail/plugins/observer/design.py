@@ -19,8 +19,8 @@ from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.disturbance import Disturbance
 from commonrail.plugins.observer.kalman import Belief, update
 from commonrail.plugins.observer.response import Response, Simulator
-from commonrail.plugins.observer.run import with_discrepancy
-from commonrail.plugins.observer.study import ObserverSettings, ShotRecord, check_model, states_of
+from commonrail.plugins.observer.run import make_covariance
+from commonrail.plugins.observer.study import ObserverSettings, ShotRecord, check_model, resolve_states
 
 RATES = (20e3, 50e3, 200e3)  # samples a second: an engine's control unit, a fast one, a laboratory
 NOISES = (0.05e6, 0.1e6, 0.2e6, 0.5e6)  # [Pa]
@@ -70,20 +70,20 @@ def observer_design(injector: Injector, settings: ObserverSettings | None = None
     check_model(instance(injector, Injector, "injector"), settings.further)
     rows, words = [], " + ".join([settings.sensor, *settings.further])
     for rate in RATES:
-        given = replace(settings, states=states_of(injector, settings))
-        time = np.arange(-round(given.before * rate), round((TIME + given.after) * rate)) / rate
-        many = given.averaged_samples(time)
-        further = dict.fromkeys(given.further, time)
+        complete = replace(settings, states=resolve_states(injector, settings))
+        time = np.arange(-round(complete.before * rate), round((TIME + complete.after) * rate)) / rate
+        many = complete.count_averaged_samples(time)
+        further = dict.fromkeys(complete.further, time)
         shot = ShotRecord(0.0, (Energising(0.0, TIME),), time, time, time, further, PERIOD)
-        simulator = Simulator(injector, given)
-        found = [simulator.at(shot, rail, np.zeros(len(given.states))) for rail in RAILS]
-        responses = [one for one in found if one is not None]
+        simulator = Simulator(injector, complete)
+        simulated = [simulator.at(shot, rail, np.zeros(len(complete.states))) for rail in RAILS]
+        responses = [response for response in simulated if response is not None]
         if len(responses) < len(RAILS):
             raise SimulationError(f"{injector.name}: a shot of the design cannot be simulated.")
-        at = simulator.averaged(time, time)
+        at = simulator.average(time, time)
         for noise in NOISES:
             others = OTHERS._replace(noise=noise / many**0.5)
-            accuracy = _accuracy(given, responses, with_discrepancy(others, given, at, shot))
+            accuracy = _accuracy(complete, responses, make_covariance(others, complete, at, shot))
             rows.append(DesignRow(words, rate, noise, *accuracy))
     return rows
 
@@ -105,16 +105,16 @@ def _accuracy(
     """Accuracies of a `DesignRow`."""
     belief, squares = Belief.before(settings.states), []
     for k in range(SHOTS):
-        one = responses[k % len(responses)]
+        response = responses[k % len(responses)]
         # with a pressure equal to that of the response at any states, the filter stays where it is
-        walked = belief.walked(settings.states)
-        done = update(walked, settings.states, one.shown, covariance, lambda _, one=one: one, 1)  # type: ignore[misc]
+        walked = belief.walk(settings.states)
+        done = update(walked, settings.states, response.shown, covariance, lambda _, response=response: response, 1)  # type: ignore[misc]
         assert done is not None
         belief = done.belief
-        squares.append((done.deviations[:, 0] / [one.figures[0, 0], 1.0, 1.0]) ** 2)
+        squares.append((done.deviations[:, 0] / [response.figures[0, 0], 1.0, 1.0]) ** 2)
     flow = [state.name == "nozzle flow" for state in settings.states]  # none where it is known
-    found = np.sqrt(np.mean(squares[-len(responses) :], axis=0))
-    return [*found.tolist(), float(np.diag(belief.covariance)[flow].sum() ** 0.5)]
+    accuracies = np.sqrt(np.mean(squares[-len(responses) :], axis=0))
+    return [*accuracies.tolist(), float(np.diag(belief.covariance)[flow].sum() ** 0.5)]
 
 
 def design_tables(rows: Sequence[DesignRow]) -> list[Table]:

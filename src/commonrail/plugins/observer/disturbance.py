@@ -74,11 +74,11 @@ def learn(stretches: Sequence[Floats], spacing: float, noise: float | None = Non
     noise : float, optional
         Of an averaged sample, where it is known [Pa].
     """
-    usable = [one for one in stretches if len(one) >= LEAST]
+    usable = [stretch for stretch in stretches if len(stretch) >= LEAST]
     if not usable:
         return Disturbance(noise or 0.1e6, 0.5e9, 2e-3, 0.02e6, 1e3, 1e-3)  # estimates [E]
-    length = min(len(one) for one in usable)
-    table = np.array([one[-length:] - one[-length:].mean() for one in usable])
+    length = min(len(stretch) for stretch in usable)
+    table = np.array([stretch[-length:] - stretch[-length:].mean() for stretch in usable])
     time = np.asarray(spacing * np.arange(length), float)
     design = np.vander(time, 3)
     fits = np.linalg.lstsq(design, table.T, rcond=None)[0]
@@ -97,13 +97,13 @@ def learn(stretches: Sequence[Floats], spacing: float, noise: float | None = Non
         (spacing, 0.1),
     ]
 
-    def made(p: Floats) -> Disturbance:
+    def make_disturbance(p: Floats) -> Disturbance:
         figures = np.exp(p).tolist()
         return Disturbance(noise or figures[0], *figures[1:])
 
     def cost(p: Floats) -> float:
         try:
-            factor, low = cho_factor(made(p).covariance(time), lower=True)
+            factor, low = cho_factor(make_disturbance(p).covariance(time), lower=True)
         except LinAlgError:
             return IMPOSSIBLE
         squares = np.sum(table.T * cho_solve((factor, low), table.T))
@@ -116,4 +116,4 @@ def learn(stretches: Sequence[Floats], spacing: float, noise: float | None = Non
         start = np.log(np.clip(first, *np.transpose(bounds)))  # a dead signal has no wave
         limits = np.log(bounds)
         searches.append(minimize(cost, start, method="L-BFGS-B", bounds=limits, options={"maxiter": 60, "ftol": 1e-7}))
-    return made(np.asarray(min(searches, key=lambda found: float(found.fun)).x))
+    return make_disturbance(np.asarray(min(searches, key=lambda search: float(search.fun)).x))

@@ -175,7 +175,7 @@ class Observation(Shown):
             "current": (settings.current_noise, settings.current_discrepancy),
             "return": (settings.return_deviation * settings.return_shots**0.5, settings.return_discrepancy),
         }
-        kept = ("sensor", "learning", "horizon", "significance", "discrepancy")
+        plain_settings = ("sensor", "learning", "horizon", "significance", "discrepancy")
         return {
             **record_head("observer", f"Injected quantities of {self.injector.title}", self.injector.synthetic),
             "injector": {"title": self.injector.title, "variant": self.injector.variant.label},
@@ -184,7 +184,7 @@ class Observation(Shown):
             "log": dict(self.origin),
             "pressures": [settings.cylinder_pressure, settings.return_pressure],
             "rail_volume": float(self.injector.values["rail.volume"]),
-            **{name: getattr(settings, name) for name in kept},
+            **{name: getattr(settings, name) for name in plain_settings},
             "further": {name: numbers(np.array(further[name], float)) for name in settings.further},
             "time_step": settings.time_step,
             "states": [state._asdict() for state in settings.states],
@@ -257,10 +257,12 @@ def read_log(path: Path, columns: LogColumns) -> Log:
     """
     sheet = open_sheet(path, columns.form)
     time = Column(columns.time, "s", columns.time_unit, increasing=True, stating="--time-unit")
-    wanted = [Column(columns.pressure, "Pa", columns.pressure_unit, domain=Domain.POSITIVE, stating="--pressure-unit")]
+    columns_to_read = [
+        Column(columns.pressure, "Pa", columns.pressure_unit, domain=Domain.POSITIVE, stating="--pressure-unit")
+    ]
     if columns.energisings is None:
-        wanted.append(Column(columns.command, COMMAND_UNITS, otherwise="1"))
-    tables = take_each(sheet, time, wanted)
+        columns_to_read.append(Column(columns.command, COMMAND_UNITS, otherwise="1"))
+    tables = take_each(sheet, time, columns_to_read)
     clock, pressure = tables[0].columns[columns.time], tables[0].columns[columns.pressure]
     further, volume = {}, False
     for name, heading in columns.further.items():
@@ -268,19 +270,21 @@ def read_log(path: Path, columns: LogColumns) -> Log:
         column = Column(heading, unit, columns.units.get(name), stating=f"--{name}-unit")
         table = take_columns(sheet, [time, column])  # it may be the command's column too
         volume = volume or table.units[heading] == "m3/s"
-        own, place = table.columns[columns.time], f'{path}, column "{heading}"'  # MDF has several clocks
-        step = float(np.median(np.diff(own)))
-        if max(own[0] - clock[0], clock[-1] - own[-1]) > 1.01 * step:  # of a mean over cycles one sample may lack
+        sensor_clock, place = table.columns[columns.time], f'{path}, column "{heading}"'  # MDF has several clocks
+        step = float(np.median(np.diff(sensor_clock)))
+        if (
+            max(sensor_clock[0] - clock[0], clock[-1] - sensor_clock[-1]) > 1.01 * step
+        ):  # of a mean over cycles one sample may lack
             raise InputError(
-                f"{place}: it reaches from {own[0]:.6g} to {own[-1]:.6g} s, the pressure from {clock[0]:.6g} to "
-                f"{clock[-1]:.6g} s; give a column that covers the pressure, or cut the log."
+                f"{place}: it reaches from {sensor_clock[0]:.6g} to {sensor_clock[-1]:.6g} s, the pressure from "
+                f"{clock[0]:.6g} to {clock[-1]:.6g} s; give a column that covers the pressure, or cut the log."
             )
         if name == "current" and SLOWEST * step > 1.01:
             raise InputError(
                 f"{place}: it has {1e-3 / step:.3g} samples a millisecond, and a current needs {1e-3 * SLOWEST:g} or "
                 "more; give a faster one, or leave it out."
             )
-        further[name] = np.interp(clock, own, table.columns[heading])
+        further[name] = np.interp(clock, sensor_clock, table.columns[heading])
     if columns.energisings is None:
         return Log(clock, pressure, *_read_command(tables[1], columns.time, columns.command), further, volume)
     start = Column("start", "s", increasing=True, stating="")
@@ -304,7 +308,9 @@ def _read_command(table: Table, time: str, command: str) -> tuple[list[tuple[flo
     inner = current[1:-1][flows[:-2] & flows[1:-1] & flows[2:]]
     if table.units[command] == "A" or (len(inner) and float(np.mean(inner < HOLD * current.max())) > HOLDING):
         read = read_energisings(clock, value)
-        return [(one.start, one.duration) for one in read], [one.error for one in read]
+        return [(energising.start, energising.duration) for energising in read], [
+            energising.error for energising in read
+        ]
     turns = np.flatnonzero(np.diff(on.astype(np.int8)))
     at = 0.5 * (clock[turns] + clock[turns + 1])  # between two samples
     # one that the log cuts reaches over its edge, so that its shot is not whole, and is counted as such

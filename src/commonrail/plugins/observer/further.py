@@ -29,18 +29,18 @@ def coil_current(theta: Mapping[str, Floats], flux: Floats, lift: Floats) -> Flo
 
     `theta`: parameters (candidates, 1) by their names; `flux` [Wb], `lift` of the valve [m]: (candidates, samples).
     """
-    own = solenoid.Parameters(*(theta[f"solenoid.{name}"] for name in solenoid.Parameters._fields))  # type: ignore[arg-type]
+    coil = solenoid.Parameters(*(theta[f"solenoid.{name}"] for name in solenoid.Parameters._fields))  # type: ignore[arg-type]
     gap = theta["valve.lift"] - lift
-    return np.asarray(solenoid.circuit(solenoid.coefficients(own), flux, gap).current)  # type: ignore[arg-type]
+    return np.asarray(solenoid.circuit(solenoid.coefficients(coil), flux, gap).current)  # type: ignore[arg-type]
 
 
-def flowing(shot: ShotRecord, at: Floats) -> Bools:
+def select_current_samples(shot: ShotRecord, at: Floats) -> Bools:
     """Averaged samples at times (samples,) [s] in which the coil's current counts."""
     last = shot.energisings[-1]
     return np.asarray((at > -1e-9) & (at < last.start + last.duration + FADED))
 
 
-def metered(returned: Floats, time: Floats, period: float, gain: float) -> Floats:
+def read_meter(returned: Floats, time: Floats, period: float, gain: float) -> Floats:
     """Mass through the return line in a cycle, as a meter shows it (candidates, 1) [kg].
 
     That of the simulation and, beyond it, the guides' leakage at rest, which is what flows before the valve opens.
@@ -52,14 +52,14 @@ def metered(returned: Floats, time: Floats, period: float, gain: float) -> Float
     return np.asarray((1.0 + gain) * (returned[:, -1] + leak * (period - time[-1])))[:, None]
 
 
-def noise_found(shots: Sequence[ShotRecord]) -> float:
+def find_current_noise(shots: Sequence[ShotRecord]) -> float:
     """Standard deviation of a sample of the current before shots [A], not less than that of 12 bits."""
     still = [shot.further["current"][shot.time < 0.0] for shot in shots]
     largest = max(float(np.abs(shot.further["current"]).max()) for shot in shots)
-    return max(float(np.concatenate([one - one.mean() for one in still]).std()), QUIETEST * largest)
+    return max(float(np.concatenate([current - current.mean() for current in still]).std()), QUIETEST * largest)
 
 
-def check_further(shots: Sequence[ShotRecord], further: Sequence[str]) -> None:
+def check_further_sensors(shots: Sequence[ShotRecord], further: Sequence[str]) -> None:
     """Refuse a current that does not rise in the energisings, and a return flow without a whole cycle."""
     if "return" in further and not any("return" in shot.further for shot in shots):
         raise ConfigurationError(
@@ -72,14 +72,14 @@ def check_further(shots: Sequence[ShotRecord], further: Sequence[str]) -> None:
             now[flow].mean() - now[t < 0.0].mean() for now, t, end in pairs if any(flow := (t > 0.0) & (t < sum(end)))
         ]
         rise = float(np.median(rises)) if rises else 0.0
-        if rise <= noise_found(shots):
+        if rise <= find_current_noise(shots):
             raise ConfigurationError(
                 f"The current does not rise in the energisings: it is {quantity(rise, 'A', 2)} more than before them; "
                 "check its column (--current), its sign and its clock."
             )
 
 
-def joined(
+def join_covariances(
     first: Floats, alike: Floats, settings: ObserverSettings, shot: ShotRecord, shown: Floats, at: Floats
 ) -> Floats:
     """Covariance (rows, rows) of the pressure and all further sensors, whose errors are independent of each other's.
@@ -99,13 +99,13 @@ def joined(
     """
     blocks = [first]
     if "current" in shot.further:
-        flows = flowing(shot, at)
+        flows = select_current_samples(shot, at)
         amperes = shown[len(at) : len(at) + int(flows.sum())]
         steep = np.gradient(amperes, at[flows]) if len(amperes) > 1 else 0.0
         lacking = np.hypot(settings.current_discrepancy * amperes, settings.current_timing * steep)
-        noise = (settings.current_noise or CURRENT_NOISE) / settings.averaged_samples(shot.time) ** 0.5
-        own = noise**2 + (CORNER * np.convolve(amperes, (1.0, -2.0, 1.0), "same")) ** 2
-        blocks.append(np.diag(own) + np.outer(lacking, lacking) * alike[flows][:, flows])
+        noise = (settings.current_noise or CURRENT_NOISE) / settings.count_averaged_samples(shot.time) ** 0.5
+        current_variances = noise**2 + (CORNER * np.convolve(amperes, (1.0, -2.0, 1.0), "same")) ** 2
+        blocks.append(np.diag(current_variances) + np.outer(lacking, lacking) * alike[flows][:, flows])
     if "return" in shot.further:
         share = settings.return_shots * settings.return_deviation**2 + settings.return_discrepancy**2
         blocks.append(np.atleast_2d(share * shown[-1] ** 2))

@@ -26,17 +26,17 @@ class Measured(NamedTuple):
 class _Shot:
     """One shot of a horizon: its latest update, and the variances by which states may have changed before it."""
 
-    def __init__(self, number: int, measured: Measured, found: Update) -> None:
-        self.number, self.measured, self.found = number, measured, found
-        self.trusted = found.consistency <= TRUSTED
-        self.extra = np.zeros(len(found.own))
+    def __init__(self, number: int, measured: Measured, latest: Update) -> None:
+        self.number, self.measured, self.latest = number, measured, latest
+        self.trusted = latest.consistency <= TRUSTED
+        self.extra = np.zeros(len(latest.shot_states))
 
-    def updated(self, belief: Belief, states: tuple[DriftState, ...]) -> Update:
+    def update(self, belief: Belief, states: tuple[DriftState, ...]) -> Update:
         """Update of a belief about this shot, its response taken for linear."""
-        at, response = self.found.at, self.found.response
+        at, response = self.latest.at, self.latest.response
         trusted = np.inf if self.trusted else -1.0
         shown, covariance, _ = self.measured
-        done = update(belief, states, shown, covariance, lambda x: response.moved(x - at), 1, trusted=trusted)
+        done = update(belief, states, shown, covariance, lambda x: response.shift(x - at), 1, trusted=trusted)
         assert done is not None  # nothing is simulated
         return done._replace(at=at, response=response)
 
@@ -64,9 +64,9 @@ class Horizon:
         self._shots: list[_Shot] = []
         self._before: list[Belief] = []  # about each shot, by those before it
 
-    def add(self, number: int, measured: Measured, found: Update, before: Belief) -> None:
+    def add(self, number: int, measured: Measured, latest: Update, before: Belief) -> None:
         """Take the newest shot with its update from a belief `before` it; the oldest leaves."""
-        self._shots = [*self._shots, _Shot(number, measured, found)][-self.length :]
+        self._shots = [*self._shots, _Shot(number, measured, latest)][-self.length :]
         self._before = [*self._before, before][-self.length :]
 
     def change(self, ago: int, variances: Floats) -> None:
@@ -78,38 +78,42 @@ class Horizon:
         """Estimate all shots; the belief after the newest."""
         for k in range(self.passes):
             belief = self._pass()
-            moved = [s for s in self._shots if np.max(np.abs(s.found.own - s.found.at) / self._spread) > MOVED]
+            moved = [
+                s for s in self._shots if np.max(np.abs(s.latest.shot_states - s.latest.at) / self._spread) > MOVED
+            ]
             if not moved or k + 1 == self.passes:
                 break
             for shot in moved:
-                response = shot.measured.simulate(shot.found.own)
+                response = shot.measured.simulate(shot.latest.shot_states)
                 if response is not None:
-                    shot.found = shot.found._replace(at=shot.found.own, response=response)
+                    shot.latest = shot.latest._replace(at=shot.latest.shot_states, response=response)
         return belief
 
-    def found(self) -> list[tuple[int, Update]]:
+    def updates(self) -> list[tuple[int, Update]]:
         """Numbers of the shots and their updates by all of them."""
-        return [(shot.number, shot.found) for shot in self._shots]
+        return [(shot.number, shot.latest) for shot in self._shots]
 
     def _pass(self) -> Belief:
         forward, belief = list[Update](), self._before[0]
         for i, shot in enumerate(self._shots):
             self._before[i] = belief
-            forward.append(shot.updated(belief.spread(shot.extra), self.states))
+            forward.append(shot.update(belief.spread(shot.extra), self.states))
             belief = forward[-1].belief.spread(self._walks)
         information: Floats = np.zeros((len(self.states),) * 2)  # of the later shots
         score: Floats = np.zeros(len(self.states))
-        for shot, before, one in zip(reversed(self._shots), reversed(self._before), reversed(forward), strict=True):
-            joined = _joined(before.spread(shot.extra), information, score)
-            shot.found = shot.updated(joined, self.states) if information.any() else one
-            information, score = information + one.information, score + one.score
+        for shot, before, filtered in zip(
+            reversed(self._shots), reversed(self._before), reversed(forward), strict=True
+        ):
+            combined = _add_information(before.spread(shot.extra), information, score)
+            shot.latest = shot.update(combined, self.states) if information.any() else filtered
+            information, score = information + filtered.information, score + filtered.score
             through = np.eye(len(score)) + information * (self._walks + shot.extra)
             both = np.asarray(np.linalg.solve(through, np.column_stack([information, score])), float)
             information, score = both[:, :-1], both[:, -1]
         return forward[-1].belief
 
 
-def _joined(belief: Belief, information: Floats, score: Floats) -> Belief:
+def _add_information(belief: Belief, information: Floats, score: Floats) -> Belief:
     """Belief with information (states, states) and score (states,) of other shots."""
     factor = np.linalg.inv(np.eye(len(score)) + belief.covariance @ information)
     covariance = factor @ belief.covariance

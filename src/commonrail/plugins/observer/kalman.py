@@ -30,7 +30,7 @@ class Belief(NamedTuple):
         """Belief before the first shot."""
         return cls(np.zeros(len(states)), np.diag([state.deviation**2 for state in states]))
 
-    def walked(self, states: tuple[DriftState, ...]) -> Belief:
+    def walk(self, states: tuple[DriftState, ...]) -> Belief:
         """Belief about the next shot."""
         return self.spread([state.walk**2 for state in states])
 
@@ -40,15 +40,15 @@ class Belief(NamedTuple):
 
 
 def innovation(
-    belief: Belief, states: tuple[DriftState, ...], off: Floats, slopes: Floats, covariance: Floats
+    belief: Belief, states: tuple[DriftState, ...], residual: Floats, slopes: Floats, covariance: Floats
 ) -> Floats:
     """Whitened innovation (rows,) of a shot, that of each row given the rows before it: 1 on average of its square.
 
-    `off` (rows,): measured less expected; `slopes` (rows, states); `covariance` (rows, rows) of what is measured.
+    `residual` (rows,): measured less expected; `slopes` (rows, states); `covariance` (rows, rows) of what is measured.
     """
-    own = belief.covariance + np.diag([state.scatter**2 for state in states])
-    factor = np.linalg.cholesky(slopes @ own @ slopes.T + covariance)
-    return np.asarray(solve_triangular(factor, off, lower=True))
+    prior = belief.covariance + np.diag([state.scatter**2 for state in states])
+    factor = np.linalg.cholesky(slopes @ prior @ slopes.T + covariance)
+    return np.asarray(solve_triangular(factor, residual, lower=True))
 
 
 class Update(NamedTuple):
@@ -65,7 +65,7 @@ class Update(NamedTuple):
         Measured less simulated pressure at the new states [Pa].
     rate, rate_deviation : (times,)
         Of injection, as in `Response`, and its standard deviation [m³/s].
-    at, own : (states,)
+    at, shot_states : (states,)
         States at which the shot was simulated last, and those found; with what the shot has for itself.
     response : Response
         Simulated there.
@@ -82,7 +82,7 @@ class Update(NamedTuple):
     rate: Floats
     rate_deviation: Floats
     at: Floats
-    own: Floats
+    shot_states: Floats
     response: Response
     information: Floats
     score: Floats
@@ -109,7 +109,7 @@ def update(
     Parameters
     ----------
     belief : Belief
-        About this shot, `Belief.walked`.
+        About this shot, `Belief.walk`.
     states : tuple of DriftState
     measured : (samples,)
         As `Response.shown`.
@@ -135,16 +135,16 @@ def update(
     spread = np.sqrt(np.diag(prior))
     z = start
     consistency, step = np.nan, np.zeros_like(z)
-    found: Response | None = None
+    response: Response | None = None
     for k in range(iterations):
-        at = _own(z, n, extra)
-        found = simulate(at)
-        if found is None:
+        at = _states_of_shot(z, n, extra)
+        response = simulate(at)
+        if response is None:
             return None
-        slopes = _twice(found.slopes, extra)
-        factor = np.linalg.cholesky(covariance(found))
+        slopes = _append_scatter_slopes(response.slopes, extra)
+        factor = np.linalg.cholesky(covariance(response))
         white = solve_triangular(factor, slopes, lower=True)
-        rest = solve_triangular(factor, measured - found.shown + slopes @ (z - start), lower=True)
+        rest = solve_triangular(factor, measured - response.shown + slopes @ (z - start), lower=True)
         posterior = cho_solve(cho_factor(inverse + white.T @ white), np.eye(len(z)))
         step = start + posterior @ (white.T @ rest) - z
         if k == 0:
@@ -158,38 +158,41 @@ def update(
         z = z + step
         if np.max(np.abs(step) / spread) < CONVERGED:
             break
-    assert found is not None  # there is one iteration or more
+    assert response is not None  # there is one iteration or more
     # what the shot says of the states, about those before it, without what it has for itself
     gram, gain = white.T @ white, white.T @ rest
     shared = np.linalg.solve(gram[n:, n:] + np.diag(scatter**-2.0), np.column_stack([gram[n:, :n], gain[n:]])).T
     information, score = gram[:n, :n] - shared[:n] @ gram[n:, :n], gain[:n] - gram[:n, n:] @ shared[n]
-    figure_slopes, rate_slopes = _twice(found.figure_slopes, extra), _twice(found.rate_slopes, extra)
+    figure_slopes, rate_slopes = (
+        _append_scatter_slopes(response.figure_slopes, extra),
+        _append_scatter_slopes(response.rate_slopes, extra),
+    )
     variances = np.einsum("abi,ij,abj->ab", figure_slopes, posterior, figure_slopes)
     variances[1:] += TIMES**2
     return Update(
         belief=Belief(z[:n], posterior[:n, :n]),
-        figures=found.figures + figure_slopes @ step,
+        figures=response.figures + figure_slopes @ step,
         deviations=np.sqrt(variances),
         consistency=consistency,
-        residual=measured - found.shown - slopes @ step,
-        rate=found.rate + rate_slopes @ step,
+        residual=measured - response.shown - slopes @ step,
+        rate=response.rate + rate_slopes @ step,
         rate_deviation=np.sqrt(np.einsum("ti,ij,tj->t", rate_slopes, posterior, rate_slopes)),
         at=at,
-        own=_own(z, n, extra),
-        response=found,
+        shot_states=_states_of_shot(z, n, extra),
+        response=response,
         information=information,
         score=score + information @ belief.mean,
     )
 
 
-def _own(z: Floats, n: int, extra: list[int]) -> Floats:
+def _states_of_shot(z: Floats, n: int, extra: list[int]) -> Floats:
     """States (n,) of a shot with what it has for itself."""
-    own = z[:n].copy()
-    own[extra] += z[n:]
-    return own
+    shot_states = z[:n].copy()
+    shot_states[extra] += z[n:]
+    return shot_states
 
 
-def _twice(slopes: Floats, extra: list[int]) -> Floats:
+def _append_scatter_slopes(slopes: Floats, extra: list[int]) -> Floats:
     """Slopes (..., states) with those of what a shot has for itself."""
     return np.concatenate([slopes, slopes[..., extra]], axis=-1)
 
@@ -230,16 +233,16 @@ class StepTest:
         self._sums: list[tuple[Floats, Floats]] = []  # score and information (states,)
 
     def add(self, before: Belief, after: Belief) -> None:
-        """Take a shot's belief before (`Belief.walked`) and after it."""
+        """Take a shot's belief before (`Belief.walk`) and after it."""
         n = len(self.states)
         inverse = np.linalg.inv(before.covariance)
-        kept = after.covariance @ inverse
-        score, information = inverse @ (after.mean - before.mean), inverse - inverse @ kept
+        factor = after.covariance @ inverse
+        score, information = inverse @ (after.mean - before.mean), inverse - inverse @ factor
         self._left = [*self._left, np.eye(n)][-self.window :]
         self._sums = [*self._sums, (np.zeros(n), np.zeros(n))][-self.window :]
         for i, (left, (s, f)) in enumerate(zip(self._left, self._sums, strict=True)):
             self._sums[i] = (s + left.T @ score, f + np.einsum("ij,ik,kj->j", left, information, left))
-            self._left[i] = kept @ left
+            self._left[i] = factor @ left
 
     def alarm(self) -> Alarm | None:
         """The most significant step; None if there is none beyond significance and limit."""

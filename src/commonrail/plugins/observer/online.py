@@ -57,10 +57,12 @@ class Online(NamedTuple):
     sampling: float
 
     @classmethod
-    def after(cls, found: Observation, sampling: float) -> Online:
+    def after(cls, observation: Observation, sampling: float) -> Online:
         """Observer with the settings of an observation and the disturbance found in its log."""
-        given = replace(found.settings, disturbance=found.disturbance, grid=GRID, iterations=ITERATIONS, horizon=1)
-        return cls(found.injector, given, sampling)
+        settings = replace(
+            observation.settings, disturbance=observation.disturbance, grid=GRID, iterations=ITERATIONS, horizon=1
+        )
+        return cls(observation.injector, settings, sampling)
 
 
 def check_online(place: Path) -> list[Target]:
@@ -126,14 +128,14 @@ def write_observer_fmu(online: Online, out: Path, targets: Sequence[Target], fmi
     numbers = {"sampling": 1e6 * online.sampling, "pause": 1e3 * online.settings.gap, "version": version("commonrail")}
     about: dict[str, Any] = {"title": titled.title, "injector": online.injector, "variables": listed}
     page = render("online.html", package=__package__, **about, **numbers)
-    made = Instance(model._replace(injector=titled, stamp=stamp), listed, texts, page, blocks=True)
-    return write_instance(made, out, targets, fmi)
+    instance = Instance(model._replace(injector=titled, stamp=stamp), listed, texts, page, blocks=True)
+    return write_instance(instance, out, targets, fmi)
 
 
 def online_variables(online: Online) -> list[Variable]:
     """Variables of the observer's FMU, in the order of the fields of ``cr_observed`` behind the inputs."""
     real = partial(Kind, "Real")
-    states = study.states_of(online.injector, online.settings)
+    states = study.resolve_states(online.injector, online.settings)
     work = "inner work of a sample at most, in time steps of a block of injectors"
     energised = "share of the time in which the coil is energised, 0 to 1"
     low, high = online.injector.fuel.pressure_range
@@ -186,7 +188,7 @@ def observer_texts(online: Online) -> dict[str, str]:
     """Headers and source of the observer by name, with ``cr`` in place of the model's name."""
     injector = online.injector
     study.check_model(injector)
-    settings = replace(online.settings, states=study.states_of(injector, online.settings))
+    settings = replace(online.settings, states=study.resolve_states(injector, online.settings))
     names = tuple(state.parameter for state in settings.states if state.parameter)
     if settings.disturbance is None:
         raise ConfigurationError(
@@ -235,7 +237,7 @@ def _defines(values: Mapping[str, Any]) -> str:
 
 def _sizes(settings: ObserverSettings, sampling: float) -> dict[str, float]:
     """Numbers of states, lanes, samples and steps, and what sets them."""
-    many = settings.averaged_samples(np.array([0.0, sampling]))
+    many = settings.count_averaged_samples(np.array([0.0, sampling]))
     lanes = _lanes(settings.states)
     dt = float(settings.time_step)
     return {

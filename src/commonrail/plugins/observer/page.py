@@ -67,16 +67,16 @@ RESULT = ResultKind("observer.json", "observer", "observe", observer_html, KEYS)
 
 def observer_lines(record: Record) -> list[str]:
     """Sentences on the log as a whole."""
-    rows = _injections(record)
-    found = [row for row in rows if row["quantity"] is not None]
-    if found and not any((row["quantity_open_loop"] or 0.0) > 0.0 for row in found):
+    rows, further = _injections(record), _further_sensor_words(record)
+    observed = [row for row in rows if row["quantity"] is not None]
+    if observed and not any((row["quantity_open_loop"] or 0.0) > 0.0 for row in observed):
         return [
             f"By the model alone no injection follows from the {counted(len(rows), 'energising')} of the log, so that "
             "the pressure moves no quantity; check energising times, command and pressure."
         ]
     lines = [
         f"{counted(len(record['shots']), 'shot')} with {counted(len(rows), 'injection')}; quantity, opening and "
-        f"closing of {len(found)} follow from the pressure at the {_place(record)}{_further(record)} and the command, "
+        f"closing of {len(observed)} follow from the pressure at the {_place(record)}{further} and the command, "
         f"by the model of {record['injector']['title']}.",
         f"Rail volume {_volume(record)}.",
     ]
@@ -87,17 +87,17 @@ def observer_lines(record: Record) -> list[str]:
         )
     if strange := _strange(record):
         lines.append(
-            f"{counted(strange, 'shot')} changed no state, since the pressure{_further(record)} is not what model and "
+            f"{counted(strange, 'shot')} changed no state, since the pressure{further} is not what model and "
             "disturbance allow (consistency above 3), as where another injector injects at once; their figures are "
             "those of the states."
         )
-    if found:
-        moved = 100.0 * np.nanmedian(_moved(found))
+    if observed:
+        shift = 100.0 * np.nanmedian(_shift_by_pressure(observed))
         lines.append(
-            f"Median standard deviation of a quantity {_deviation(found)}; the pressure moved the model's quantities "
-            f"by {fixed(moved, 1)} % (median). {HELD}"
+            f"Median standard deviation of a quantity {_deviation(observed)}; the pressure moved the model's "
+            f"quantities by {fixed(shift, 1)} % (median). {HELD}"
         )
-    if closed := sum(row["quantity_deviation"] is None for row in found):
+    if closed := sum(row["quantity_deviation"] is None for row in observed):
         lines.append(
             f"{counted(closed, 'injection')} did not open by the model with its states: such a quantity near zero has "
             "no standard deviation, since the slopes of the model do not tell where it begins to open."
@@ -109,7 +109,7 @@ def _strange(record: Record) -> int:
     return sum((shot["consistency"] or 0.0) > TRUSTED for shot in record["shots"])
 
 
-def _moved(rows: list[Record]) -> Floats:
+def _shift_by_pressure(rows: list[Record]) -> Floats:
     """Share (injections,) by which the pressure changed each quantity of the model alone."""
     before, after = (np.array([row[key] for row in rows], float) for key in ("quantity_open_loop", "quantity"))
     return np.asarray(np.abs(after / np.where(before > 0.0, before, np.nan) - 1.0))
@@ -124,24 +124,26 @@ def warning_lines(record: Record) -> list[str]:
     """Sentences on what makes the figures doubtful."""
     shots, strange = record["shots"], _strange(record)
     rest, (low, high) = float(np.median([shot["rail_pressure"] for shot in shots])), RAIL_PRESSURES.likely
-    moved = _moved([row for row in _injections(record) if row["quantity"] is not None])
-    found = {
+    moved = _shift_by_pressure([row for row in _injections(record) if row["quantity"] is not None])
+    conditions = {
         f"{quantity(low, 'Pa', 3)} to {quantity(high, 'Pa', 3)} is usual before a shot.": not low <= rest <= high,
         f"{strange} of {len(shots)} shots are not what the model allows: use no quantity.": 2 * strange > len(shots),
         f"Over a tenth of the quantities lie over {100.0 * MOVED:g} % from those of the model alone.": bool(
             np.sum(moved > MOVED) > OFTEN * len(moved)
         ),
     }
-    lines = [line for line, holds in found.items() if holds]
+    lines = [line for line, holds in conditions.items() if holds]
     last = next((shot["drift"] for shot in reversed(shots) if shot["drift"] is not None), ())
     for value, state in zip(last, record["states"], strict=False):
         if (far := abs(value) / state["deviation"]) > FAR:
-            named = f"{state['name']} {_with_unit(value, state['unit'], True)}"
+            label = f"{state['name']} {_with_unit(value, state['unit'], True)}"
             lines.append(
-                f"{named[0].upper()}{named[1:]} is {significant(far, 2)} standard deviations from where it began."
+                f"{label[0].upper()}{label[1:]} is {significant(far, 2)} standard deviations from where it began."
             )
     if lines:
-        more = "".join(f"column and unit of {words} ({option}), " for words, option in _used(record).values())
+        more = "".join(
+            f"column and unit of {words} ({option}), " for words, option in _find_used_sensors(record).values()
+        )
         lines.append(
             f"Check rail.volume ({_volume(record).partition(' (')[0]}), the pressure's unit (--pressure-unit; "
             f"{quantity(rest, 'Pa', 3)} before the shots, median), {more}and whether the command is this injector's."
@@ -160,11 +162,11 @@ def _place(record: Record) -> str:
     return "rail" if record["sensor"] == "rail" else "injector's end of the line"
 
 
-def _further(record: Record) -> str:
-    return "".join(f", {words}" for words, _ in _used(record).values())
+def _further_sensor_words(record: Record) -> str:
+    return "".join(f", {words}" for words, _ in _find_used_sensors(record).values())
 
 
-def _used(record: Record) -> dict[str, tuple[str, str]]:
+def _find_used_sensors(record: Record) -> dict[str, tuple[str, str]]:
     """Words and option of each further sensor that counts in a shot."""
     used = {name for shot in record["shots"] for name, counts in shot.get("further", {}).items() if counts}
     return {name: words for name, words in FURTHER_WORDS.items() if name in used}
@@ -290,14 +292,14 @@ def _quantities(record: Record) -> Figure:
     for j in range(number):
         rows = [(k, s["injections"][j]) for k, s in enumerate(record["shots"], 1) if j < len(s["injections"])]
         x = points(k for k, _ in rows)
-        found, deviation, model = (
+        quantities, deviation, model = (
             np.array([row[f"quantity{key}"] for _, row in rows], float) * MM3
             for key in ("", "_deviation", "_open_loop")
         )
         name = "" if number == 1 else f", injection {j + 1}"
-        upper.append(Series(f"observer{name}", "best", x, points(found), MARKERS, j))
+        upper.append(Series(f"observer{name}", "best", x, points(quantities), MARKERS, j))
         with np.errstate(invalid="ignore", divide="ignore"):
-            share, spread = 100.0 * (found / model - 1.0), 100.0 * TWO * deviation / model
+            share, spread = 100.0 * (quantities / model - 1.0), 100.0 * TWO * deviation / model
         lower.append(Series("", "best", x, points(share), MARKERS, j))
         bands.append(Band("best", x, points(share - spread), points(share + spread), j))
     panels = (
@@ -313,17 +315,17 @@ def _quantities(record: Record) -> Figure:
 
 
 def _drift_map(record: Record) -> HeatMap:
-    kept = [k for k, shot in enumerate(record["shots"]) if shot["drift"] is not None]
-    kept = kept[:: max(-(-len(kept) // MOST_COLUMNS), 1)]  # even steps
+    columns = [k for k, shot in enumerate(record["shots"]) if shot["drift"] is not None]
+    columns = columns[:: max(-(-len(columns) // MOST_COLUMNS), 1)]  # even steps
     states = record["states"]
-    drift = np.array([record["shots"][k]["drift"] for k in kept]) / [state["deviation"] for state in states]
+    drift = np.array([record["shots"][k]["drift"] for k in columns]) / [state["deviation"] for state in states]
     rows = drift.T.tolist()
     return HeatMap(
         "Map of the drift",
         "Estimate of each state after a shot, in its standard deviation before the first.",
         "shot",
         "",
-        tuple(str(k + 1) for k in kept),
+        tuple(str(k + 1) for k in columns),
         tuple(state["name"] for state in states),
         tuple(map(points, rows)),
         tuple(tuple(fixed(round(value, 1) + 0.0, 1) for value in row) for row in rows),

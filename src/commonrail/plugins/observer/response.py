@@ -18,7 +18,7 @@ from commonrail.engine.status import which_failed
 from commonrail.physics.components.solenoid import Parameters
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths
 from commonrail.plugins.observer import study
-from commonrail.plugins.observer.further import PATHS, coil_current, flowing, metered
+from commonrail.plugins.observer.further import PATHS, coil_current, read_meter, select_current_samples
 from commonrail.plugins.observer.study import ObserverSettings, ShotRecord
 
 # Steps of the temperature at which the fuel is computed, which takes as long as a shot; linear between [K].
@@ -54,7 +54,7 @@ class Response(NamedTuple):
     rate: Floats
     rate_slopes: Floats
 
-    def moved(self, by: Floats) -> Response:
+    def shift(self, by: Floats) -> Response:
         """Response at states that differ by so much (states,), linear."""
         return self._replace(
             shown=self.shown + self.slopes @ by,
@@ -99,14 +99,14 @@ class Simulator:
 
     def at(self, shot: ShotRecord, rest: float, x: Floats) -> Response | None:
         """Response at states `x` (states,), None where the simulation fails; `rest`: pressure shown at rest [Pa]."""
-        whole = self._at_grid(x)
+        grid_states = self._at_grid(x)
         try:
-            found = self._at(shot, rest, whole)
+            response = self._at(shot, rest, grid_states)
         except ConfigurationError:  # states or a shot so far off that the fuel does not cover the pressure
             return None
-        if found is None or not np.isfinite(found.shown).all():
+        if response is None or not np.isfinite(response.shown).all():
             return None
-        return found if np.array_equal(whole, x) else found.moved(x - whole)
+        return response if np.array_equal(grid_states, x) else response.shift(x - grid_states)
 
     def _at_grid(self, x: Floats) -> Floats:
         """States on the grid of the settings, with the fuel's temperature at the nearest step that the fuel covers."""
@@ -128,16 +128,16 @@ class Simulator:
         scale = 1.0 + sensor[study.GAIN]
         true = (rest - sensor[study.OFFSET]) / scale
         true = float(np.round(true)) if self.settings.grid else true
-        found = self._traces(shot, true, np.array([x, *changed]))
-        if found is None:
+        traces = self._traces(shot, true, np.array([x, *changed]))
+        if traces is None:
             return None
-        time, injected = found.time, found.injected
-        shown = self._shown(shot, found, sensor)
-        cuts = cuts_of(time, injected[0], shot.energisings)
+        time, injected = traces.time, traces.injected
+        shown = self._readings(shot, traces, sensor)
+        cuts = find_cuts(time, injected[0], shot.energisings)
         density = self._densities(np.array([x, *changed]))
-        figures = np.array([figures_of(time, row, cuts) for row in injected])
+        figures = np.array([find_figures(time, row, cuts) for row in injected])
         figures[:, 0] /= density
-        rates = rate_of(time, injected) / density
+        rates = mean_rate(time, injected) / density
         slopes, figure_slopes = np.zeros((len(shown[0]), n)), np.zeros((*figures[0].shape, n))
         rate_slopes = np.zeros((len(rates[0]), n))
         lane = 0
@@ -149,41 +149,41 @@ class Simulator:
                 rate_slopes[:, i] = (rates[lane] - rates[0]) / steps[i]
             elif state.name not in (study.GAIN, study.OFFSET):
                 by = LATER if state.unit == "s" else STEP * state.deviation
-                other = self._shown(shot, found, {**sensor, state.name: sensor[state.name] + by})[0]
+                other = self._readings(shot, traces, {**sensor, state.name: sensor[state.name] + by})[0]
                 slopes[:, i] = (other - shown[0]) / by
         lower = self._traces(shot, true - LOWER, x[None])
         if lower is not None:  # both errors of the sensor also move the true pressure at rest
-            by_rest = (self._shown(shot, lower, sensor)[0] - shown[0]) / LOWER
-            lowered = figures_of(time, lower.injected[0], cuts)
+            by_rest = (self._readings(shot, lower, sensor)[0] - shown[0]) / LOWER
+            lowered = find_figures(time, lower.injected[0], cuts)
             lowered[0] /= density[0]
             figures_by_rest = (lowered - figures[0]) / LOWER
-            rate_by_rest = (rate_of(time, lower.injected)[0] / density[0] - rates[0]) / LOWER
-            own = np.where(np.arange(len(shown[0])) < len(self.averaged(shot.time, shot.time)), shown[0], 0.0)
+            rate_by_rest = (mean_rate(time, lower.injected)[0] / density[0] - rates[0]) / LOWER
+            pressure_rows = np.where(np.arange(len(shown[0])) < len(self.average(shot.time, shot.time)), shown[0], 0.0)
             for name, drop, error in ((study.OFFSET, 0.0, 1.0 / scale), (study.GAIN, 1.0 / scale, true / scale)):
                 if name in by_name:
-                    slopes[:, by_name[name]] = drop * own + error * by_rest
+                    slopes[:, by_name[name]] = drop * pressure_rows + error * by_rest
                     figure_slopes[..., by_name[name]] = error * figures_by_rest
                     rate_slopes[:, by_name[name]] = error * rate_by_rest
         sound = np.isfinite(slopes).all(axis=0)  # a change that cannot be simulated tells nothing
-        own, of_figures, of_rate = (
+        pressure_rows, of_figures, of_rate = (
             np.where(sound, table, 0.0) for table in (slopes, np.nan_to_num(figure_slopes), rate_slopes)
         )
-        return Response(shown[0], own, figures[0], of_figures, rates[0], of_rate)
+        return Response(shown[0], pressure_rows, figures[0], of_figures, rates[0], of_rate)
 
     def figures(self, shot: ShotRecord, rest: float) -> tuple[Floats, Floats] | None:
         """Figures (3, injections) and rate (times,) at states of zero, as in `Response`; None where that fails."""
         x = np.zeros((1, len(self.states)))
         try:
-            found = self._traces(shot, rest, x)
+            traces = self._traces(shot, rest, x)
         except ConfigurationError as error:  # such as a pressure at rest below that in the cylinder
             self.refused = self.refused or error
             return None
-        if found is None:
+        if traces is None:
             return None
-        time, injected, density = found.time, found.injected, self._densities(x)[0]
-        figures = figures_of(time, injected[0], cuts_of(time, injected[0], shot.energisings))
+        time, injected, density = traces.time, traces.injected, self._densities(x)[0]
+        figures = find_figures(time, injected[0], find_cuts(time, injected[0], shot.energisings))
         figures[0] /= density
-        return figures, rate_of(time, injected)[0] / density
+        return figures, mean_rate(time, injected)[0] / density
 
     def values(self, x: Floats) -> Floats:
         """Values (candidates, names) of the parameters at states (candidates, states), SI."""
@@ -191,7 +191,9 @@ class Simulator:
         for i, state in enumerate(self.states):
             if state.parameter:
                 value = self.injector.values[state.parameter]
-                change = [math.exp(state.power * own) for own in x[:, i].tolist()]  # C's, which NumPy's may not be
+                change = [
+                    math.exp(state.power * value_of_state) for value_of_state in x[:, i].tolist()
+                ]  # C's, which NumPy's may not be
                 columns.append(value * np.array(change) if state.power else value + x[:, i])
         return np.array(columns).T
 
@@ -235,31 +237,31 @@ class Simulator:
         time = np.asarray(dt * np.arange(trace.shape[1]))
         return Traced(time, rows[study.SENSORS[self.settings.sensor]], rows["nozzle.injected"], further)
 
-    def _shown(self, shot: ShotRecord, traced: Traced, sensor: Mapping[str, float]) -> Floats:
+    def _readings(self, shot: ShotRecord, traced: Traced, sensor: Mapping[str, float]) -> Floats:
         """Readings of the sensors (candidates, rows), as `Response.shown`, with errors of the sensors by name."""
         time, pressure = traced.time, traced.pressure
         parts = [
-            (1.0 + sensor[study.GAIN]) * (self._sampled(shot, time, pressure, sensor[study.DELAY]) - pressure[:, :1])
+            (1.0 + sensor[study.GAIN]) * (self._sample(shot, time, pressure, sensor[study.DELAY]) - pressure[:, :1])
         ]
         if "current" in shot.further:
-            flows = flowing(shot, self.averaged(shot.time, shot.time))
-            parts.append(self._sampled(shot, time, traced.further["current"], sensor[study.CURRENT_DELAY])[:, flows])
+            flows = select_current_samples(shot, self.average(shot.time, shot.time))
+            parts.append(self._sample(shot, time, traced.further["current"], sensor[study.CURRENT_DELAY])[:, flows])
         if "return" in shot.further:
-            parts.append(metered(traced.further["return"], time, shot.period, sensor[study.METER_GAIN]))
+            parts.append(read_meter(traced.further["return"], time, shot.period, sensor[study.METER_GAIN]))
         return np.hstack(parts)
 
-    def _sampled(self, shot: ShotRecord, time: Floats, pressure: Floats, delay: float) -> Floats:
+    def _sample(self, shot: ShotRecord, time: Floats, pressure: Floats, delay: float) -> Floats:
         """Averaged samples (candidates, samples) of pressures that the sensor shows later by a delay [s]."""
-        return np.array([self.averaged(np.interp(shot.time - delay, time, row), shot.time) for row in pressure])
+        return np.array([self.average(np.interp(shot.time - delay, time, row), shot.time) for row in pressure])
 
-    def averaged(self, samples: Floats, time: Floats) -> Floats:
+    def average(self, samples: Floats, time: Floats) -> Floats:
         """Means of so many samples that they cover the time over which is averaged."""
-        many = self.settings.averaged_samples(time)
-        whole = len(samples) // many * many
-        return np.asarray(samples[:whole].reshape(-1, many).mean(axis=1))
+        many = self.settings.count_averaged_samples(time)
+        used = len(samples) // many * many
+        return np.asarray(samples[:used].reshape(-1, many).mean(axis=1))
 
 
-def rate_of(time: Floats, injected: Floats) -> Floats:
+def mean_rate(time: Floats, injected: Floats) -> Floats:
     """Mean rates (candidates, times) [kg/s] over each `RATE_STEP` of injected masses (candidates, samples) [kg]."""
     grid = RATE_STEP * np.arange(int(time[-1] / RATE_STEP) + 1)
     return np.asarray(np.diff([np.interp(grid, time, row) for row in injected]) / RATE_STEP)
@@ -272,7 +274,7 @@ def warm_steps(injector: Injector) -> Floats:
     return np.asarray(steps[both])
 
 
-def cuts_of(time: Floats, injected: Floats, pulses: tuple[Energising, ...]) -> list[int]:
+def find_cuts(time: Floats, injected: Floats, pulses: tuple[Energising, ...]) -> list[int]:
     """Indices between which the injections of the energisings lie: where the rate is least as the next one begins."""
     rate = np.diff(injected)
     cuts = [0]
@@ -282,26 +284,26 @@ def cuts_of(time: Floats, injected: Floats, pulses: tuple[Energising, ...]) -> l
     return [*cuts, len(time) - 1]
 
 
-def figures_of(time: Floats, injected: Floats, cuts: list[int]) -> Floats:
+def find_figures(time: Floats, injected: Floats, cuts: list[int]) -> Floats:
     """Injected mass [kg], opening and closing [s] between the cuts, (3, injections).
 
     An injection opens and closes where its rate meets `OPEN` of its largest rate next to where it exceeds `BODY` of it.
     `time`, `injected` (samples,): [s], [kg].
     """
     rate = np.diff(injected)
-    found = np.full((3, len(cuts) - 1), np.nan)
+    figures = np.full((3, len(cuts) - 1), np.nan)
     for k, (first, last) in enumerate(pairwise(cuts)):
-        found[0, k] = injected[last] - injected[first]
+        figures[0, k] = injected[last] - injected[first]
         level = OPEN * rate[first:last].max()
         if level > 0.0:
             body = np.flatnonzero(rate[first:last] > BODY / OPEN * level) + first
             below = np.flatnonzero(rate <= level)
             i = np.searchsorted(below, [body[0], body[-1]])
             if i[0] > 0:
-                found[1, k] = _crossing(time, rate, level, int(below[i[0] - 1]))
+                figures[1, k] = _crossing(time, rate, level, int(below[i[0] - 1]))
             if i[1] < len(below):
-                found[2, k] = _crossing(time, rate, level, int(below[i[1]]) - 1)
-    return found
+                figures[2, k] = _crossing(time, rate, level, int(below[i[1]]) - 1)
+    return figures
 
 
 def _crossing(time: Floats, rate: Floats, level: float, i: int) -> float:

@@ -23,7 +23,12 @@ from commonrail.physics.injector import Injector
 from commonrail.plugins.observer import study
 from commonrail.plugins.observer.disturbance import Disturbance, learn
 from commonrail.plugins.observer.file import SLOWEST, Memory, Observation, ObservedShot
-from commonrail.plugins.observer.further import check_further, flowing, joined, noise_found
+from commonrail.plugins.observer.further import (
+    check_further_sensors,
+    find_current_noise,
+    join_covariances,
+    select_current_samples,
+)
 from commonrail.plugins.observer.horizon import Horizon, Measured
 from commonrail.plugins.observer.kalman import TRUSTED, Belief, StepTest, Update, innovation, update
 from commonrail.plugins.observer.response import Response, Simulator
@@ -92,14 +97,14 @@ def observe(
         holds no whole shot.
     """
     study.check_model(instance(injector, Injector, "injector"))
-    given = mapping(further or {}, "further", '{"current": amperes}')
-    settings = _settings(injector, settings, previous, tuple(given))
+    samples_by_sensor = mapping(further or {}, "further", '{"current": amperes}')
+    settings = _settings(injector, settings, previous, tuple(samples_by_sensor))
     study.check_model(injector, settings.further)
     report = function(progress, "progress") or (lambda _: None)
     clock, shown = array(time, "s", "time", 1), array(pressure, "Pa", "pressure", 1)
     pulses = read_pulses(energisings)
     _check_log(clock, shown, pulses)
-    more = {name: array(given[name], study.FURTHER[name], name, 1) for name in settings.further}
+    more = {name: array(samples_by_sensor[name], study.FURTHER[name], name, 1) for name in settings.further}
     for name, samples in more.items():
         if len(samples) != len(clock):
             raise ConfigurationError(f'The log has {len(clock)} times, but {len(samples)} samples of "{name}".')
@@ -119,8 +124,8 @@ def observe(
         if not sure:
             raise ConfigurationError(f"{text}; sample it at 200 kHz, or give the times of the command.")
         note(f"{text}, and they have no figures.")
-    check_further(sure, settings.further)
-    return _Run(injector, settings, sure, thread_count(threads), previous).all(report)
+    check_further_sensors(sure, settings.further)
+    return _Run(injector, settings, sure, thread_count(threads), previous).observe_all(report)
 
 
 def _settings(
@@ -129,20 +134,20 @@ def _settings(
     if previous is None:
         settings = ObserverSettings() if settings is None else instance(settings, ObserverSettings, "settings")
         settings = replace(settings, further=settings.further or further)
-        known = replace(settings, states=study.states_of(injector, settings))
+        complete = replace(settings, states=study.resolve_states(injector, settings))
     else:
-        known = instance(previous, Observation, "previous").settings
+        complete = instance(previous, Observation, "previous").settings
         if settings is not None or injector is not previous.injector:
             raise ConfigurationError(
                 "An observation goes on with its own injector and settings; give `previous.injector`, and no settings."
             )
-    if set(known.further) != set(further):
-        named, given = (", ".join(names) or "none" for names in (known.further, further))
+    if set(complete.further) != set(further):
+        named_sensors, given_names = (", ".join(names) or "none" for names in (complete.further, further))
         raise ConfigurationError(
-            f"The settings name as further sensors: {named}; samples were given of: {given}; give those of all and no "
-            "others."
+            f"The settings name as further sensors: {named_sensors}; samples were given of: {given_names}; give those "
+            "of all and no others."
         )
-    return known
+    return complete
 
 
 def _check_log(clock: Floats, shown: Floats, pulses: Sequence[Energising]) -> None:
@@ -155,9 +160,9 @@ def _check_log(clock: Floats, shown: Floats, pulses: Sequence[Energising]) -> No
     uneven = np.flatnonzero(~(np.abs(steps - middle) <= UNEVEN * middle))
     if len(uneven):
         i = int(uneven[0])
-        apart, usual = quantity(float(steps[i]), "s", 3), quantity(middle, "s", 3)
+        gap, usual = quantity(float(steps[i]), "s", 3), quantity(middle, "s", 3)
         raise ConfigurationError(
-            f"The times of a log must be evenly spaced, and sample {i + 2} at {clock[i + 1]:.9g} s lies {apart} behind "
+            f"The times of a log must be evenly spaced, and sample {i + 2} at {clock[i + 1]:.9g} s lies {gap} behind "
             f"the one before it, where {usual} are usual; resample the log, or cut it there."
         )
     if np.any(far := np.abs(shown) > RAIL_PRESSURES.high):
@@ -180,17 +185,17 @@ def _check_log(clock: Floats, shown: Floats, pulses: Sequence[Energising]) -> No
             )
 
 
-def with_discrepancy(
+def make_covariance(
     disturbance: Disturbance, settings: ObserverSettings, at: Floats, shot: ShotRecord
 ) -> Callable[[Response], Floats]:
     """Covariance (rows, rows) of disturbance and discrepancy at times (samples,) [s] of a shot, from a response."""
     before = disturbance.covariance(at) + FLOOR**2 * np.eye(len(at))
     alike = toeplitz(np.exp(-(at - at[0]) / MEMORY))
 
-    def covariance(found: Response) -> Floats:
-        after = np.where(at > 0.0, settings.discrepancy * np.abs(found.shown[: len(at)]), 0.0)
-        own = np.asarray(before + np.outer(after, after) * alike)
-        return joined(own, alike, settings, shot, found.shown, at) if shot.further else own
+    def covariance(response: Response) -> Floats:
+        after = np.where(at > 0.0, settings.discrepancy * np.abs(response.shown[: len(at)]), 0.0)
+        of_pressure = np.asarray(before + np.outer(after, after) * alike)
+        return join_covariances(of_pressure, alike, settings, shot, response.shown, at) if shot.further else of_pressure
 
     return covariance
 
@@ -211,38 +216,39 @@ class _Run:
             return
         test = StepTest(settings.states, settings.window, settings.significance)
         free = [
-            one._replace(deviation=FREE if one.name == study.METER_GAIN else one.deviation) for one in settings.states
+            state._replace(deviation=FREE if state.name == study.METER_GAIN else state.deviation)
+            for state in settings.states
         ]
         self.memory = Memory(Belief.before(settings.states), test, 0, Belief.before(tuple(free)))
         clock = shots[0].time
-        many = settings.averaged_samples(clock)
-        quiet = [self.simulator.averaged(shot.quiet, shot.time) for shot in shots]
+        many = settings.count_averaged_samples(clock)
+        quiet = [self.simulator.average(shot.quiet, shot.time) for shot in shots]
         noise = None if settings.noise is None else settings.noise / many**0.5
         self.disturbance = settings.disturbance or learn(quiet, many * float(clock[1] - clock[0]), noise)
         if "current" in settings.further and settings.current_noise is None:
-            self.settings = replace(settings, current_noise=noise_found(shots))
+            self.settings = replace(settings, current_noise=find_current_noise(shots))
 
-    def all(self, report: Callable[[Progress], None]) -> Observation:
+    def observe_all(self, report: Callable[[Progress], None]) -> Observation:
         begin = time.perf_counter()
-        states, found = self.settings.states, list[ObservedShot]()
+        states, observed_shots = self.settings.states, list[ObservedShot]()
         belief, test, earlier, self.alone = self.memory
         horizon = Horizon(states, self.settings.horizon, self.settings.iterations)
         with held_interrupts() as request:
             for k, shot in enumerate(self.shots):
                 if request.asked:
                     break
-                before = belief.walked(states)
-                self.alone = self.alone.walked(states)
-                observed, made, done = self._one(shot, before)
+                before = belief.walk(states)
+                self.alone = self.alone.walk(states)
+                observed, measured, done = self._observe(shot, before)
                 alarm = None
                 if done is not None:
                     belief = done.belief
                     if earlier + k >= self.settings.learning and done.consistency <= TRUSTED:
                         test.add(before, belief)
                         alarm = test.alarm()
-                    observed = _corrected(observed._replace(consistency=done.consistency, alarm=alarm), done)
-                    horizon.add(k, made, done, before)
-                found.append(observed)
+                    observed = _correct(observed._replace(consistency=done.consistency, alarm=alarm), done)
+                    horizon.add(k, measured, done, before)
+                observed_shots.append(observed)
                 if alarm is not None:  # what has changed is learnt again
                     changed = np.array([(state.name == alarm.state) * state.deviation**2 for state in states])
                     horizon.change(alarm.ago, changed)
@@ -250,44 +256,44 @@ class _Run:
                     test.reset()
                 if self.settings.horizon > 1 and done is not None:
                     belief = horizon.solve()
-                    for i, better in horizon.found():
-                        found[i] = _corrected(found[i], better)
+                    for i, better in horizon.updates():
+                        observed_shots[i] = _correct(observed_shots[i], better)
                 report(Progress(k + 1, len(self.shots)))
-            if not found:
+            if not observed_shots:
                 request.check()
-        failed = sum(shot.figures is None for shot in found)
+        failed = sum(shot.figures is None for shot in observed_shots)
         if failed:
             refused = self.simulator.refused
-            if refused is not None and failed == len(found):
+            if refused is not None and failed == len(observed_shots):
                 raise refused
             reason = "" if refused is None else f" The first that was refused: {refused}"
-            note(f"{failed} of {len(found)} shots could not be simulated and have no figures.{reason}")
+            note(f"{failed} of {len(observed_shots)} shots could not be simulated and have no figures.{reason}")
         return Observation(
             injector=self.injector,
             settings=self.settings,
             disturbance=self.disturbance,
-            memory=Memory(belief, test, earlier + len(found), self.alone if self.settings.further else belief),
-            shots=tuple(found),
+            memory=Memory(belief, test, earlier + len(observed_shots), self.alone if self.settings.further else belief),
+            shots=tuple(observed_shots),
             asked=len(self.shots),
             injections=self.simulator.simulations,
             seconds=time.perf_counter() - begin,
         )
 
-    def _one(self, shot: ShotRecord, belief: Belief) -> tuple[ObservedShot, Measured, Update | None]:
+    def _observe(self, shot: ShotRecord, belief: Belief) -> tuple[ObservedShot, Measured, Update | None]:
         """Shot as the model alone has it, with whether each further sensor counts; what was measured; the update."""
-        at = self.simulator.averaged(shot.time, shot.time)
+        at = self.simulator.average(shot.time, shot.time)
         at = np.where(np.abs(at) < 1e-6 * (at[1] - at[0]), 0.0, at)  # a sample at the start is there but for rounding
-        samples = self.simulator.averaged(shot.pressure, shot.time)
+        samples = self.simulator.average(shot.pressure, shot.time)
         rest = float(samples[at < 0.0].mean())
         rows, further = {"": samples - rest}, dict[str, bool]()
         if "current" in shot.further:
-            amperes = self.simulator.averaged(shot.further["current"], shot.time)
-            rows["current"] = (amperes - amperes[at < 0.0].mean())[flowing(shot, at)]
+            amperes = self.simulator.average(shot.further["current"], shot.time)
+            rows["current"] = (amperes - amperes[at < 0.0].mean())[select_current_samples(shot, at)]
         if "return" in shot.further:
             rows["return"] = shot.further["return"]
         first = self.simulator.at(shot, rest, belief.mean) if self.settings.further else None
         if first is not None:
-            further = self._fitting(shot, at, rows, first, belief.mean)
+            further = self._find_agreeing(shot, at, rows, first, belief.mean)
             if not all(further.values()):
                 rows = {name: row for name, row in rows.items() if further.get(name, True)}
                 shot, first = shot._replace(further={name: shot.further[name] for name in rows if name}), None
@@ -295,14 +301,14 @@ class _Run:
         def simulate(x: Floats) -> Response | None:
             return self.simulator.at(shot, rest, x) if first is None or np.any(x != belief.mean) else first
 
-        covariance = with_discrepancy(self.disturbance, self.settings, at, shot)
-        made = Measured(np.concatenate(list(rows.values())), covariance, simulate)
-        done = update(belief, self.settings.states, *made, self.settings.iterations)
+        covariance = make_covariance(self.disturbance, self.settings, at, shot)
+        measured = Measured(np.concatenate(list(rows.values())), covariance, simulate)
+        done = update(belief, self.settings.states, *measured, self.settings.iterations)
         open_loop, rate = self.simulator.figures(shot, rest) or (None, None)
         observed = ObservedShot(shot.start, rest, shot.energisings, open_loop, rate_open_loop=rate, further=further)
-        return observed, made, done
+        return observed, measured, done
 
-    def _fitting(
+    def _find_agreeing(
         self, shot: ShotRecord, at: Floats, rows: dict[str, Floats], first: Response, x: Floats
     ) -> dict[str, bool]:
         """True for each further sensor that agrees with the pressures so far; this shot teaches `alone` too.
@@ -310,21 +316,21 @@ class _Run:
         There the return meter's gain is free, so that its readings teach that gain, which must not be too far off.
         `first`: response at states `x`, from where it is linear.
         """
-        states, own = self.settings.states, self.alone
-        spread = with_discrepancy(self.disturbance, self.settings, at, shot)(first)
+        states, alone = self.settings.states, self.alone
+        spread = make_covariance(self.disturbance, self.settings, at, shot)(first)
         measured = np.concatenate(list(rows.values()))
         names = np.repeat(list(rows), [len(row) for row in rows.values()])
-        off, fits = measured - first.moved(own.mean - x).shown, dict[str, bool]()
+        residual, fits = measured - first.shift(alone.mean - x).shown, dict[str, bool]()
         for name in rows.keys() - {""}:
             both = np.flatnonzero((names == "") | (names == name))
-            white = innovation(own, states, off[both], first.slopes[both], spread[np.ix_(both, both)])
+            white = innovation(alone, states, residual[both], first.slopes[both], spread[np.ix_(both, both)])
             fits[name] = bool(np.mean(white[len(at) :] ** 2) <= FITTING[name])
         gains = [i for i, state in enumerate(states) if state.name == study.METER_GAIN]
         counts = bool(gains) and fits.get("return", False)
-        kept = np.flatnonzero((names == "") | ((names == "return") & counts))
-        cut = first._replace(shown=first.shown[kept], slopes=first.slopes[kept])
-        covariance = spread[np.ix_(kept, kept)]
-        taught = update(own, states, measured[kept], lambda _: covariance, lambda y: cut.moved(y - x), 1)
+        rows_that_teach = np.flatnonzero((names == "") | ((names == "return") & counts))
+        cut = first._replace(shown=first.shown[rows_that_teach], slopes=first.slopes[rows_that_teach])
+        covariance = spread[np.ix_(rows_that_teach, rows_that_teach)]
+        taught = update(alone, states, measured[rows_that_teach], lambda _: covariance, lambda y: cut.shift(y - x), 1)
         assert taught is not None  # nothing is simulated
         if counts:
             variance = taught.belief.covariance[gains[0], gains[0]] + states[gains[0]].deviation ** 2
@@ -335,12 +341,12 @@ class _Run:
         return fits
 
 
-def _corrected(shot: ObservedShot, done: Update) -> ObservedShot:
+def _correct(shot: ObservedShot, done: Update) -> ObservedShot:
     """Shot with the figures of an update."""
-    known = np.isfinite(done.figures) & np.isfinite(done.figures[1])  # it opens; else its slopes tell nothing
+    is_known = np.isfinite(done.figures) & np.isfinite(done.figures[1])  # it opens; else its slopes tell nothing
     return shot._replace(
         figures=done.figures,
-        deviations=np.where(known, done.deviations, np.nan),
+        deviations=np.where(is_known, done.deviations, np.nan),
         drift=done.belief.mean,
         drift_deviations=np.sqrt(np.diag(done.belief.covariance)),
         rate=done.rate,

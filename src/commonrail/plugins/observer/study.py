@@ -258,7 +258,7 @@ class ObserverSettings:
         if not self.states:
             raise ConfigurationError("An observer needs a drift state whose deviation is above zero; leave some free.")
 
-    def averaged_samples(self, time: Floats) -> int:
+    def count_averaged_samples(self, time: Floats) -> int:
         """Samples that are averaged to one of those at even times (samples,) [s].
 
         `ConfigurationError` unless the time before a shot has two of the averaged ones, whose mean is that at rest.
@@ -273,29 +273,29 @@ class ObserverSettings:
         return many
 
 
-def _disturbance(given: object) -> Disturbance:
+def _disturbance(disturbance: object) -> Disturbance:
     """Disturbance whose covariance is one: noise and times above zero, and nothing below."""
-    figures = instance(given, Disturbance, "disturbance")._asdict()
+    figures = instance(disturbance, Disturbance, "disturbance")._asdict()
     for (name, value), unit in zip(figures.items(), ("Pa", "Pa/s", "s", "Pa", "Hz", "s"), strict=True):
         least = 1e-9 if name in ("noise", "memory", "decay") else 0.0
         figures[name] = amount(value, unit, f"{name} of the disturbance", Limits(least, 1e15))
     return Disturbance(**figures)
 
 
-def _state(given: DriftState) -> DriftState:
+def _state(state: DriftState) -> DriftState:
     """Drift state of texts and numbers within their limits."""
-    name, unit = (instance(text, str, "name and unit of a drift state") for text in (given.name, given.unit))
-    instance(given.parameter, str, f"parameter of {name}")
+    name, unit = (instance(text, str, "name and unit of a drift state") for text in (state.name, state.unit))
+    instance(state.parameter, str, f"parameter of {name}")
     if unit not in WIDEST:
         raise ConfigurationError(f'The unit of drift state "{name}" must be one of {", ".join(WIDEST)}, not {unit}.')
-    numbers = {"power": amount(given.power, "1", f"power of {name}", Limits(-10.0, 10.0))}
+    numbers = {"power": amount(state.power, "1", f"power of {name}", Limits(-10.0, 10.0))}
     for key in ("deviation", "walk", "scatter", "limit"):
-        numbers[key] = amount(getattr(given, key), unit, f"{key} of {name}", Limits(0.0, 1e9))
+        numbers[key] = amount(getattr(state, key), unit, f"{key} of {name}", Limits(0.0, 1e9))
     widest, beyond = WIDEST[unit]
     if numbers["deviation"] > widest:
         read, most = (to_text(value, unit) for value in (numbers["deviation"], widest))
         raise ConfigurationError(f"The deviation of {name} may be {most} at most, and {read} was read: {beyond}.")
-    return DriftState._make((given._asdict() | numbers).values())
+    return DriftState._make((state._asdict() | numbers).values())
 
 
 def check_model(injector: Injector, further: tuple[str, ...] = ()) -> None:
@@ -315,7 +315,7 @@ def check_model(injector: Injector, further: tuple[str, ...] = ()) -> None:
         )
 
 
-def states_of(injector: Injector, settings: ObserverSettings) -> tuple[DriftState, ...]:
+def resolve_states(injector: Injector, settings: ObserverSettings) -> tuple[DriftState, ...]:
     """States of which this injector has the parameter: its variant reads it, and it is not zero where it is scaled.
 
     Those of a further sensor are left out where there is none.
@@ -396,7 +396,7 @@ def cut_log(
         if start - settings.before >= time[0] - 0.5 * (time[1] - time[0]) and stop <= time[-1]:
             pulses = tuple(Energising(pulse.start - start, pulse.duration) for pulse in group)
             quiet = pressure[np.searchsorted(time, max(free, start - 2.0 * settings.before)) : zero]
-            own = {name: samples[first:last] for name, samples in further.items() if name != "return"}
+            samples_of_shot = {name: samples[first:last] for name, samples in further.items() if name != "return"}
             if "return" in further and following <= time[-1]:
                 flow = float(further["return"][(time >= start) & (time < following)].mean())
                 if flow <= 0.0:
@@ -404,9 +404,9 @@ def cut_log(
                         f"The return flow has a mean of {flow:.3g} kg/s from {start:.9g} s to the next shot, and some "
                         "fuel returns in each cycle; check its column (--return-flow), its sign and its zero."
                     )
-                own["return"] = np.array([flow * (following - start)])
+                samples_of_shot["return"] = np.array([flow * (following - start)])
             shown = time[first:last] - start, pressure[first:last]
-            shots.append(ShotRecord(start, pulses, *shown, quiet, own, following - start))
+            shots.append(ShotRecord(start, pulses, *shown, quiet, samples_of_shot, following - start))
         free = stop
     if 0 < len(shots) < len(groups):
         before, after = (quantity(span, "s", 3) for span in (settings.before, settings.after))
@@ -442,14 +442,14 @@ class InjectionTrain:
 
     def __post_init__(self) -> None:
         volumes, pauses = Limits(1e-11, 1e-6, (1e-10, 1e-6), ("mm3",)), Limits(0.0, 0.1, (50e-6, 20e-3), ("us", "ms"))
-        wanted = sequence(self.quantities, "wanted quantities", '("2.4 mm3", "24 mm3")')
+        volumes_in_text = sequence(self.quantities, "wanted quantities", '("2.4 mm3", "24 mm3")')
         between = sequence(self.dwells, "dwells", '("0.7 ms",)')
-        quantities, dwells = array(wanted, "m3", "wanted quantities", 1), array(between, "s", "dwells", 1)
+        quantities, dwells = array(volumes_in_text, "m3", "wanted quantities", 1), array(between, "s", "dwells", 1)
         settle(
             self,
             rail_pressure=amount(self.rail_pressure, "Pa", "rail pressure", RAIL_PRESSURES),
-            quantities=tuple(amount(one, "m3", "wanted quantity", volumes) for one in quantities.tolist()),
-            dwells=tuple(amount(one, "s", "dwell", pauses) for one in dwells.tolist()),
+            quantities=tuple(amount(value, "m3", "wanted quantity", volumes) for value in quantities.tolist()),
+            dwells=tuple(amount(value, "s", "dwell", pauses) for value in dwells.tolist()),
         )
         if len(self.dwells) + 1 != len(self.quantities):
             raise ConfigurationError(

@@ -148,7 +148,7 @@ def observe(
     if online is not None and further:
         raise InputError("--online: an observer without Python reads one pressure; omit the columns of other sensors.")
     options.refuse_unused({name: (wanted is not None, "--wanted") for name in ("dwells", "rail_pressures")})
-    asked = _Wanted.read(wanted, dwells, rail_pressures)
+    asked = _Wanted.parse(wanted, dwells, rail_pressures)
     if energisings is not None and options.is_given("command"):
         raise InputError("--command: the energisings are those of --energisings; keep one of the two.")
     if online is not None:
@@ -157,10 +157,10 @@ def observe(
         check_online(online)
         if out is not None and out.resolve() == online.resolve():
             raise InputError("--online: it is the folder of --out too; name another.")
-    named = read_model_name(model)
-    injector = options.with_overrides(named.injector, set_)
+    source_model = read_model_name(model)
+    injector = options.with_overrides(source_model.injector, set_)
     check_model(injector, tuple(further))
-    cylinder, back = options.read_pressures(cylinder_pressure, return_pressure, named.folder)
+    cylinder, back = options.read_pressures(cylinder_pressure, return_pressure, source_model.folder)
     settings = ObserverSettings(
         sensor=sensor,
         further=tuple(further),
@@ -197,8 +197,10 @@ def observe(
     read = read_log(log, columns)
     if energisings is None:  # edges of a command are known to a sample, those of a current less well
         spacing = float(read.time[1] - read.time[0])
-        known = [error for error in read.errors if error < float("inf")]
-        settings = replace(settings, current_timing=0.5 * max(known) if known else max(spacing / 12**0.5, 1e-6))
+        known_errors = [error for error in read.errors if error < float("inf")]
+        settings = replace(
+            settings, current_timing=0.5 * max(known_errors) if known_errors else max(spacing / 12**0.5, 1e-6)
+        )
         if "current" in further and not any(text.startswith(CURRENT_DELAY) for text in uncertain):
             settings = replace(settings, deviations={CURRENT_DELAY: settings.current_timing})  # the same in all shots
     if read.volume:  # at the return line's pressure and the fuel's temperature, as a map of return quantities
@@ -213,9 +215,9 @@ def observe(
     }
     refused: list[str] = []
 
-    def observed() -> Observation:
+    def run_and_compensate() -> Observation:
         with located(Place(log.name)), Bar("shots") as bar:
-            found = run(
+            observation = run(
                 injector,
                 *read[:3],
                 settings,
@@ -224,16 +226,16 @@ def observe(
                 threads=threads,
                 progress=lambda p: bar.show(Stage("observing", p.done, p.total, injector.name)),
             )
-        found = replace(found, origin=origin)
+        observation = replace(observation, origin=origin)
         try:
-            return asked.added(found, threads)
+            return asked.add_compensation(observation, threads)
         except (CommonrailError, KeyboardInterrupt) as error:  # the shots are written all the same
             refused.append(str(error))
-            return found
+            return observation
 
     with held_interrupts():  # what is done is written whatever keys are pressed
-        found = run_into(out, "observer.csv", observed)
-    record = found.record()
+        observation = run_into(out, "observer.csv", run_and_compensate)
+    record = observation.record()
     if json:
         print_json(record)
     else:
@@ -246,11 +248,11 @@ def observe(
         from commonrail.plugins.observer.online import Online, write_online
 
         sampling = float(f"{(read.time[-1] - read.time[0]) / (len(read.time) - 1):.9g}")
-        write_online(Online.after(found, sampling), online)
+        write_online(Online.after(observation, sampling), online)
         say(f"{online}: the observer of one sample every {quantity(sampling, 's', 4)}, with the disturbance of the log")
     if record["status"] == "interrupted" or refused == [""]:
         then = " No energising times were computed." if refused else ""
-        say(f"commonrail: interrupted after {len(found.shots)} of {found.asked} shots.{then}")
+        say(f"commonrail: interrupted after {len(observation.shots)} of {observation.asked} shots.{then}")
         raise SystemExit(INTERRUPTED)
     if refused:
         raise InputError(f"--wanted: {refused[0]} The shots are complete, and there are no energising times.")
@@ -265,12 +267,12 @@ class _Wanted(NamedTuple):
     unit: str
 
     @classmethod
-    def read(cls, wanted: str | None, dwells: str | None, rail_pressures: str | None) -> _Wanted:
+    def parse(cls, wanted: str | None, dwells: str | None, rail_pressures: str | None) -> _Wanted:
         unit = "kg" if "g" in (wanted or "") else "m3"  # a mass or a volume
         axes = [(wanted, unit, "--wanted"), (dwells, "s", "--dwells"), (rail_pressures, "Pa", "--rail-pressures")]
-        values = [[] if one is None else options.read_axis(one, kind, name).tolist() for one, kind, name in axes]
+        values = [[] if text is None else options.read_axis(text, kind, name).tolist() for text, kind, name in axes]
         read = cls(values[0], values[1], values[2], unit)
-        if unit == "kg" and (beyond := [one for one in read.quantities if not 1e-8 <= one <= 5e-4]):
+        if unit == "kg" and (beyond := [text for text in read.quantities if not 1e-8 <= text <= 5e-4]):
             raise InputError(
                 f"--wanted: a mass must lie between 0.01 and 500 mg, and {1e6 * beyond[0]:.6g} mg was read; check "
                 "its unit."
@@ -295,10 +297,10 @@ class _Wanted(NamedTuple):
         if not self.quantities:
             return []
         gaps = [(dwell,) * (len(self.quantities) - 1) for dwell in self.dwells] or [()]
-        volumes = tuple(one / density for one in self.quantities)
+        volumes = tuple(quantity / density for quantity in self.quantities)
         return [InjectionTrain(rail, volumes, gap) for rail in rail_pressures for gap in gaps]
 
-    def added(self, found: Observation, threads: int | None) -> Observation:
+    def add_compensation(self, observation: Observation, threads: int | None) -> Observation:
         """The observation with the energising times of the trains."""
         from dataclasses import replace
 
@@ -306,12 +308,16 @@ class _Wanted(NamedTuple):
 
         from commonrail.plugins.observer.compensation import compensate
 
-        before = float(np.median([shot.rail_pressure for shot in found.shots]))
-        states = zip(found.settings.states, found.memory.belief.mean.tolist(), strict=True)
+        before = float(np.median([shot.rail_pressure for shot in observation.shots]))
+        states = zip(observation.settings.states, observation.memory.belief.mean.tolist(), strict=True)
         warmer = sum(value for state, value in states if state.parameter == "fuel.temperature")
-        density = self.density(found.injector, found.settings, warmer)
+        density = self.density(observation.injector, observation.settings, warmer)
         trains = self.trains(self.rail_pressures or [before], density)
-        return replace(found, compensation=compensate(found, trains, threads=threads)) if trains else found
+        return (
+            replace(observation, compensation=compensate(observation, trains, threads=threads))
+            if trains
+            else observation
+        )
 
 
 def _deviations(texts: tuple[str, ...], further: tuple[str, ...]) -> dict[str, float]:
@@ -320,12 +326,12 @@ def _deviations(texts: tuple[str, ...], further: tuple[str, ...]) -> dict[str, f
     states = {state.name: state for state in STATES}
     deviations: dict[str, float] = {}
     for text in texts:
-        name, equals, value = (part.strip() for part in text.partition("="))
+        name, equals, value = (piece.strip() for piece in text.partition("="))
         if not (equals and value):
             raise InputError(f'--uncertain {text}: expected STATE=VALUE, such as "nozzle flow=3%".')
         if name not in states:
-            like, known = nearest(name, states), ", ".join(states)
-            raise InputError(f"--uncertain {text}: there is no such state{like}; choose from {known}.")
+            like, names = nearest(name, states), ", ".join(states)
+            raise InputError(f"--uncertain {text}: there is no such state{like}; choose from {names}.")
         if name in deviations:
             raise InputError(f"--uncertain {name}: it is given twice; keep one of the two.")
         if (of := states[name].of) and of not in further:
