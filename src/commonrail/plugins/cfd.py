@@ -145,8 +145,8 @@ def _notes(run: Run, course: Course) -> list[str]:
 def _rows(course: Course) -> Iterator[tuple[str, str]]:
     """Points as texts, without those within a time of no flow."""
     flows = course.rate > 0.0
-    rows_to_write = flows | np.append(flows[1:], True) | np.insert(flows[:-1], 0, True)
-    for time, rate in zip(course.time[rows_to_write].tolist(), course.rate[rows_to_write].tolist(), strict=True):
+    is_needed = flows | np.append(flows[1:], True) | np.insert(flows[:-1], 0, True)
+    for time, rate in zip(course.time[is_needed].tolist(), course.rate[is_needed].tolist(), strict=True):
         yield f"{time:.12g}", f"{rate:.15g}"
 
 

@@ -75,8 +75,8 @@ def perform_held(key: str, package: Package | None, argument: Any) -> Answer | L
         while key not in _HELD and len(_HELD) > 1:
             _HELD.pop(next(iter(_HELD)), None)
         _HELD[key] = package
-    package_held = _HELD.get(key)
-    return Missing() if package_held is None else reply(package_held, argument)
+    stored = _HELD.get(key)
+    return Missing() if stored is None else reply(stored, argument)
 
 
 # Link to the scheduler of a Dask cluster: opened, asked with a deadline, closed; nothing else imports `distributed`.
@@ -404,10 +404,10 @@ class Cluster:
         lost: set[Future[Any]] = set()
         stuck = []
         for name, keys in keys_by_worker.items():
-            futures = [future for future in self._open if future.key in set(keys)]
-            if futures:
+            tasks = [future for future in self._open if future.key in set(keys)]
+            if tasks:
                 stuck.append(name)
-                lost.update(futures[: threads.get(name, 1)])  # the others had not begun
+                lost.update(tasks[: threads.get(name, 1)])  # the others had not begun
         out = self._open
         self.drop()
         for name in stuck:
@@ -456,11 +456,11 @@ def _restart(name: str, client: Client) -> None:
 
 def _outcome(future: Future[Any]) -> Outcome | Missing:
     try:
-        outcome = future.result(timeout=FETCH)
+        result = future.result(timeout=FETCH)
     except TimeoutError:
         return Lost(f"did not hand over what it had found within {FETCH:.0f} s")
     except Exception as error:  # reported after some attempts
         return failure(error)
-    if isinstance(outcome, Refused):
-        raise outcome.error
-    return outcome if isinstance(outcome, Answer | Lost | Missing) else Lost("gave no answer but something else")
+    if isinstance(result, Refused):
+        raise result.error
+    return result if isinstance(result, Answer | Lost | Missing) else Lost("gave no answer but something else")

@@ -77,7 +77,7 @@ def throttle(fuel: Fuel, temperature: float, pressures: Floats) -> Floats:
 
 
 def compress(fuel: Fuel, temperature: float, pressures: Floats) -> Floats:
-    """Temperatures (n,) [K] at pressures (n,) [Pa] that a fuel passes at constant entropy; as `throttled`."""
+    """Temperatures (n,) [K] at pressures (n,) [Pa] that a fuel passes at constant entropy; as `throttle`."""
     return _along(fuel, temperature, pressures, 0.0)
 
 
@@ -209,14 +209,14 @@ def heating(
 def _refuse_other(point: OperatingPoint, solution: Solution) -> None:
     """Refuse a solution whose length or rail pressure at rest differs from the point's."""
     rail = solution.channels.get("rail_pressure", np.array([point.initial_pressures()[0]]))[0]
-    for words, unit, stated, simulated, slack in (
+    for words, unit, expected, actual, slack in (
         ("duration", "s", point.duration, float(np.ptp(solution.time)), 2.0 * float(np.diff(solution.time[:2])[0])),
         ("rail pressure", "Pa", point.initial_pressures()[0], float(rail), 1e-6 * float(rail)),
     ):
-        if abs(stated - simulated) > slack:
+        if abs(expected - actual) > slack:
             raise ConfigurationError(
-                f"The solution is of another point: its {words} is {to_text(simulated, unit)}, and the point's "
-                f"{to_text(stated, unit)}; give the point that was simulated."
+                f"The solution is of another point: its {words} is {to_text(actual, unit)}, and the point's "
+                f"{to_text(expected, unit)}; give the point that was simulated."
             )
 
 
@@ -342,7 +342,7 @@ def beside(injector: Injector, point: OperatingPoint, solution: Solution, step: 
         return Beside((("fuel temperatures", text),), {"heating": None})
     try:
         estimate = heating(injector, point, solution, effect=step is not None, time_step=step or DEFAULT_STEP)
-    except Exception as error:  # a failed estimate must not cost the simulation
+    except Exception as error:  # an estimate beside a simulation never costs the simulation
         text = f"not estimated: {error if isinstance(error, CommonrailError) else repr(error)}"
         return Beside((("fuel temperatures", text),), {"heating": None})
     return Beside(tuple(_figures(estimate)), {"heating": estimate.record()})
@@ -357,8 +357,8 @@ def _figures(estimate: Heating) -> Iterator[tuple[str, str]]:
     }
     texts = [f"{_celsius(value)} {name}" for name, value in parts.items() if np.isfinite(value)]
     if np.isfinite(estimate.jet):
-        texts.append(f"{_celsius(estimate.jet)} in the jet, {_celsius(estimate.injected)} after the jet has stopped")
-    note = "; above the fuel data, held constant" if estimate.beyond else ""
+        texts.append(f"{_celsius(estimate.jet)} in the jet, {_celsius(estimate.injected)} once its motion is heat")
+    note = "; above the fuel's range, whose properties are held" if estimate.beyond else ""
     yield "fuel temperatures", ", ".join(texts) + note
     if estimate.effect is not None:
         injected, returned = (signed(100.0 * value, 1) for value in estimate.effect[:2])

@@ -200,7 +200,7 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
             copies.append(_copied_injector(injector, model, place / "injector.toml"))
             injector = "injector.toml"
         study = place / "study.toml"
-        noted = {key: text for found in surveys if found.found for key, text in found.found.notes.items()}
+        noted = {key: text for found in surveys if found.quantity_map for key, text in found.quantity_map.notes.items()}
         bench = {key: stated.pressures.get(key) or noted.get(key, UNKNOWN) for key in _BENCH}
         read = [key for key in _BENCH if key in noted and not stated.pressures.get(key)]
         trial = _Trial(model, [bench | block for block in blocks], study)
