@@ -11,7 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import Quantity, chosen, flag, instance, instances, known_names, number, thread_count
+from commonrail.base.arguments import (
+    Quantity,
+    enum_member,
+    flag,
+    instance,
+    instances,
+    known_names,
+    number,
+    thread_count,
+)
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Engine, Precision
 from commonrail.base.errors import ConfigurationError, SimulationError
@@ -128,7 +137,7 @@ def simulate(
                 f"The sample interval must lie between 1 ns and the simulated {point.duration * 1e3:g} ms, "
                 f"not {sample_interval:g} s."
             )
-    real = chosen(precision, Precision, "precision")
+    real = enum_member(precision, Precision, "precision")
     alike = _alike(same_bits, engine)
     try:
         if engine is Engine.REFERENCE:
@@ -286,7 +295,7 @@ def simulate_batch(
         variant=injector.wired(names),
         misfit=misfit,
         stop_when_closed=flag(stop_when_closed, "stop_when_closed") and misfit is None,
-        precision=chosen(precision, Precision, "precision"),
+        precision=enum_member(precision, Precision, "precision"),
         engine=(engine := _batch_engine(engine)),
         threads=threads or usable_threads(),
         same_bits=_alike(same_bits, engine),
@@ -301,7 +310,7 @@ def simulate_batch(
 
 
 def _engine(name: Engine | str) -> Engine:
-    engine = chosen(name, Engine, "engine")
+    engine = enum_member(name, Engine, "engine")
     if engine is Engine.CUDA:
         from commonrail.engine import cuda
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import Quantity, chosen, mapping, number, plain_text, settle, whole
+from commonrail.base.arguments import Quantity, enum_member, integer, mapping, number, plain_text, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.units import to_text
@@ -221,7 +221,7 @@ class Meter:
                 f"The shares of the echoes of the meter {self.name} add up to {echoes:g}, which leaves nothing of the "
                 "direct signal; they must add up to less than 1."
             )
-        law = chosen(self.law, LowPass, f"law of the meter {self.name}")
+        law = enum_member(self.law, LowPass, f"law of the meter {self.name}")
         if "late_cutoff" in values and law is not LowPass.ZERO_PHASE:
             raise ConfigurationError(
                 f'The late_cutoff of the meter {self.name} needs the law "zero-phase", not "{law.value}": filters that '
@@ -234,7 +234,7 @@ class Meter:
             values=values,
             sources=sources,
             law=law,
-            order=whole(self.order, f"order of the meter {self.name}", 1, HIGHEST_ORDER),
+            order=integer(self.order, f"order of the meter {self.name}", 1, HIGHEST_ORDER),
         )
 
     def _read(self, key: str, value: object) -> float:

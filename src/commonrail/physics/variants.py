@@ -11,7 +11,7 @@ from enum import Enum
 from typing import Any, NamedTuple
 
 from commonrail.base import registry
-from commonrail.base.arguments import chosen, plain_text
+from commonrail.base.arguments import enum_member, plain_text
 from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws
 from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.physics import model
@@ -68,8 +68,8 @@ class Variant(_Wired):
         nozzle_law: str = "",
         a_hole_law: str = "",
     ) -> Variant:
-        acts, fed = chosen(actuation, Actuation, "actuation"), chosen(boundary, Boundary, "boundary")
-        given = chosen(body, Body, "body")
+        acts, fed = enum_member(actuation, Actuation, "actuation"), enum_member(boundary, Boundary, "boundary")
+        given = enum_member(body, Body, "body")
         if acts is Actuation.DIRECT and fed is Boundary.VOLUME:
             raise ConfigurationError(
                 'A direct-acting injector is fed from an ideal rail; set rail_boundary to "ideal", and give a measured '
@@ -88,8 +88,8 @@ class Variant(_Wired):
             cls,
             Body.RIGID if acts is Actuation.DIRECT else given,
             fed,
-            chosen(drive, Drive, "drive"),
-            chosen(laws, Laws, "laws"),
+            enum_member(drive, Drive, "drive"),
+            enum_member(laws, Laws, "laws"),
             acts,
             nozzle_law,
             a_hole_law,

@@ -100,10 +100,10 @@ def course_of(run: Run) -> Course:
     holes, time = run.injector.values[HOLES], s.time
     mass = float(s.injected[-1] - s.injected[0]) / holes
     rate = np.maximum(_at_bounds(time, s.mass_rate / holes), 0.0)  # no flow back into the nozzle
-    found = Course(time, rate, f"{mass:.12g} kg flow, the injected mass over the number of holes")
+    course = Course(time, rate, f"{mass:.12g} kg flow, the injected mass over the number of holes")
     if not mass > 0.0:
         raise InputError(f"--out: {run.injector.name} injects nothing at this operating point, so there is no rate.")
-    return found._replace(rate=rate * (mass / found.mass))
+    return course._replace(rate=rate * (mass / course.mass))
 
 
 def band_of(run: Run, fitted: Path) -> tuple[Course, Course]:
@@ -145,8 +145,8 @@ def _notes(run: Run, course: Course) -> list[str]:
 def _rows(course: Course) -> Iterator[tuple[str, str]]:
     """Points as texts, without those within a time of no flow."""
     flows = course.rate > 0.0
-    wanted = flows | np.append(flows[1:], True) | np.insert(flows[:-1], 0, True)
-    for time, rate in zip(course.time[wanted].tolist(), course.rate[wanted].tolist(), strict=True):
+    is_needed = flows | np.append(flows[1:], True) | np.insert(flows[:-1], 0, True)
+    for time, rate in zip(course.time[is_needed].tolist(), course.rate[is_needed].tolist(), strict=True):
         yield f"{time:.12g}", f"{rate:.15g}"
 
 

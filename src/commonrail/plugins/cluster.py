@@ -75,8 +75,8 @@ def perform_held(key: str, package: Package | None, argument: Any) -> Answer | L
         while key not in _HELD and len(_HELD) > 1:
             _HELD.pop(next(iter(_HELD)), None)
         _HELD[key] = package
-    held = _HELD.get(key)
-    return Missing() if held is None else reply(held, argument)
+    stored = _HELD.get(key)
+    return Missing() if stored is None else reply(stored, argument)
 
 
 # Link to the scheduler of a Dask cluster: opened, asked with a deadline, closed; nothing else imports `distributed`.
@@ -354,17 +354,17 @@ class Cluster:
             self._send(sent.task, complete=True)
 
     def _after_silence(self, passed: float) -> Iterator[tuple[Task, Outcome]]:
-        known = self._known()
+        workers = self._known()
         self._silence += passed
-        self._alone = 0.0 if known else self._alone + passed
+        self._alone = 0.0 if workers else self._alone + passed
         if self._alone > REAPPEAR:
             raise _without_workers(self.address, len(self._left_out), REAPPEAR)
-        if known and self._unsent:
+        if workers and self._unsent:
             tasks, self._unsent = self._unsent, []
             for task in tasks:
                 self._send(task)
         # those whose workers have all gone
-        stranded = [future for future, sent in self._open.items() if sent.bound and sent.bound.isdisjoint(known)]
+        stranded = [future for future, sent in self._open.items() if sent.bound and sent.bound.isdisjoint(workers)]
         if stranded:
             self._link.tell(lambda client: client.cancel(stranded))
         for future in stranded:
@@ -382,12 +382,12 @@ class Cluster:
         self._silence = self._alone = 0.0
 
     def _send(self, task: Task, *, complete: bool = False) -> None:
-        known = self._lately()
-        if not known:
+        workers = self._lately()
+        if not workers:
             self._unsent.append(task)
             return
         package = task.package if complete else None
-        bound = frozenset(known if self._left_out else ())
+        bound = frozenset(workers if self._left_out else ())
         future: Future[Any] = self._link.ask(
             lambda client: client.submit(
                 perform_held, task.package.key, package, task.argument, pure=False, workers=sorted(bound) or None
@@ -400,14 +400,14 @@ class Cluster:
     def _shake(self) -> list[Task]:
         """Start the workers anew that have our tasks; the tasks that they were at are lost, all others sent again."""
         threads = self._link.ask(lambda client: client.nthreads())
-        held = self._link.ask(lambda client: client.processing())
+        keys_by_worker = self._link.ask(lambda client: client.processing())
         lost: set[Future[Any]] = set()
         stuck = []
-        for name, keys in held.items():
-            own = [future for future in self._open if future.key in set(keys)]
-            if own:
+        for name, keys in keys_by_worker.items():
+            tasks = [future for future in self._open if future.key in set(keys)]
+            if tasks:
                 stuck.append(name)
-                lost.update(own[: threads.get(name, 1)])  # the others had not begun
+                lost.update(tasks[: threads.get(name, 1)])  # the others had not begun
         out = self._open
         self.drop()
         for name in stuck:
@@ -456,11 +456,11 @@ def _restart(name: str, client: Client) -> None:
 
 def _outcome(future: Future[Any]) -> Outcome | Missing:
     try:
-        found = future.result(timeout=FETCH)
+        result = future.result(timeout=FETCH)
     except TimeoutError:
         return Lost(f"did not hand over what it had found within {FETCH:.0f} s")
     except Exception as error:  # told in a sentence after some attempts
         return failure(error)
-    if isinstance(found, Refused):
-        raise found.error
-    return found if isinstance(found, Answer | Lost | Missing) else Lost("gave no answer but something else")
+    if isinstance(result, Refused):
+        raise result.error
+    return result if isinstance(result, Answer | Lost | Missing) else Lost("gave no answer but something else")

@@ -88,11 +88,11 @@ def _along(fuel: Fuel, temperature: float, pressures: Floats, dissipated: float)
         rho, alpha = density_and_expansivity(fuel, p, t)
         return (alpha * t - dissipated) / (rho * heat_capacity(fuel, t))
 
-    found = [temperature]
+    temperatures = [temperature]
     for p, step in zip(pressures[:-1].tolist(), np.diff(pressures).tolist(), strict=True):
-        half = found[-1] + 0.5 * step * slope(p, found[-1])
-        found.append(found[-1] + step * slope(p + 0.5 * step, half))
-    return np.array(found)
+        half = temperatures[-1] + 0.5 * step * slope(p, temperatures[-1])
+        temperatures.append(temperatures[-1] + step * slope(p + 0.5 * step, half))
+    return np.array(temperatures)
 
 
 class Effect(NamedTuple):
@@ -200,23 +200,23 @@ def heating(
         limits += cavitation + _boiling(injector.fuel, "returned fuel", returned, low, "return")
     rail, highest = float(way.temperatures[0]), injector.fuel.temperature_range[1]
     beyond = bool(np.nanmax([rail, injected, returned]) > highest)
-    found = Heating(rail, control, returned, sac, jet, injected, factor, beyond, limits)
+    estimate = Heating(rail, control, returned, sac, jet, injected, factor, beyond, limits)
     if not flag(effect, "effect") or np.isnan(control) or max(control, rail) > highest:
-        return found
-    return replace(found, effect=_effect(injector, point, found, step))
+        return estimate
+    return replace(estimate, effect=_effect(injector, point, estimate, step))
 
 
 def _refuse_other(point: OperatingPoint, solution: Solution) -> None:
     """Refuse a solution whose length or rail pressure at rest is not that of the point."""
     rail = solution.channels.get("rail_pressure", np.array([point.initial_pressures()[0]]))[0]
-    for words, unit, own, found, slack in (
+    for words, unit, expected, actual, slack in (
         ("duration", "s", point.duration, float(np.ptp(solution.time)), 2.0 * float(np.diff(solution.time[:2])[0])),
         ("rail pressure", "Pa", point.initial_pressures()[0], float(rail), 1e-6 * float(rail)),
     ):
-        if abs(own - found) > slack:
+        if abs(expected - actual) > slack:
             raise ConfigurationError(
-                f"The solution is of another point: its {words} is {to_text(found, unit)}, and the point's "
-                f"{to_text(own, unit)}; give the point that was simulated."
+                f"The solution is of another point: its {words} is {to_text(actual, unit)}, and the point's "
+                f"{to_text(expected, unit)}; give the point that was simulated."
             )
 
 
@@ -316,12 +316,12 @@ def _boiling(fuel: Fuel, what: str, temperature: float, behind: float, place: st
     )
 
 
-def _effect(injector: Injector, point: OperatingPoint, found: Heating, step: float) -> Effect:
+def _effect(injector: Injector, point: OperatingPoint, estimate: Heating, step: float) -> Effect:
     """Changes by the heat, of three candidates of one batch."""
     fuel, start = injector.fuel, injector.values[FUEL_TEMPERATURE]
     rail, _, low = point.initial_pressures()
-    hot = start + found.control_chamber - found.rail
-    leak = float(np.nan_to_num(found.leak_factor, nan=1.0))
+    hot = start + estimate.control_chamber - estimate.rail
+    leak = float(np.nan_to_num(estimate.leak_factor, nan=1.0))
     cold_film, hot_film = fuel.kinematic_viscosity(0.5 * (rail + low), np.array([start, hot])).tolist()
     lengths = np.array([injector.values[name] for name in _LENGTHS])
     rows = [[start, *lengths], [hot, *lengths * cold_film / hot_film / leak], [start, *lengths / leak]]
@@ -341,29 +341,37 @@ def beside(injector: Injector, point: OperatingPoint, solution: Solution, step: 
         text = f"not estimated: {injector.fuel.name} states no heat capacity (table [heat_capacity] of its file)"
         return Beside((("fuel temperatures", text),), {"heating": None})
     try:
-        found = heating(injector, point, solution, effect=step is not None, time_step=step or DEFAULT_STEP)
+        estimate = heating(injector, point, solution, effect=step is not None, time_step=step or DEFAULT_STEP)
     except Exception as error:  # an estimate beside a simulation never costs the simulation
         text = f"not estimated: {error if isinstance(error, CommonrailError) else repr(error)}"
         return Beside((("fuel temperatures", text),), {"heating": None})
-    return Beside(tuple(_figures(found)), {"heating": found.record()})
+    return Beside(tuple(_figures(estimate)), {"heating": estimate.record()})
 
 
-def _figures(found: Heating) -> Iterator[tuple[str, str]]:
+def _figures(estimate: Heating) -> Iterator[tuple[str, str]]:
     """Names and texts of the estimate."""
-    parts = {"in the rail": found.rail, "in the control chamber": found.control_chamber, "returned": found.returned}
+    parts = {
+        "in the rail": estimate.rail,
+        "in the control chamber": estimate.control_chamber,
+        "returned": estimate.returned,
+    }
     texts = [f"{_celsius(value)} {name}" for name, value in parts.items() if np.isfinite(value)]
-    if np.isfinite(found.jet):
-        texts.append(f"{_celsius(found.jet)} in the jet, {_celsius(found.injected)} once its motion is heat")
-    held = "; above the fuel's range, whose properties are held" if found.beyond else ""
-    yield "fuel temperatures", ", ".join(texts) + held
-    if found.effect is not None:
-        injected, returned = (signed(100.0 * value, 1) for value in found.effect[:2])
-        leak = f" and the guides leaked {found.leak_factor:.2g} times as much" if np.isfinite(found.leak_factor) else ""
+    if np.isfinite(estimate.jet):
+        texts.append(f"{_celsius(estimate.jet)} in the jet, {_celsius(estimate.injected)} once its motion is heat")
+    note = "; above the fuel's range, whose properties are held" if estimate.beyond else ""
+    yield "fuel temperatures", ", ".join(texts) + note
+    if estimate.effect is not None:
+        injected, returned = (signed(100.0 * value, 1) for value in estimate.effect[:2])
+        leak = (
+            f" and the guides leaked {estimate.leak_factor:.2g} times as much"
+            if np.isfinite(estimate.leak_factor)
+            else ""
+        )
         yield (
             "their effect, estimated",
             f"injected {injected} %, returned {returned} %, if all were as hot as in the control chamber{leak}",
         )
-    for limit in found.limits:
+    for limit in estimate.limits:
         yield "limit", limit
 
 

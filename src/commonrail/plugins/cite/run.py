@@ -14,7 +14,7 @@ from commonrail.base import registry
 from commonrail.base.input import read_plain
 from commonrail.base.output import write_text
 from commonrail.base.text import counted
-from commonrail.calibration.optimisers.registry import named
+from commonrail.calibration.optimisers.registry import find_optimiser
 from commonrail.cli.model_name import read_model_name
 from commonrail.compiler.target import package_versions
 from commonrail.physics.injector import Injector, Source
@@ -200,7 +200,7 @@ def _of_record(record: Mapping[str, Any]) -> Iterator[Use]:
         if "prior" in parameter:
             yield Use("prior", parameter["name"], parameter["prior"]["source"])
     if method := record.get("optimiser", {}).get("method"):
-        entry = named(method)
+        entry = find_optimiser(method)
         yield Use("optimiser", method, entry.citation if entry else "of a package that is not installed")
     if "certainty" in record:
         yield Use("intervals", "smoothed importance sampling", "Vehtari et al. 2024")

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import Quantity, fraction, instance, thread_count, whole
+from commonrail.base.arguments import Quantity, fraction, instance, integer, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import InputError, SimulationError
@@ -303,7 +303,7 @@ def diagnose(
     instance(injector, Injector, "injector")
     known = read_table(faults)
     share, prior = read_noise(noise), fraction(sound, "sound")
-    step, count = check_step(time_step), whole(draws, "draws", 40, 4096)
+    step, count = check_step(time_step), integer(draws, "draws", 40, 4096)
     plan = results if isinstance(results, TestPlan) else load_plan(results)
     data = measured_tests(plan.at_stroke_rate(stroke_rate), injector, (cylinder_pressure, return_pressure))
     note_without_rate(data.name, data.tests)

@@ -17,7 +17,7 @@ from commonrail.base import registry
 from commonrail.base.child import python, same_modules
 from commonrail.base.choices import Precision
 from commonrail.base.errors import CommonrailError
-from commonrail.calibration.optimisers.registry import named
+from commonrail.calibration.optimisers.registry import find_optimiser
 from commonrail.compiler import cache, target
 from commonrail.compiler.target import package_version as version
 from commonrail.data.registry import find_kind
@@ -306,7 +306,7 @@ class Plugin(NamedTuple):
 
 # How a part is tried; those of all other groups are loaded.
 _TRIALS: dict[str, Callable[[str], object]] = {
-    "optimisers": named,
+    "optimisers": find_optimiser,
     "data": find_kind,
     "injectors": load_injector,
     "fuels": load_fuel,

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import array, chosen, plain_text, positive, settle
+from commonrail.base.arguments import array, enum_member, plain_text, positive, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.data.base import Role
@@ -76,7 +76,10 @@ class FmuData:
     def __post_init__(self) -> None:
         for what in ("name", "source", "synthetic"):
             plain_text(getattr(self, what), f"{what} of the data")
-        weight, role = positive("1")(self.weight, f"weight of {self.name}"), chosen(self.role, Role, "role of the data")
+        weight, role = (
+            positive("1")(self.weight, f"weight of {self.name}"),
+            enum_member(self.role, Role, "role of the data"),
+        )
         settle(self, role=role, weight=weight, measured=self.measured, tolerances=self.tolerances)
         if len(self.measured) != sum(run.size for run in self.runs):
             raise ConfigurationError(f"{self.name}: there is not one measured value for each output at each time.")

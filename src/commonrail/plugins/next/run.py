@@ -330,7 +330,7 @@ def _trusted(found: Estimate, data: Sequence[DataSet]) -> tuple[list[FittedNoise
     """Noise of the data sets: of a map with too few points to estimate it, one tolerance."""
     noises, notes = [], []
     for block, noise, one in zip(found.likelihood.blocks, found.likelihood.noises, data, strict=True):
-        if isinstance(one, QuantityData) and not noise.known and noise.freedom < TRUSTED:
+        if isinstance(one, QuantityData) and not noise.stated and noise.freedom < TRUSTED:
             noise = FittedNoise(noise.law, max(noise.scale, 1.0 / noise.density.deviation), noise.freedom)
             notes.append(f"{one.name} has too few points to estimate its noise: at least one tolerance is assumed.")
         if not block.ordered and has_discrepancy(block):  # its loads act on planned points too
