@@ -23,7 +23,7 @@ from commonrail.physics.components.plunger_needle import cylinder_mass, cylinder
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.physics.law import Q
-from commonrail.physics.variants import INSTALLED_LAWS, Variant, model_of, reader_of, unread_parameters, varied
+from commonrail.physics.variants import INSTALLED_LAWS, Variant, apply_words, model_of, reader_of, unread_parameters
 from commonrail.readers.fuel import FuelModel, catalogue_fuel, parse_fuel
 from commonrail.readers.location import Place, Reach, located
 from commonrail.readers.toml import (
@@ -456,7 +456,7 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     if at and reach is None:
         injector = load_injector(name)
         with located(Place(source)):
-            return replace(injector, variant=varied(injector.variant, words))
+            return replace(injector, variant=apply_words(injector.variant, words))
     if at:
         raise InputError(
             f'"{source}" names a variant, which is not taken here; state rail_boundary, drive_kind and variant in an '

@@ -37,7 +37,7 @@ from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.simulate import sampled_rates
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
-from commonrail.physics.meters import QUANTITIES, Given, Meter, shown_rates
+from commonrail.physics.meters import QUANTITIES, Meter, QuantityValues, shown_rates
 from commonrail.readers.location import located
 
 LARGEST_RATE = 0.1  # [m³/s] a thousand times that of a large truck's injector
@@ -171,7 +171,7 @@ class RateData(DataSet):
         flow = mass._replace(rates=mass.rates / self.density_of(candidates, meter_values))
         return shown_rates(self.meter, meter_values, flow, self.bounds)
 
-    def density_of(self, candidates: Candidates, meter_values: Given | None = None) -> Floats | float:
+    def density_of(self, candidates: Candidates, meter_values: QuantityValues | None = None) -> Floats | float:
         """Density [kg/m³] that makes volumes of the simulated masses."""
         return candidates.densities(self.points, meter_values) if math.isnan(self.mass_density) else self.mass_density
 

@@ -54,7 +54,7 @@ from commonrail.data.study_block import Context, mass_density
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
-from commonrail.physics.meters import Given, Meter, shown_quantities
+from commonrail.physics.meters import Meter, QuantityValues, shown_quantities
 from commonrail.readers.location import Place, located
 
 _Map = TypeVar("_Map", bound="QuantityData")
@@ -198,7 +198,7 @@ class QuantityData(ToleratedData):
         return batch.injected_mass
 
     def densities(
-        self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint], meter_values: Given
+        self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint], meter_values: QuantityValues
     ) -> Floats:
         """Densities that make volumes of masses where the data state none, (1 or candidates, points) [kg/m³].
 

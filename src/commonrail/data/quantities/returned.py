@@ -22,7 +22,7 @@ from commonrail.engine.solution import Batch
 from commonrail.physics.connections import widening_leak
 from commonrail.physics.flow import Guide, guide_of
 from commonrail.physics.injector import FUEL_TEMPERATURE
-from commonrail.physics.meters import Given
+from commonrail.physics.meters import QuantityValues
 from commonrail.readers.toml import Unit
 
 PERIODS = Limits(1e-6, 100.0, (1e-3, 10.0), ("ms",))  # between the starts of two strokes [s]
@@ -94,7 +94,7 @@ class ReturnData(QuantityData):
         return np.asarray(batch.returned_mass + left * leak_at_rest(candidates, points))
 
     def densities(
-        self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint], meter_values: Given
+        self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint], meter_values: QuantityValues
     ) -> Floats:
         """Densities at the end of the return line, (1 or candidates, points) [kg/m³]; see `QuantityData.densities`."""
         return candidates.densities(_at_the_end(tuple(points)), meter_values)

@@ -22,7 +22,7 @@ from commonrail.compiler import cache, target
 from commonrail.compiler.target import package_version as version
 from commonrail.data.registry import find_kind
 from commonrail.engine.job import VECTORS
-from commonrail.engine.lanes import compiled
+from commonrail.engine.lanes import load_loop
 from commonrail.engine.machine_code import COMPILERS, INSTALL, objection
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
@@ -79,7 +79,7 @@ def first_simulation() -> dict[str, Any]:
     begin = time.perf_counter()
     solution = simulate(case, POINT)
     seconds = time.perf_counter() - begin
-    code = compiled(case.wired(), Precision.F64, False)
+    code = load_loop(case.wired(), Precision.F64, False)
     return {
         "seconds": seconds,
         "origin": code.origin,

@@ -200,7 +200,7 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
             copies.append(_copy_injector(injector, model, place / "injector.toml"))
             injector = "injector.toml"
         study = place / "study.toml"
-        maps = [surveyed.quantity_map for surveyed in surveys if surveyed.quantity_map]
+        maps = [survey.quantity_map for survey in surveys if survey.quantity_map]
         noted = {key: text for quantity_map in maps for key, text in quantity_map.notes.items()}
         bench = {key: stated.pressures.get(key) or noted.get(key, UNKNOWN) for key in _BENCH}
         read = [key for key in _BENCH if key in noted and not stated.pressures.get(key)]
