@@ -321,7 +321,7 @@ class Objective:
 
 def _batch_of(objective: Objective, term: Term, values: Floats) -> Batch:
     """Candidates at the points of a term, with the objective's precision."""
-    return objective.simulator.batch(term.points, values, objective.precision, term.misfit, whole=term.whole)
+    return objective.simulator.batch(term.points, values, objective.precision, term.misfit, to_horizon=term.to_horizon)
 
 
 def _first_failures(

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from commonrail.base.arguments import COUNTS, chosen, instance, number, plain_text, settle, shown
+from commonrail.base.arguments import COUNTS, enum_member, instance, number, plain_text, settle, shown
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.data.base import past_stops
@@ -74,7 +74,7 @@ class Condition:
     point: OperatingPoint
 
     def __post_init__(self) -> None:
-        settle(self, wanted=chosen(self.wanted, Wanted, "wanted"))
+        settle(self, wanted=enum_member(self.wanted, Wanted, "wanted"))
         instance(self.point, OperatingPoint, "point of a condition")
 
 

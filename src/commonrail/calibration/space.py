@@ -10,7 +10,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import frozen, instance, instances, mapping, number, plain_text, sequence, settle, whole
+from commonrail.base.arguments import (
+    frozen,
+    instance,
+    instances,
+    integer,
+    mapping,
+    number,
+    plain_text,
+    sequence,
+    settle,
+)
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.constraints import (
@@ -340,7 +350,7 @@ def sample_feasible(space: Space, n: int, rng: np.random.Generator) -> Floats:
     ConfigurationError
         If the number is negative or has a fraction, or an argument is of another kind.
     """
-    n = whole(n, "number of points")
+    n = integer(n, "number of points")
     instance(rng, np.random.Generator, "rng")
     if not instance(space, Space, "space").constrained:
         return sample_uniform(space, n, rng)

@@ -11,16 +11,16 @@ from typing import Any, cast
 from commonrail.base.arguments import (
     Limits,
     amount,
-    chosen,
+    enum_member,
     flag,
     instance,
     instances,
+    integer,
     mapping,
     number,
     plain_text,
     sequence,
     settle,
-    whole,
 )
 from commonrail.base.choices import Precision
 from commonrail.base.display import Shown
@@ -81,10 +81,11 @@ class Judgement:
     def __post_init__(self) -> None:
         leave_out = tuple(
             dict.fromkeys(
-                chosen(by, LeaveOut, "leave_out") for by in sequence(self.leave_out, "leave_out", '["rail_pressure"]')
+                enum_member(by, LeaveOut, "leave_out")
+                for by in sequence(self.leave_out, "leave_out", '["rail_pressure"]')
             )
         )
-        settle(self, seeds=whole(self.seeds, "seeds of the judgement"), leave_out=leave_out)
+        settle(self, seeds=integer(self.seeds, "seeds of the judgement"), leave_out=leave_out)
 
     @property
     def has_searches(self) -> bool:
@@ -127,8 +128,8 @@ class Method:
             instance(self.evolution, REGISTERED[0].settings, "evolution")
         settle(
             self,
-            polish=whole(self.polish, "polish"),
-            polish_iterations=whole(self.polish_iterations, "polish_iterations", 1),
+            polish=integer(self.polish, "polish"),
+            polish_iterations=integer(self.polish_iterations, "polish_iterations", 1),
             stop_when_converged=flag(self.stop_when_converged, "stop_when_converged"),
         )
 
@@ -221,10 +222,10 @@ class Study(Shown):
         settle(
             self,
             data=instances(self.data, DataSet, "data"),  # type: ignore[type-abstract]
-            seed=whole(self.seed, "seed"),
+            seed=integer(self.seed, "seed"),
             time_step=check_step(self.time_step),
-            precision=chosen(self.precision, Precision, "precision"),
-            loss=chosen(self.loss, Loss, "loss"),
+            precision=enum_member(self.precision, Precision, "precision"),
+            loss=enum_member(self.loss, Loss, "loss"),
             loss_scale=amount(self.loss_scale, "1", "loss_scale", SCALES),
             same_bits=flag(self.same_bits, "same_bits"),
             conditions=instances(self.conditions, Condition, "conditions"),

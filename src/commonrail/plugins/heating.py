@@ -1,4 +1,4 @@
-"""Temperatures of the fuel along its way, and their effect on the quantities: an estimate beside a simulation.
+"""Temperatures of the fuel along its way, and their effect on the quantities: an estimate in addition to a simulation.
 
 A simulation has one temperature. The slopes along a change of pressure without exchange of heat are those of
 thermodynamics,
@@ -29,12 +29,12 @@ from commonrail.engine.plan import coefficients_at
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Solution
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
-from commonrail.physics.flow import widened
+from commonrail.physics.flow import conductance_growth
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.variants import Variant, connections_of
 
-_INTERVALS = 16  # of the way from rail pressure to zero: temperatures are exact to some 0.01 K
+_INTERVALS = 16  # of the way from rail pressure to zero: temperatures are exact to about 0.01 K
 _LENGTHS = ("plunger_needle.plunger_guide_length", "plunger_needle.needle_guide_length")
 _HALF_DIFFERENCE = 0.5  # K: of temperatures for the slope of density; third derivatives are negligible over it
 
@@ -65,7 +65,7 @@ def heat_capacity(fuel: Fuel, temperature: float) -> float:
     return float(fuel.heat_capacity_law.at(min(max(temperature, low), high))[0])
 
 
-def throttled(fuel: Fuel, temperature: float, pressures: Floats) -> Floats:
+def throttle(fuel: Fuel, temperature: float, pressures: Floats) -> Floats:
     """Temperatures (n,) [K] at pressures (n,) [Pa] that a fuel passes at constant enthalpy.
 
     As in a hole or a guide whose outflow has lost its motion, without heat to the walls. The midpoint rule between the
@@ -76,7 +76,7 @@ def throttled(fuel: Fuel, temperature: float, pressures: Floats) -> Floats:
     return _along(fuel, temperature, pressures, 1.0)
 
 
-def compressed(fuel: Fuel, temperature: float, pressures: Floats) -> Floats:
+def compress(fuel: Fuel, temperature: float, pressures: Floats) -> Floats:
     """Temperatures (n,) [K] at pressures (n,) [Pa] that a fuel passes at constant entropy; as `throttled`."""
     return _along(fuel, temperature, pressures, 0.0)
 
@@ -119,14 +119,14 @@ class Heating:
     Attributes
     ----------
     rail : float
-        In the rail: that of the simulation, with adiabatic compression that behind the pump.
+        In the rail: the simulation's temperature; with adiabatic compression the one after the pump.
     control_chamber : float
-        Behind the Z-hole, mean of what leaves through the valve; NaN too where the solution has no return pressure,
-        as of the reference engine.
+        After the Z-hole, mean of the fuel that leaves through the valve; NaN also without a return pressure, as from
+        the reference engine.
     returned : float
-        Behind valve and guides, at the return pressure.
+        After valve and guides, at the return pressure.
     sac : float
-        Behind the needle's seat, mean of the injected mass.
+        After the needle's seat, mean of the injected mass.
     jet : float
         At the end of the nozzle's holes, where (c_d)² of the pressure drop is motion: a jet without contraction.
     injected : float
@@ -138,7 +138,7 @@ class Heating:
     limits : tuple of str
         Where the fuel would boil, and which holes cavitate, in words.
     effect : Effect or None
-        None where it is not asked for, or the control chamber's temperature is not known or above the fuel's range.
+        None if not requested, or if the control chamber's temperature is unknown or above the fuel's range.
     """
 
     rail: float
@@ -172,7 +172,7 @@ def heating(
     Parameters
     ----------
     injector, point, solution
-        What was simulated, and what came out of it.
+        Simulated injector and point, and their solution.
     effect : bool
         Simulate again, with the heat (`Effect`).
     time_step : float or str
@@ -207,16 +207,16 @@ def heating(
 
 
 def _refuse_other(point: OperatingPoint, solution: Solution) -> None:
-    """Refuse a solution whose length or rail pressure at rest is not that of the point."""
+    """Refuse a solution whose length or rail pressure at rest differs from the point's."""
     rail = solution.channels.get("rail_pressure", np.array([point.initial_pressures()[0]]))[0]
-    for words, unit, expected, actual, slack in (
+    for words, unit, stated, simulated, slack in (
         ("duration", "s", point.duration, float(np.ptp(solution.time)), 2.0 * float(np.diff(solution.time[:2])[0])),
         ("rail pressure", "Pa", point.initial_pressures()[0], float(rail), 1e-6 * float(rail)),
     ):
-        if abs(expected - actual) > slack:
+        if abs(stated - simulated) > slack:
             raise ConfigurationError(
-                f"The solution is of another point: its {words} is {to_text(actual, unit)}, and the point's "
-                f"{to_text(expected, unit)}; give the point that was simulated."
+                f"The solution is of another point: its {words} is {to_text(simulated, unit)}, and the point's "
+                f"{to_text(stated, unit)}; give the point that was simulated."
             )
 
 
@@ -227,7 +227,7 @@ class _Way(NamedTuple):
     temperatures: Floats
 
     def at(self, p: float) -> float:
-        """Temperature at a pressure [Pa]; above the rail's, in a wave, that of the rail; NaN for NaN."""
+        """Temperature at a pressure [Pa]; above rail pressure, in a wave, the rail's temperature; NaN for NaN."""
         return float(np.interp(p, self.pressures[::-1], self.temperatures[::-1])) if np.isfinite(p) else np.nan
 
 
@@ -236,15 +236,15 @@ def _way(injector: Injector, point: OperatingPoint) -> _Way:
     fuel, start = injector.fuel, injector.values[FUEL_TEMPERATURE]
     rail, _, low = point.initial_pressures()
     if fuel.adiabatic:  # the stated temperature is that before the pump
-        start = float(compressed(fuel, start, np.linspace(low, rail, _INTERVALS + 1))[-1])
+        start = float(compress(fuel, start, np.linspace(low, rail, _INTERVALS + 1))[-1])
     pressures = np.linspace(rail, 0.0, _INTERVALS + 1)
-    return _Way(pressures, throttled(fuel, start, pressures))
+    return _Way(pressures, throttle(fuel, start, pressures))
 
 
 def _nozzle(
     fuel: Fuel, c: Any, point: OperatingPoint, solution: Solution, way: _Way
 ) -> tuple[float, float, float, tuple[str, ...]]:
-    """Temperatures behind seat, holes, and motion, means of the injected mass, and the limits that it meets."""
+    """Temperatures after seat, holes and the end of motion, means of the injected mass, and limits reached."""
     weight, channels = np.maximum(solution.mass_rate, 0.0), solution.channels
     sac, discharge = _middles(channels["sac_pressure"]), _middles(channels["discharge_coefficient"])
     cylinder = _middles(values_at(point.cylinder_pressure, solution.time))
@@ -286,7 +286,7 @@ def _leak_factor(fuel: Fuel, guides: Any, way: _Way, low: float) -> float:
     warm = np.minimum(np.append(way.temperatures[inside], way.at(low)), fuel.temperature_range[1])
     leaks = np.zeros(2)
     for guide in (guides.plunger_gap, guides.needle_gap):
-        widths = guide.conductance * np.asarray(widened(guide.growth, p))  # type: ignore[arg-type]
+        widths = guide.conductance * np.asarray(conductance_growth(guide.growth, p))  # type: ignore[arg-type]
         for i, t in enumerate((np.full_like(warm, warm[0]), warm)):
             leaks[i] -= np.trapezoid(widths / fuel.kinematic_viscosity(p, t), p)
     return float(leaks[1] / leaks[0]) if leaks[0] > 0.0 else np.nan
@@ -333,7 +333,7 @@ def _effect(injector: Injector, point: OperatingPoint, estimate: Heating, step: 
 
 
 def beside(injector: Injector, point: OperatingPoint, solution: Solution, step: float | None) -> Beside:
-    """Figures and record beside a simulation; the figure says why where there is no estimate, whatever it fails by.
+    """Figures and record in addition to a simulation; without an estimate the figure says why, for any error.
 
     `step`: time step [s] of the simulations that give the effect; None for none.
     """
@@ -342,7 +342,7 @@ def beside(injector: Injector, point: OperatingPoint, solution: Solution, step: 
         return Beside((("fuel temperatures", text),), {"heating": None})
     try:
         estimate = heating(injector, point, solution, effect=step is not None, time_step=step or DEFAULT_STEP)
-    except Exception as error:  # an estimate beside a simulation never costs the simulation
+    except Exception as error:  # a failed estimate must not cost the simulation
         text = f"not estimated: {error if isinstance(error, CommonrailError) else repr(error)}"
         return Beside((("fuel temperatures", text),), {"heating": None})
     return Beside(tuple(_figures(estimate)), {"heating": estimate.record()})
@@ -357,8 +357,8 @@ def _figures(estimate: Heating) -> Iterator[tuple[str, str]]:
     }
     texts = [f"{_celsius(value)} {name}" for name, value in parts.items() if np.isfinite(value)]
     if np.isfinite(estimate.jet):
-        texts.append(f"{_celsius(estimate.jet)} in the jet, {_celsius(estimate.injected)} once its motion is heat")
-    note = "; above the fuel's range, whose properties are held" if estimate.beyond else ""
+        texts.append(f"{_celsius(estimate.jet)} in the jet, {_celsius(estimate.injected)} after the jet has stopped")
+    note = "; above the fuel data, held constant" if estimate.beyond else ""
     yield "fuel temperatures", ", ".join(texts) + note
     if estimate.effect is not None:
         injected, returned = (signed(100.0 * value, 1) for value in estimate.effect[:2])

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
-from commonrail.base.arguments import file_path, flag, instance, thread_count, whole
+from commonrail.base.arguments import file_path, flag, instance, integer, thread_count
 from commonrail.base.errors import CommonrailError, ConfigurationError, StudyError
 from commonrail.base.hooks import held_interrupts
 from commonrail.base.input import SUMS, sha256
@@ -390,7 +390,7 @@ def resume(
         If `generations` is negative, has a fraction or asks for too many, or an argument is of another kind.
     """
     path = file_path(folder, "folder")
-    generations = whole(generations, "generations")
+    generations = integer(generations, "generations")
     if study is not None:
         instance(study, Study, "study")
     flag(as_begun, "as_begun")
@@ -406,7 +406,7 @@ def estimate_again(
     Arguments and errors are those of `resume`; so does a run that is resumed later.
     """
     path = file_path(folder, "folder")
-    return STUDIES.resume(path, _work(listener, threads, None, starts=whole(starts, "starts", 1)), as_begun=True)
+    return STUDIES.resume(path, _work(listener, threads, None, starts=integer(starts, "starts", 1)), as_begun=True)
 
 
 def _work(

@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.util import Finalize
 from typing import Any, NamedTuple
 
-from commonrail.base.arguments import LARGEST_WHOLE, whole
+from commonrail.base.arguments import LARGEST_WHOLE, integer
 from commonrail.base.child import SAFE_PATH
 from commonrail.base.errors import CommonrailError, ConfigurationError, StudyError
 from commonrail.base.hooks import STOP_SIGNALS
@@ -54,7 +54,7 @@ USUAL = Limits()
 def check_count(count: int) -> None:
     """Refuse (`ConfigurationError`) a number of workers that is not between 1 and eight for each processor."""
     processors = usable_threads()
-    count = whole(count, "number of workers", -LARGEST_WHOLE)
+    count = integer(count, "number of workers", -LARGEST_WHOLE)
     if not 1 <= count <= CROWD * processors:
         raise ConfigurationError(
             f"The number of workers must lie between 1 and {CROWD * processors}, {CROWD} for each processor of this "

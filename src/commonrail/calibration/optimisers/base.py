@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import instance, settle, whole
+from commonrail.base.arguments import instance, integer, settle
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.errors import ConfigurationError, StudyError
 from commonrail.calibration.space import Space
@@ -75,7 +75,7 @@ def check_counts(settings: Any) -> None:
     """
     for setting in fields(settings):
         if "most" in setting.metadata:
-            value = whole(
+            value = integer(
                 getattr(settings, setting.name), setting.name, setting.metadata["least"], setting.metadata["most"]
             )
             settle(settings, **{setting.name: value})

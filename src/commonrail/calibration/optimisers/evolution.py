@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import array, chosen, number, settle
+from commonrail.base.arguments import array, enum_member, number, settle
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.optimisers.base import (
@@ -301,8 +301,8 @@ class EvolutionSettings:
             self,
             crossover=number(self.crossover, "1", "crossover"),
             factor=tuple(factor),
-            treatment=chosen(self.treatment, Treatment, "treatment"),
-            initial=chosen(self.initial, InitialSampling, "initial"),
+            treatment=enum_member(self.treatment, Treatment, "treatment"),
+            initial=enum_member(self.initial, InitialSampling, "initial"),
         )
         if not 0.0 <= self.crossover <= 1.0:
             raise ConfigurationError(f"crossover = {self.crossover:g} must lie between 0 and 1.")

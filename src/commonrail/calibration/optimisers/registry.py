@@ -37,7 +37,7 @@ def find_optimiser(method: str) -> Registered | None:
 
 
 def _of(entry: registry.Entry) -> Registered:
-    optimiser = entry.part(Registered, "a Registered")
+    optimiser = entry.load_as(Registered, "a Registered")
     if optimiser.name != entry.name:
         raise entry.refused(f'has the method "{optimiser.name}"')
     return optimiser
