@@ -270,12 +270,12 @@ def _count(least: int) -> Callable[[str], int]:
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run a command line, by default this process's; returns the exit status."""
-    given = _parser().parse_args(words)
+    args = _parser().parse_args(words)
     try:
-        if given.verb == "speed":
-            return speed(given.quick, given.peers, given.out, given.json)
-        numbers = given.benches, given.seeds, given.evaluations
-        return optimisers(given.studies, *numbers, given.method, out=given.out, as_json=given.json)
+        if args.verb == "speed":
+            return speed(args.quick, args.peers, args.out, args.json)
+        numbers = args.benches, args.seeds, args.evaluations
+        return optimisers(args.studies, *numbers, args.method, out=args.out, as_json=args.json)
     except CommonrailError as error:
         say(f"benchmarks: {error}")
         return error.exit_code

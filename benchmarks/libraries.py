@@ -22,7 +22,7 @@ from benchmarks.timing import Effort, time_best
 from commonrail.base.choices import Precision
 from commonrail.compiler.target import SWITCH
 from commonrail.engine import machine_code, plan
-from commonrail.engine.lanes import compiled
+from commonrail.engine.lanes import load_loop
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.plugins.paper import study
@@ -76,7 +76,7 @@ def serve() -> None:
             ]
 
         timing = time_best(run, Effort(1, 1.0))
-        batch, origin = found[0], compiled(injector().variant, precision, False).origin
+        batch, origin = found[0], load_loop(injector().variant, precision, False).origin
         digest = hashlib.sha256(b"".join(getattr(batch, one.name).tobytes() for one in fields(batch))).hexdigest()
         print(json.dumps({"seconds": timing.seconds, "digest": digest, "origin": origin}), flush=True)
 

@@ -27,7 +27,7 @@ from benchmarks.case import POINT, TIME_STEP, candidates, injector
 from benchmarks.timing import Effort, time_best
 from commonrail.base.choices import Precision
 from commonrail.compiler.child import texts
-from commonrail.compiler.lower import optimised, ordered
+from commonrail.compiler.lower import optimise, schedule_instructions
 from commonrail.compiler.target import System, own_processor
 from commonrail.engine import lanes, plan
 from commonrail.engine.job import VECTORS
@@ -206,8 +206,8 @@ def measure(precision: Precision) -> dict[str, Any]:
     seconds = _best(lambda: lanes.run(job, variant, precision=precision), 30)
     hertz = clock()
     names = {"lanes": symbol_of(variant, vector.precision)}
-    machine, code = optimised(texts(source_of(variant, vector, False)), names, System.of(own_processor()))
-    block = step_block(str(machine.emit_assembly(ordered(machine, code))))
+    machine, code = optimise(texts(source_of(variant, vector, False)), names, System.of(own_processor()))
+    block = step_block(str(machine.emit_assembly(schedule_instructions(machine, code))))
     times = Times(seconds, measured_bound(block), hertz)
     return {
         "precision": precision.value,

@@ -288,7 +288,7 @@ def row(bed: Bed, many: int) -> Row:
         printed.append(np.full(len(low), one.estimate.settled and not one.draws.refusal))
         pinned.append([j.verdict is ParameterVerdict.DETERMINED for j in one.verdicts])
         right.append(np.abs(point - bench.truth) <= [j.half for j in one.verdicts])
-        alarms.append(any(test.found for test in one.tests))
+        alarms.append(any(test.detected for test in one.tests))
     held, shown, called = np.array(inside), np.array(printed), np.array(pinned)
     relative = np.std(found, axis=0, ddof=1) / benches.bench(0).truth
     mean = np.array([np.mean(h[s]) if s.any() else np.nan for h, s in zip(np.array(half).T, shown.T, strict=True)])

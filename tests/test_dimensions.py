@@ -233,7 +233,7 @@ FOUND = (AssertionError, pint.DimensionalityError, ValueError)  # the last of a 
         (solenoid.circuit, "flux * flux * c.per_knee_squared", "flux * c.per_knee_squared"),
         (solenoid.magnetic_force, "c.force * pulling_flux * pulling_flux", "c.force * pulling_flux"),
         (valve.free_force, "c.spring_stiffness * lift", "c.spring_stiffness"),
-        (drive.applied, "resistance * now.drift", "now.drift"),
+        (drive.apply_voltage, "resistance * now.drift", "now.drift"),
         (feed_pipe.middle_loss, "0.5 * c.admittance", "0.5"),
         (valve.at_rest, " / (c.contact_stiffness + c.spring_stiffness)", ""),
         (valve.rates, "c.per_mass * (force", "(force"),

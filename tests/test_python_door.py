@@ -459,7 +459,7 @@ def test_numbers_of_numpy_count_as_numbers(kind: Callable[[float], Any]) -> None
     made = cr.OperatingPoint(kind(160_000_000), 700e-6, cylinder_pressure=kind(5_000_000), start=kind(0))
     assert made == cr.OperatingPoint(160e6, 700e-6)
     assert type(made.rail_pressure) is float
-    assert arguments.whole(kind(3), "count") == 3
+    assert arguments.integer(kind(3), "count") == 3
     assert INJECTOR.with_values({K1: kind(122_000_000)}).values[K1] == 122e6
 
 

@@ -50,16 +50,16 @@ def quantities(injector: cr.Injector, rail: tuple[int, ...], time: tuple[int, ..
     points = [
         cr.OperatingPoint(1e5 * p, 1e-6 * t, CYLINDER, RETURN, horizon=1e-6 * t + 3e-3) for p in rail for t in time
     ]
-    found: Floats = 1e9 * cr.simulate_batch(injector, points, threads=1).injected_volume[0]
-    return found.reshape(len(rail), len(time))
+    volumes: Floats = 1e9 * cr.simulate_batch(injector, points, threads=1).injected_volume[0]
+    return volumes.reshape(len(rail), len(time))
 
 
 def rate(injector: cr.Injector, rail: int, time: int) -> Floats:
     """Mean rates [mm³/ms] over the intervals that end at 10 us, 20 us … 3 ms from the start of energising."""
-    found = cr.simulate(injector, cr.OperatingPoint(1e5 * rail, 1e-6 * time, CYLINDER, RETURN, horizon=3e-3))
+    solution = cr.simulate(injector, cr.OperatingPoint(1e5 * rail, 1e-6 * time, CYLINDER, RETURN, horizon=3e-3))
     moments = np.arange(0.0, 3e-3 + 0.5 * INTERVAL, INTERVAL)
-    volume = 1e9 * found.injected / found.reference_density  # [mm³] at the bounds of the samples
-    return np.diff(np.interp(moments, found.time, volume)) / (1e3 * INTERVAL)
+    volume = 1e9 * solution.injected / solution.reference_density  # [mm³] at the bounds of the samples
+    return np.diff(np.interp(moments, solution.time, volume)) / (1e3 * INTERVAL)
 
 
 def write_german_map(path: Path, quantity: Floats) -> None:

@@ -82,10 +82,10 @@ class Browser:
 
     def evaluate(self, expression: str) -> Any:
         """Value of an expression of JavaScript; a promise is waited for."""
-        found = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
-        if "exceptionDetails" in found:
-            raise RuntimeError(str(found["exceptionDetails"].get("exception", found["exceptionDetails"])))
-        return found["result"].get("value")
+        response = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
+        if "exceptionDetails" in response:
+            raise RuntimeError(str(response["exceptionDetails"].get("exception", response["exceptionDetails"])))
+        return response["result"].get("value")
 
     def until(self, condition: str) -> None:
         """Wait until an expression is true."""
@@ -106,10 +106,10 @@ class Browser:
         """Set the size of the window [px]."""
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=phone)
 
-    def picture(self, path: Path, whole: bool = True) -> None:
+    def picture(self, path: Path, full_page: bool = True) -> None:
         """Write a picture of the page as PNG."""
-        found = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
-        path.write_bytes(base64.b64decode(found["data"]))
+        response = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=full_page)
+        path.write_bytes(base64.b64decode(response["data"]))
 
 
 @contextmanager
@@ -120,9 +120,9 @@ def browsing() -> Iterator[Browser]:
         command = [CHROMIUM, *_FLAGS, f"--user-data-dir={profile}", "about:blank"]
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
-            found = Browser(_address(Path(profile), process))
-            found.process = process.pid
-            yield found
+            browser = Browser(_address(Path(profile), process))
+            browser.process = process.pid
+            yield browser
         finally:
             process.terminate()
             try:
@@ -141,5 +141,5 @@ def _address(profile: Path, process: subprocess.Popen[bytes]) -> str:
         time.sleep(0.02)
     port = file.read_text().split()[0]
     with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list") as answer:
-        pages = [one for one in json.load(answer) if one["type"] == "page"]
+        pages = [target for target in json.load(answer) if target["type"] == "page"]
     return str(pages[0]["webSocketDebuggerUrl"])

@@ -39,10 +39,10 @@ WIRINGS = {
 def main() -> None:
     """Compile all modules to bytecode, which each process of the tests would do, and kernels for this processor."""
     precision = Precision(sys.argv[1])
-    for found in pkgutil.walk_packages(commonrail.__path__, "commonrail."):
-        if not found.name.endswith("__main__"):
+    for module in pkgutil.walk_packages(commonrail.__path__, "commonrail."):
+        if not module.name.endswith("__main__"):
             with suppress(Exception):  # an extra that is not there yet, or not whole
-                importlib.import_module(found.name)
+                importlib.import_module(module.name)
     for wiring in WIRINGS[precision]:
         object_of(wiring, VECTORS[precision], own_processor())
 

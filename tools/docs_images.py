@@ -85,7 +85,7 @@ def picture(page: Browser, file: Path, size: tuple[int, int] = WINDOW, place: st
 def screenshot(page: Browser) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "shot.png"
-        page.picture(path, whole=False)
+        page.picture(path, full_page=False)
         return path.read_bytes()
 
 

@@ -23,18 +23,18 @@ RATE, MARK, LEVEL = "#1b5e8c", "#c1272d", "#6b7785"
 def draw(path: Path) -> None:
     """Simulate both injections and draw their rate with what is found in it."""
     trace = cr.simulate(cr.load_injector("virtual-lino-2016"), POINT)
-    found = cr.features.find_features(trace, POINT)
+    features = cr.features.find_features(trace, POINT)
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(7.2, 3.2))
         axes.plot(trace.rate_time * 1e6, trace.rate_mm3_per_ms, color=RATE, linewidth=1.4)
-        level = found.levels.threshold * 1e6
+        level = features.levels.threshold * 1e6
         axes.axhline(level, color=LEVEL, linestyle=":", linewidth=1.0)
         axes.text(2250.0, level + 1.0, f"threshold, 10 % = {level:.1f} mm³/ms", color=LEVEL, ha="right")
         for number, pulse in enumerate(POINT.pulses, start=1):
-            injection = found.of(number)
+            injection = features.of(number)
             assert injection is not None
             annotate(axes, number, injection, pulse, level)
-        for other in found.injections:
+        for other in features.injections:
             if other.energising is None:
                 place = 1e6 * other["closing"], 1e6 * other["peak_rate"]
                 axes.text(*place, f"  reopened: {1e9 * other['quantity']:.2f} mm³", color=MARK)

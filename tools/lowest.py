@@ -20,15 +20,18 @@ def lowest(pyproject: str) -> dict[str, str]:
     """
     project = tomllib.loads(pyproject)["project"]
     extras = project.get("optional-dependencies", {}).values()
-    found: dict[str, str] = {}
-    for requirement in [*project["dependencies"], *(one for extra in extras for one in extra)]:
+    versions: dict[str, str] = {}
+    for requirement in [
+        *project["dependencies"],
+        *(requirement_of_extra for extra in extras for requirement_of_extra in extra),
+    ]:
         match = _REQUIREMENT.fullmatch(requirement)
         if match is None:
             raise ValueError(f'pyproject.toml: requirement "{requirement}" has to be "name>=version".')
         name, version = match["name"].lower(), match["version"]
-        if found.setdefault(name, version) != version:
-            raise ValueError(f"pyproject.toml: {name} is required from {found[name]} and from {version}; state one.")
-    return found
+        if versions.setdefault(name, version) != version:
+            raise ValueError(f"pyproject.toml: {name} is required from {versions[name]} and from {version}; state one.")
+    return versions
 
 
 if __name__ == "__main__":

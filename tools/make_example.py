@@ -87,12 +87,12 @@ def fit(study: cr.Study, rate: Floats | None = None) -> Fit:
     if rate is not None:
         (data,) = study.data
         study = replace(study, data=(replace(data, rate=rate),))
-    found, names = cr.calibrate(study), study.space.names
+    calibration, names = cr.calibrate(study), study.space.names
     objective = Objective(study.injector, names, study.data, study.time_step)
     truth = np.array([[TRUTH[name] for name in names]])
-    identified = identify(found)
-    error = {name: (found.best[name] - TRUTH[name]) / identified[name]["standard_error"] for name in names}
-    return Fit(error, found.start_cost, float(objective.costs(truth).costs[0]), found.cost)
+    identified = identify(calibration)
+    error = {name: (calibration.best[name] - TRUTH[name]) / identified[name]["standard_error"] for name in names}
+    return Fit(error, calibration.start_cost, float(objective.costs(truth).costs[0]), calibration.cost)
 
 
 def coverage(seeds: int) -> None:
@@ -100,10 +100,12 @@ def coverage(seeds: int) -> None:
     study, clean = cr.load_study(TEMPLATES / "study.toml"), clean_rate()
     errors = []
     for seed in range(1, seeds + 1):
-        found = fit(replace(study, seed=seed), clean + noise(len(clean), seed))
-        errors.append(list(found.error.values()))
-        shown = ", ".join(f"{name.rpartition('.')[2]} {value:+.2f}" for name, value in found.error.items())
-        print(f"seed {seed}: J {found.start_j:.0f} at the start, {found.truth_j:.1f} at the truth, {found.best_j:.1f}")
+        result = fit(replace(study, seed=seed), clean + noise(len(clean), seed))
+        errors.append(list(result.error.values()))
+        shown = ", ".join(f"{name.rpartition('.')[2]} {value:+.2f}" for name, value in result.error.items())
+        print(
+            f"seed {seed}: J {result.start_j:.0f} at the start, {result.truth_j:.1f} at the truth, {result.best_j:.1f}"
+        )
         print(f"    found − true, in standard errors: {shown}")
     each = np.abs(np.array(errors))
     for limit in (1.0, 2.0, 3.0):
@@ -115,9 +117,9 @@ def main() -> None:
     """Read the command line; write the example or measure the coverage."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--coverage", type=int, metavar="SEEDS", help="fit as many curves, and write nothing")
-    given = parser.parse_args()
-    if given.coverage:
-        coverage(given.coverage)
+    args = parser.parse_args()
+    if args.coverage:
+        coverage(args.coverage)
         return
     clean = clean_rate()
     path = TEMPLATES / "data" / "evi.csv"

@@ -88,9 +88,9 @@ seed = 1
 
 def scattered(injector: Injector, count: int, rng: np.random.Generator) -> Floats:
     """True values of each injector (count, parameters), SI."""
-    own = np.array([injector.values[name] for name in SCATTER])
-    deviations = np.clip(rng.standard_normal((count, len(own))), -WIDEST, WIDEST)
-    return np.asarray(own * (1.0 + deviations * np.array(list(SCATTER.values()))))
+    nominal = np.array([injector.values[name] for name in SCATTER])
+    deviations = np.clip(rng.standard_normal((count, len(nominal))), -WIDEST, WIDEST)
+    return np.asarray(nominal * (1.0 + deviations * np.array(list(SCATTER.values()))))
 
 
 def curves(injector: Injector, values: Floats, pressure: float, rng: np.random.Generator) -> Floats:
@@ -98,7 +98,9 @@ def curves(injector: Injector, values: Floats, pressure: float, rng: np.random.G
     point = OperatingPoint(pressure, ENERGISING, horizon=SAMPLES * INTERVAL)
     bounds = np.array([INTERVAL * i for i in range(SAMPLES + 1)])
     parts = [values[i : i + BLOCK] for i in range(0, len(values), BLOCK)]
-    mass = np.concatenate([sampled_rates(injector, point, bounds, list(SCATTER), part, DEFAULT_STEP) for part in parts])
+    mass = np.concatenate(
+        [sampled_rates(injector, point, bounds, list(SCATTER), member, DEFAULT_STEP) for member in parts]
+    )
     return np.asarray(mass / reference_density(injector, point) + RATE_NOISE * rng.standard_normal(mass.shape))
 
 
@@ -144,8 +146,8 @@ def write_map(folder: Path, table: str, injector: Injector, values: Floats, rng:
     points = [(pressure, time) for pressure in MAP_PRESSURES for time in MAP_TIMES]
     rows = [
         [name, f"{pressure * 1e-6:g}", f"{time * 1e6:g}", f"{quantity * 1e9:.6g}"]
-        for name, own in zip(names_of(len(values)), maps(injector, values, rng), strict=True)
-        for (pressure, time), quantity in zip(points, own, strict=True)
+        for name, quantities in zip(names_of(len(values)), maps(injector, values, rng), strict=True)
+        for (pressure, time), quantity in zip(points, quantities, strict=True)
     ]
     header = ["injector", "rail_pressure [MPa]", "energising_time [us]", "quantity [mm3]"]
     write_table(folder / table, header, rows)
@@ -169,7 +171,7 @@ def make_fleet(folder: Path, count: int, layout: str = "files", table: str = "",
     (write_curves if files else write_map)(folder, table, injector, values, rng)
     units = parameter_quantities()
     heads = [f"{name} [{units[name].unit}]" for name in SCATTER]
-    rows = [[name, *map(repr, own)] for name, own in zip(names_of(count), values.tolist(), strict=True)]
+    rows = [[name, *map(repr, row)] for name, row in zip(names_of(count), values.tolist(), strict=True)]
     write_table(folder / "truth.csv", ["injector", *heads], rows)
     curve, maps = {"kind": "rate", "what": "injection curves"}, {"kind": "quantities", "what": "quantities"}
     sets = [{"name": name, "role": role, "own": CURVE.format(name=name)} | curve for name, role in PRESSURES.items()]
@@ -178,7 +180,7 @@ def make_fleet(folder: Path, count: int, layout: str = "files", table: str = "",
     study = STUDY.format(
         synthetic=SYNTHETIC,
         injector=INJECTOR,
-        data="\n".join(DATA.format(synthetic=SYNTHETIC, **one) for one in sets),
+        data="\n".join(DATA.format(synthetic=SYNTHETIC, **data_set) for data_set in sets),
         parameters="".join(PARAMETER.format(name=name, percent=400.0 * share) for name, share in SCATTER.items()),
         members=search.get("members", 30),
         generations=search.get("generations", 40),
@@ -200,9 +202,9 @@ def main() -> None:
     parser.add_argument("--members", type=int, default=30)
     parser.add_argument("--generations", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1)
-    given = parser.parse_args()
-    search = {key: getattr(given, key) for key in ("members", "generations", "seed")}
-    print(make_fleet(given.folder, given.injectors, given.layout, given.table, **search))
+    args = parser.parse_args()
+    search = {key: getattr(args, key) for key in ("members", "generations", "seed")}
+    print(make_fleet(args.folder, args.injectors, args.layout, args.table, **search))
 
 
 if __name__ == "__main__":

@@ -295,7 +295,10 @@ def _settings(kind: Any) -> list[str]:
 
     if not (inspect.isclass(kind) and dataclasses.is_dataclass(kind)) or not (declared := declared_fields(kind)):
         return []
-    rows = [(f"`{name}`", one.accepted, one.default_text, one.meaning) for name, one in declared.items()]
+    rows = [
+        (f"`{name}`", declaration.accepted, declaration.default_text, declaration.meaning)
+        for name, declaration in declared.items()
+    ]
     return [table(("setting", "value", "default", "meaning"), rows)]
 
 

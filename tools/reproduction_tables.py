@@ -128,10 +128,10 @@ def friction() -> str:
     for text, truth in friction_truths().items():
         bench = Bench(truth, load_injector(truth.injector), TIME_STEP)
         data = measure(bench, 1)[0]
-        found = [search(bench, data, study.BEST.settings, seed) for seed in FRICTION_SEEDS]
+        searches = [search(bench, data, study.BEST.settings, seed) for seed in FRICTION_SEEDS]
         theory = study.space(bench.injector).reference
-        change = np.median([f.x / theory - 1.0 for f in found], axis=0)
-        cost = float(np.median([f.cost for f in found]))
+        change = np.median([f.x / theory - 1.0 for f in searches], axis=0)
+        cost = float(np.median([f.cost for f in searches]))
         rows.append((text, *(signed(100.0 * value, 0) for value in change), fixed(cost, 1)))
     return grid(("truth", *(f"k{i}, %" for i in range(1, 8)), "J"), rows)
 
@@ -156,13 +156,13 @@ def blocks(record: Record, perfect: Record) -> dict[str, str]:
     }
 
 
-def filled(page: str, found: dict[str, str]) -> str:
+def filled(page: str, texts: dict[str, str]) -> str:
     """The page with its blocks replaced; SystemExit if it lacks a block, or has one that nothing fills."""
-    named = re.findall(r"^<!-- (\w+) -->$", page, re.M)
-    named = [name for name in named if name != "end"]
-    if sorted(named) != sorted(found):
-        raise SystemExit(f"{PAGE}: its blocks are {named}, and these are filled: {list(found)}")
-    for name, text in found.items():
+    blocks = re.findall(r"^<!-- (\w+) -->$", page, re.M)
+    blocks = [name for name in blocks if name != "end"]
+    if sorted(blocks) != sorted(texts):
+        raise SystemExit(f"{PAGE}: its blocks are {blocks}, and these are filled: {list(texts)}")
+    for name, text in texts.items():
         block = re.compile(rf"(^<!-- {name} -->$\n).*?(^<!-- end -->$)", re.S | re.M)
         page = block.sub(lambda m, text=text: f"{m[1]}{text}\n{m[2]}", page)  # type: ignore[misc]
     return page
@@ -173,8 +173,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("run", type=Path, help="folder of commonrail lab reproduce")
     parser.add_argument("ideal", type=Path, help="folder of the same with --truth virtual-lino-2016-ideal")
-    given = parser.parse_args()
-    records = [RESULT.read(folder) for folder in (given.run, given.ideal)]
+    args = parser.parse_args()
+    records = [RESULT.read(folder) for folder in (args.run, args.ideal)]
     PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), blocks(*map(dict, records))), encoding="utf-8")
     print(PAGE)
 

@@ -44,11 +44,11 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         target, anchor = match[1], match[2] or ""
         if "://" in target or target.startswith("mailto:"):
             return match[0]
-        whole = posixpath.normpath(posixpath.join(base, target))
-        inside = whole.removeprefix("docs/") if whole.startswith("docs/") else whole
-        if outside or not whole.startswith("docs/"):
+        resolved = posixpath.normpath(posixpath.join(base, target))
+        inside = resolved.removeprefix("docs/") if resolved.startswith("docs/") else resolved
+        if outside or not resolved.startswith("docs/"):
             if files.get_file_from_path(inside) is None:
-                return f"]({target}{anchor})" if whole.startswith("docs/") else "](#)"
+                return f"]({target}{anchor})" if resolved.startswith("docs/") else "](#)"
             return f"]({posixpath.relpath(inside, posixpath.dirname(uri) or '.')}{anchor})"
         return match[0]
 

@@ -96,7 +96,7 @@ def circles(graph: grimp.ImportGraph) -> list[list[str]]:
 
 def _large_classes(text: str) -> int:
     classes = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ClassDef))
-    return sum(sum(isinstance(part, ast.FunctionDef) for part in each.body) > METHODS for each in classes)
+    return sum(sum(isinstance(member, ast.FunctionDef) for member in each.body) > METHODS for each in classes)
 
 
 def _public_names() -> list[str]:

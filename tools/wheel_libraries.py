@@ -71,7 +71,7 @@ def write_libraries(
     compiler = compiler_for(target)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / STAMP).unlink(missing_ok=True)  # without it no library is used, also if this ends halfway
-    made = []
+    written = []
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
         _write_objects(place, _tasks(variants, precisions, levels), processes)
@@ -80,17 +80,17 @@ def write_libraries(
             library = place / file_of(level.name).name
             inputs = [place / "level.c", *sorted((place / level.name).glob("*.o"))]
             link_shared(compiler, inputs, library, target, ())
-            made.append(folder / library.name)
+            written.append(folder / library.name)
             # replaced whole: a process may be running the one before
-            os.replace(shutil.copy(library, folder / f".{library.name}"), made[-1])
+            os.replace(shutil.copy(library, folder / f".{library.name}"), written[-1])
     stamp = {
         "sources": stamp_of(SOURCES),
         "files": digests(sources_of(SOURCES)),
-        "libraries": {path.name: digest(path) for path in made},
+        "libraries": {path.name: digest(path) for path in written},
         **{package: package_version(package) for package in COMPILERS},
     }
     (folder / STAMP).write_text(json.dumps(stamp, indent=1) + "\n", encoding="utf-8")
-    return tuple(made)
+    return tuple(written)
 
 
 def _tasks(variants: Sequence[Variant], precisions: Sequence[Precision], levels: Sequence[Processor]) -> list[_Task]:
@@ -151,7 +151,7 @@ def _most_processes() -> int:
 def _main(words: list[str]) -> int:
     folder = Path(words[0]) if words else FOLDER
     try:
-        made = write_libraries(folder, ALL if words[1:] == ["all"] else CATALOGUE, processes=_most_processes())
+        paths = write_libraries(folder, ALL if words[1:] == ["all"] else CATALOGUE, processes=_most_processes())
     except ConfigurationError as error:
         print(f"commonrail: {error}", file=sys.stderr)
         return error.exit_code
@@ -160,7 +160,7 @@ def _main(words: list[str]) -> int:
         return 1
     except KeyboardInterrupt:
         return 130
-    for path in made:
+    for path in paths:
         print(f"{path}: {path.stat().st_size / 1e6:.2f} MB")
     return 0
 

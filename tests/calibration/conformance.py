@@ -62,7 +62,7 @@ def costs(x: np.ndarray) -> np.ndarray:
 
 def answer(trials: Trials) -> np.ndarray:
     """Usual answers; those for trials that are not simulated would win if they counted."""
-    if trials.wanted in (Question.RESIDUALS, Question.SCREENED):
+    if trials.question in (Question.RESIDUALS, Question.SCREENED):
         return residuals(trials.x)
     return np.where(trials.simulate, costs(trials.x), -1.0)
 
@@ -90,7 +90,7 @@ def conversation(optimiser: Optimiser, told: Answer = answer, steps: int = 10**6
 
 def run(optimiser: Optimiser, told: Answer = answer, steps: int = 10**6) -> list[tuple[bytes, bytes, Question]]:
     """Bits of all questions of an optimiser until so many steps are done."""
-    return [(t.x.tobytes(), t.simulate.tobytes(), t.wanted) for t in conversation(optimiser, told, steps)]
+    return [(t.x.tobytes(), t.simulate.tobytes(), t.question) for t in conversation(optimiser, told, steps)]
 
 
 def kept(state: dict[str, Any]) -> dict[str, Any]:
@@ -103,7 +103,7 @@ def what_is_simulated_keeps_to_the_space(case: Case) -> None:
     for told in (answer, best_fail):
         for trials in conversation(case.make(1, STEPS), told):
             inside = case.space.satisfies(trials.x)
-            if trials.wanted is Question.RESIDUALS:  # a solver may look beyond a constraint, never beyond a bound
+            if trials.question is Question.RESIDUALS:  # a solver may look beyond a constraint, never beyond a bound
                 slack = 1e-12 * (case.space.upper - case.space.lower)
                 inside = ((trials.x >= case.space.lower - slack) & (trials.x <= case.space.upper + slack)).all(axis=1)
             assert inside[trials.simulate].all()

@@ -37,7 +37,7 @@ def refinement(space: Space) -> Case:
     return Case("refinement", space, lambda seed, steps: Refinement(space, seed, RefinementSettings(steps, 3), before))
 
 
-SHIPPED = [entry for name in registry.shipped_methods() if (entry := registry.named(name))]
+SHIPPED = [entry for name in registry.shipped_methods() if (entry := registry.find_optimiser(name))]
 CASES = [
     case
     for space in SPACES.values()

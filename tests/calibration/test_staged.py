@@ -32,7 +32,7 @@ def descend() -> float:
     while not (search.finished or search.state()["hopping"]):
         trials = search.ask()
         values = rippled(trials.x)
-        costs = trials.wanted in (Question.COSTS, Question.COSTS_AGAIN)
+        costs = trials.question in (Question.COSTS, Question.COSTS_AGAIN)
         search.tell(np.sum(values**2, axis=1) if costs else values)
     return search.ends[0].cost
 
@@ -55,10 +55,10 @@ def test_screening_comes_first_then_residuals_of_the_starts() -> None:
     space = unit_box(2, Prior(0.7, 0.1))
     search = StagedLeastSquares(space, np.random.default_rng(1), StagedSettings(members=40, generations=3))
     screened = search.ask()
-    assert (screened.wanted, len(screened.x)) == (Question.SCREENED, 40)
+    assert (screened.question, len(screened.x)) == (Question.SCREENED, 40)
     search.tell(screened.x - 0.4)
     starts = search.ask()
-    assert (starts.wanted, len(starts.x)) == (Question.RESIDUALS, 3)
+    assert (starts.question, len(starts.x)) == (Question.RESIDUALS, 3)
     best = np.sort(np.sum((screened.x - 0.4) ** 2, axis=1))[:3]
     assert np.sum((starts.x - 0.4) ** 2, axis=1) == pytest.approx(best)
 
@@ -75,7 +75,7 @@ def finished(settings: StagedSettings, is_sound: bool) -> StagedLeastSquares:
     while not search.finished:
         trials = search.ask()
         values = rippled(trials.x) if is_sound else np.full((len(trials.x), 2), np.nan)
-        costs = trials.wanted in (Question.COSTS, Question.COSTS_AGAIN)
+        costs = trials.question in (Question.COSTS, Question.COSTS_AGAIN)
         search.tell(np.sum(values**2, axis=1) if costs else values)
     return search
 
@@ -107,7 +107,7 @@ def test_ends_are_the_optima_of_the_first_descents_and_survive_hops_and_a_restar
     while not search.finished:
         trials = search.ask()
         values = two_valleys(trials.x)
-        wants_costs = trials.wanted in (Question.COSTS, Question.COSTS_AGAIN)
+        wants_costs = trials.question in (Question.COSTS, Question.COSTS_AGAIN)
         search.tell(np.sum(values**2, axis=1) if wants_costs else values)
         many.append(len(search.population))
     assert (max(many), many[-1]) == (8, 1)  # the descents were followed by hops

@@ -50,7 +50,7 @@ def test_a_study_ends_with_that_sentence_and_status_2(monkeypatch: pytest.Monkey
     monkeypatch.setattr(platform, "machine", lambda: "arm64")
     monkeypatch.setenv("COMMONRAIL_KERNELS", "off")
     machine_code.objection.cache_clear()
-    lanes.compiled.cache_clear()  # no kernel of another test
+    lanes.load_loop.cache_clear()  # no kernel of another test
     try:
         ended = run_command("calibrate", study, "--out", tmp_path / "run")
     finally:

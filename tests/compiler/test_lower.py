@@ -16,7 +16,7 @@ from tests.compiler import doubled
 
 @pytest.fixture(autouse=True)
 def nothing_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(child, "kept_or_made", lambda name, make: make())
+    monkeypatch.setattr(child, "get_or_make", lambda name, make: make())
 
 
 def test_a_child_that_has_gone_idle_is_started_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -38,7 +38,7 @@ def test_a_child_that_was_killed_is_replaced() -> None:
 
 
 def test_a_function_that_allocates_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="allocates memory, for which there is no owner"):
+    with pytest.raises(ConfigurationError, match="allocates memory"):
         child.texts(doubled.source("allocating"))
 
 
@@ -68,5 +68,5 @@ def test_on_windows_the_child_has_a_group_of_its_own(monkeypatch: pytest.MonkeyP
 )
 def test_only_code_for_x86_is_ordered_for_a_processor_that_reorders_nothing(triple: str, cpu: str, tuned: bool) -> None:
     """The model of another kind of processor would be refused on the user's terminal."""
-    machine, module = lower.optimised(child.texts(doubled.source()), {"double": "twice"}, System(triple, cpu))
-    assert ("tune-cpu" in str(lower.ordered(machine, module))) is tuned
+    machine, module = lower.optimise(child.texts(doubled.source()), {"double": "twice"}, System(triple, cpu))
+    assert ("tune-cpu" in str(lower.schedule_instructions(machine, module))) is tuned

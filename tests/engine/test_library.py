@@ -38,7 +38,13 @@ COURSES = {
     Drive.VOLTAGE: Trace.of([0.0, 1e-6, 3e-4, 3.1e-4], [0.0, 50.0, 50.0, 0.0]),  # [V]
 }
 NAMES, VALUES = ["nozzle.discharge_maximum"], np.linspace(0.75, 0.9, 19)[:, None]
-CACHES = (lanes.compiled, machine_code.objection, machine_code.made_by, machine_code._level, machine_code._opened)
+CACHES = (
+    lanes.load_loop,
+    machine_code.objection,
+    machine_code.read_stamp,
+    machine_code._level,
+    machine_code._open_library,
+)
 REASON = "" if shutil.which("cc") else "no C compiler, cc, is on this machine"
 if own_processor() not in (LEVEL_3, LEVEL_4):
     REASON = "this processor is below x86-64-v3"
@@ -96,7 +102,7 @@ def figures(
 
 
 def origins(injector: cr.Injector, same_bits: bool = False) -> tuple[str, str]:
-    code = lanes.compiled(injector.wired(), Precision.F64, same_bits)
+    code = lanes.load_loop(injector.wired(), Precision.F64, same_bits)
     return code.origin, code.processor
 
 
@@ -143,7 +149,7 @@ def test_every_wiring_has_the_bits_of_the_compiler(
         forget()
         found[switch] = figures(injector, precision=precision)
         assert figures(injector, threads=2, precision=precision).tobytes() == found[switch].tobytes()
-        assert (lanes.compiled(variant, precision, False).origin == "library") == (switch != "off")
+        assert (lanes.load_loop(variant, precision, False).origin == "library") == (switch != "off")
         if precision is Precision.F64:  # no library holds an exact loop in single precision
             exact.add(figures(injector, precision=precision, same_bits=True).tobytes())
     monkeypatch.undo()
@@ -277,7 +283,7 @@ def test_an_unknown_value_of_the_switch_is_refused(use: pytest.MonkeyPatch, rigi
 def test_a_damaged_stamp_is_none(use: pytest.MonkeyPatch, tmp_path: Path) -> None:
     use.setattr(machine_code, "FOLDER", tmp_path)
     (tmp_path / machine_code.STAMP).write_text("[", encoding="utf-8")
-    assert machine_code.made_by() is None
+    assert machine_code.read_stamp() is None
     assert machine_code.objection() == "none came with this package"
 
 

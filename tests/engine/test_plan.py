@@ -10,7 +10,7 @@ from commonrail.engine import plan
 from commonrail.engine import plan as population
 from commonrail.engine.courses import CHECK_AFTER
 from commonrail.engine.job import Courses
-from commonrail.engine.lanes import tabled
+from commonrail.engine.lanes import tabulate
 from commonrail.engine.operating_point import Energising, OperatingPoint, Trace
 from commonrail.physics.injector import Injector, parameter_paths
 
@@ -36,7 +36,7 @@ def test_lanes_hold_every_candidate_at_every_point(regulated: Injector) -> None:
 
 def test_points_that_are_to_stay_apart_share_no_block(regulated: Injector) -> None:
     courses = of(long(100e6, 40e-6), long(80e6, 90e-6), injector=regulated)
-    points, candidates = plan.fill_lanes(courses, 11, 8, apart=True)
+    points, candidates = plan.fill_lanes(courses, 11, 8, separate_points=True)
     assert points.tolist() == [[1] * 8, [1] * 8, [0] * 8, [0] * 8]
     assert candidates.reshape(2, 16).tolist() == [[*range(11), *[10] * 5]] * 2
 
@@ -53,7 +53,7 @@ def test_figures_come_back_in_the_order_of_candidates_and_points(regulated: Inje
     prepared = plan.prepare(regulated, [long(100e6, 40e-6), long(80e6, 90e-6), long(90e6, 60e-6)], 1e-6)
     job = plan.make_job(prepared, np.repeat(prepared.row[None], 11, axis=0), True)
     figures = 100.0 * job.points + job.candidates
-    assert np.array_equal(tabled(figures, job), np.arange(11)[:, None] + 100.0 * np.arange(3))
+    assert np.array_equal(tabulate(figures, job), np.arange(11)[:, None] + 100.0 * np.arange(3))
 
 
 def test_candidates_differ_in_the_named_columns_only(regulated: Injector) -> None:

@@ -126,11 +126,11 @@ def test_the_pulling_flux_follows_with_a_lag_for_either_direction(rising: float,
     up, down = lag_fraction(rising, DT), lag_fraction(falling, DT)
     pulling, steps = 0.0, 100
     for _ in range(steps):
-        pulling = solenoid.lagged(1e-4, 1e-4, pulling, up, down)
+        pulling = solenoid.follow_flux(1e-4, 1e-4, pulling, up, down)
     full = 1e-4 * (1.0 - math.exp(-steps * DT / rising))
     assert pulling == pytest.approx(full, rel=1e-12)
     for _ in range(steps):
-        pulling = solenoid.lagged(0.0, 0.0, pulling, up, down)
+        pulling = solenoid.follow_flux(0.0, 0.0, pulling, up, down)
     assert pulling == pytest.approx(full * math.exp(-steps * DT / falling) if falling else 0.0, rel=1e-12, abs=1e-30)
     assert solenoid.lag_rate(1e-4, 0.0, 140e-6, 70e-6) == pytest.approx(1e-4 / 140e-6)
     assert solenoid.lag_rate(0.0, 1e-4, 140e-6, 70e-6) == pytest.approx(-1e-4 / 70e-6)

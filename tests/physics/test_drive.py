@@ -39,7 +39,9 @@ def test_regulator_boosts_holds_and_quenches() -> None:
     def voltage(current: float, on: float, peak: float) -> float:
         supply = drive.Supply(drive.Schedule(on, peak), 0.0)
         now = circuit(current)
-        rate = drive.regulated(P, COIL, drive.State(1.0), supply, now, 0.0).flux_rate  # a step without length: at once
+        rate = drive.current_regulator(
+            P, COIL, drive.State(1.0), supply, now, 0.0
+        ).flux_rate  # a step without length: at once
         return 30.0 * rate + 0.2 * now.current
 
     assert voltage(2.0, 1.0, 1.0) == pytest.approx(65.0)  # far below: boost
@@ -76,8 +78,8 @@ def test_pwm_off_forgets_its_transistor() -> None:
 def test_decay_is_minus_the_slope_of_the_flux_rate(current: float) -> None:
     h = 1e-4
     laws = (
-        lambda now: drive.applied(COIL, 14.0, now),
-        lambda now: drive.switched_off(P, COIL, now),
+        lambda now: drive.apply_voltage(COIL, 14.0, now),
+        lambda now: drive.quench(P, COIL, now),
         lambda now: drive._towards(COIL, 19.0, 100.0, -1e9, 1e9, now),
     )
     for law in laws:
@@ -89,7 +91,9 @@ def test_regulator_starts_inside_a_step() -> None:
     """A start 0.4 us before a step's end boosts for 0.4 us: not for none, not for a whole step."""
 
     def rate(schedule: drive.Schedule) -> float:
-        return drive.regulated(P, COIL, drive.State(1.0), drive.Supply(schedule, 0.0), circuit(0.0), 0.0).flux_rate
+        return drive.current_regulator(
+            P, COIL, drive.State(1.0), drive.Supply(schedule, 0.0), circuit(0.0), 0.0
+        ).flux_rate
 
     assert rate(drive.Schedule(0.4, 0.4)) == pytest.approx(0.4 * rate(drive.Schedule(1.0, 1.0)), rel=1e-12)
 
@@ -100,7 +104,7 @@ def exact_step(flux: float, end: float, closing: float) -> float:
     def rate(flux: float, part: float) -> float:
         now = solenoid.circuit(COIL, flux, GAP + closing * (1.0 - 2.0 * part))
         holding = drive._towards(COIL, 12.0, 100.0, -14.0, 65.0, now)
-        return (holding if part * DT < end else drive.switched_off(P, COIL, now)).flux_rate
+        return (holding if part * DT < end else drive.quench(P, COIL, now)).flux_rate
 
     parts = 20_000
     for k in range(parts):
@@ -109,7 +113,7 @@ def exact_step(flux: float, end: float, closing: float) -> float:
     return flux
 
 
-@pytest.mark.parametrize("law", [drive.regulated, drive.pwm])
+@pytest.mark.parametrize("law", [drive.current_regulator, drive.pwm])
 def test_what_ends_inside_a_step_does_not_damp_what_begins_there(law: Any) -> None:
     """Holding, the flux relaxes to its balance at 0.5 per step; off, −65 V takes it down and hardly relaxes.
 
@@ -132,7 +136,7 @@ def test_a_closing_gap_takes_its_share_from_the_current(closing: float) -> None:
     start = PER_AMPERE * 12.0
     now = solenoid.circuit(COIL, start, GAP, closing)
     supply = drive.Supply(drive.Schedule(1.0, 0.0), 0.0)
-    change = DT * drive.regulated(P, COIL, drive.State(1.0), supply, now, DT).flux_rate
+    change = DT * drive.current_regulator(P, COIL, drive.State(1.0), supply, now, DT).flux_rate
     expected = exact_step(start, 2 * DT, closing) - start
     moved = abs(start * COIL.gap_reluctance * 0.8e-6 * COIL.per_turn / now.slope)
     # without the drift of the current the error is y/6 of a half of it, 4 %

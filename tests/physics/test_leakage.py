@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 from commonrail.physics.connections import guide_leak, widening_leak
-from commonrail.physics.flow import Guide, gap_conductance, guide_of, leakage_slope, widened
+from commonrail.physics.flow import Guide, conductance_growth, gap_conductance, guide_of, leakage_slope
 from commonrail.physics.fuel_polynomials import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE
 from commonrail.readers.injector import load_injector
@@ -40,7 +40,7 @@ def test_a_rod_off_the_centre_leaks_what_the_films_around_it_do(eccentricity: fl
 
 def test_the_gap_widens_in_proportion_to_the_pressure_and_a_tight_guide_stays_tight() -> None:
     guide = guide_of(4e-3, 2.5e-6, 20e-3, 0.0, WIDENING)
-    assert widened(guide.growth, 80e6) == pytest.approx((1.0 + WIDENING * 80e6 / 2.5e-6) ** 3, rel=1e-12)
+    assert conductance_growth(guide.growth, 80e6) == pytest.approx((1.0 + WIDENING * 80e6 / 2.5e-6) ** 3, rel=1e-12)
     assert guide_of(4e-3, 0.0, 20e-3, 0.0, WIDENING) == Guide(0.0, 0.0)
 
 

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from commonrail.physics.components import control_chamber, needle_seat
-from commonrail.physics.flow import contents, filled
+from commonrail.physics.flow import contents, contents_at
 from commonrail.physics.fuel_polynomials import fuel_coefficients
 from commonrail.readers.fuel import load_fuel
 
@@ -16,14 +16,14 @@ FUEL = fuel_coefficients(load_fuel("iso4113"), 353.15)
 
 @pytest.mark.parametrize("pressure", [0.1e6, 5e6, 80e6, 180e6])
 def test_a_filled_volume_has_the_pressure_it_was_filled_to(pressure: float) -> None:
-    held = filled(FUEL, pressure, 18e-9)
+    held = contents_at(FUEL, pressure, 18e-9)
     # density is found to rounding: 1e-16 of it is 3e-7 Pa of 1 GPa
     assert held.pressure == pytest.approx(pressure, rel=1e-11, abs=1e-5)
     assert held.mass == pytest.approx(held.density * 18e-9, rel=1e-14)
 
 
 def test_a_volume_drawn_empty_holds_vapour_and_remembers_what_is_missing() -> None:
-    full = filled(FUEL, 0.1e6, 18e-9)
+    full = contents_at(FUEL, 0.1e6, 18e-9)
     cavity = contents(FUEL, 0.9 * full.mass, 18e-9)
     assert cavity.pressure == FUEL.vapour_pressure
     assert cavity.stiffness == 0.0

@@ -16,7 +16,7 @@ import commonrail
 from commonrail.base import registry
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.calibration.optimisers.base import Optimiser
-from commonrail.calibration.optimisers.registry import named, size_in_words
+from commonrail.calibration.optimisers.registry import find_optimiser, size_in_words
 from commonrail.calibration.study_file import load_study
 from commonrail.data.registry import kind_of
 from commonrail.data.simulator import Simulator
@@ -228,7 +228,7 @@ def test_a_name_that_it_does_not_have_is_refused_with_those_that_it_has(study: P
 @pytest.mark.parametrize("space", SPACES)
 @pytest.mark.parametrize("check", CHECKS)
 def test_its_optimiser_keeps_what_all_promise(check: Callable[[Case], None], space: str) -> None:
-    found = named("random search")
+    found = find_optimiser("random search")
     assert found is not None
 
     def make(seed: int, steps: int) -> Optimiser:

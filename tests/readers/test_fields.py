@@ -54,7 +54,7 @@ def test_numbers_become_si_with_their_sources() -> None:
     part = read(pressure="1600 bar", room=table, body="rigid", holes=[{"form": "square", "side": "2 mm"}])
     assert (part.pressure, part.body, part.holes[0].side) == (160e6, Body.RIGID, 2e-3)
     assert part.room.values() == {"mass": (5e-3, Source("M", "data sheet"))}
-    assert read(mass="5 g").mass.given(Source("E", "estimate")) == (5e-3, Source("E", "estimate"))  # type: ignore[union-attr]
+    assert read(mass="5 g").mass.with_source(Source("E", "estimate")) == (5e-3, Source("E", "estimate"))  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize(

@@ -175,7 +175,7 @@ def test_other_formats(tmp_path: Path, name: str, kind: str) -> None:
 class Counted:
     """A format of two samples, in other units than SI."""
 
-    apart = False
+    independent_columns = False
     names = ("time", "rate")
 
     def __init__(self, path: Path, form: FileForm) -> None:
@@ -195,7 +195,7 @@ def test_another_format_is_a_source_of_the_same_columns(monkeypatch: pytest.Monk
     path, time = Path("a.counted"), Column("time", "s", increasing=True)
     table = read_columns(path, [time, Column("rate", ("m3/s", "kg/s"), "mg/ms")], least=2)
     assert (table.columns["time"].tolist(), table.columns["rate"].tolist()) == ([0.0, 1e-3], [-1e-3, 2e-3])
-    assert (table.units["rate"], table.given["time"]) == ("kg/s", "ms")
+    assert (table.units["rate"], table.written_units["time"]) == ("kg/s", "ms")
     with pytest.raises(InputError, match=r'a\.counted, column "rate": there is no unit'):
         read_columns(path, [Column("rate", "m3/s")], least=2)
     with pytest.raises(InputError, match=r'a\.counted, sample 7, column "rate": the value must be zero or greater'):

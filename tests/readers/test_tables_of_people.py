@@ -150,12 +150,12 @@ def test_a_matrix_with_units_in_its_heads_takes_no_data_for_its_axis(tmp_path: P
     with pytest.raises(NearMap, match="no unit of the quantity"):
         find_map(read_grid(path))
     assert "no unit of the quantity" in survey(path).facts["reason"]
-    found = read_found_map(path, given=GivenUnits("bar", "us", "mm3"))
+    found = read_found_map(path, given_units=GivenUnits("bar", "us", "mm3"))
     assert np.unique(found.rail_pressure).tolist() == [400, 800, 1200]
     assert np.unique(found.energising_time).tolist() == [200, 400, 600]
     path.write_text(MAP.replace(" bar", "x"), encoding="utf-8")
     with pytest.raises(InputError, match="not places on an axis"):
-        read_found_map(path, given=GivenUnits("bar", "us", "mm3"))
+        read_found_map(path, given_units=GivenUnits("bar", "us", "mm3"))
 
 
 @pytest.mark.parametrize("change", [("600;", "Mittel;"), ("200;0,5;", "200;gut;")])
@@ -217,6 +217,6 @@ def test_numbers_beside_the_settings_of_an_instrument_are_a_time_and_a_channel(t
 def test_units_in_the_heads_of_the_rows_are_those_of_the_axis_down(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("Menge [mm3];400;800\n200 us;0,5;1,2\n400 us;4,1;9,8\n", encoding="utf-8")
-    found = read_found_map(path, given=GivenUnits(pressure="bar"))
+    found = read_found_map(path, given_units=GivenUnits(pressure="bar"))
     assert found.values["energising time"].tolist() == [200, 200, 400, 400]
     assert found.rail_pressure.tolist() == [400, 800, 400, 800]

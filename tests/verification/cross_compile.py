@@ -21,7 +21,7 @@ def assembly(precision: Precision, same_bits: bool = False) -> str:
     """Return the text of the regulated variant's kernel."""
     processor = exact_processor() if same_bits else own_processor()
     texts = child.texts(machine_code.source_of(Variant(), VECTORS[precision], same_bits))
-    machine, code = lower.optimised(texts, {"lanes": "lanes"}, System.of(processor))
+    machine, code = lower.optimise(texts, {"lanes": "lanes"}, System.of(processor))
     return str(machine.emit_assembly(code))
 
 

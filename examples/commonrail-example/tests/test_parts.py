@@ -10,7 +10,7 @@ import pytest
 import commonrail
 from commonrail.base import registry
 from commonrail.base.errors import InputError
-from commonrail.calibration.optimisers.registry import named
+from commonrail.calibration.optimisers.registry import find_optimiser
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
 from commonrail.data.registry import find_kind
@@ -26,7 +26,7 @@ def test_all_parts_can_be_loaded() -> None:
 
 
 def test_the_search_approaches_a_minimum() -> None:
-    found = named("random search")
+    found = find_optimiser("random search")
     assert found is not None
     search = found.begin(SPACE, np.random.default_rng(1), found.settings())
     while not search.finished:

@@ -92,23 +92,23 @@ def number(value: object, unit: str, what: str) -> float:
             return parse(value, unit, what)
         except InputError as error:
             raise ConfigurationError(f"{error}") from error
-    found = _real(value)
-    if found is None:
+    result = _real(value)
+    if result is None:
         raise _refused(what, _wanted(unit), value)
-    if not math.isfinite(found):
+    if not math.isfinite(result):
         raise _refused(what, f"finite, {_wanted(unit)}", value)
-    return found
+    return result
 
 
 def fraction(value: object, what: str) -> float:
     """Read one number between 0 and 1, ends excluded; `ConfigurationError` as `number`, or if it is none."""
-    found = number(value, "1", what)
-    if not 0.0 < found < 1.0:
-        example = found if 1.0 <= found < 100.0 else 50.0  # a number of percent without its sign
+    share = number(value, "1", what)
+    if not 0.0 < share < 1.0:
+        example = share if 1.0 <= share < 100.0 else 50.0  # a number of percent without its sign
         raise ConfigurationError(
-            f"The {what} must lie between 0 and 100 %, both excluded, such as {example:g}%, not {found:g}."
+            f"The {what} must lie between 0 and 100 %, both excluded, such as {example:g}%, not {share:g}."
         )
-    return found
+    return share
 
 
 def amount(value: object, unit: str, what: str, limits: Limits) -> float:
@@ -117,15 +117,15 @@ def amount(value: object, unit: str, what: str, limits: Limits) -> float:
     Raises `ConfigurationError` as `number`, and beyond the limits, which are in `unit`, with what was read and in
     which unit it was probably meant.
     """
-    found = number(value, unit, what)
-    if limits.low <= found <= limits.high:
-        return found
+    quantity = number(value, unit, what)
+    if limits.low <= quantity <= limits.high:
+        return quantity
     low, high = to_text(limits.low, unit), to_text(limits.high, unit)
     # a number in SI units is repeated as it was written, a tiny or large one with a prefix
-    plain = 1e-4 <= abs(found) < 1e6
-    read = f"{found:.6g} {unit.removesuffix('1')}".rstrip() if plain else to_text(found, unit)
+    plain = 1e-4 <= abs(quantity) < 1e6
+    read = f"{quantity:.6g} {unit.removesuffix('1')}".rstrip() if plain else to_text(quantity, unit)
     raise ConfigurationError(
-        f"The {what} must lie between {low} and {high}, and {read} was read{_meant(found, limits)}."
+        f"The {what} must lie between {low} and {high}, and {read} was read{_meant(quantity, limits)}."
     )
 
 
@@ -133,19 +133,19 @@ def positive(unit: str) -> Callable[[object, str], float]:
     """Reader of one number greater than zero, called with value and name; `ConfigurationError` as `number`."""
 
     def read(value: object, what: str) -> float:
-        found = number(value, unit, what)
-        if not found > 0.0:
-            raise ConfigurationError(f"The {what} must be greater than zero, not {found:g}.")
-        return found
+        quantity = number(value, unit, what)
+        if not quantity > 0.0:
+            raise ConfigurationError(f"The {what} must be greater than zero, not {quantity:g}.")
+        return quantity
 
     return read
 
 
-def _meant(found: float, limits: Limits) -> str:
+def _meant(quantity: float, limits: Limits) -> str:
     """Proposal of the unit in which a plain number was probably meant."""
     low, high = limits.likely
-    unit = next((unit for unit in limits.units if low <= found * FAST[unit].factor <= high), "")
-    return f'; if {found:.6g} {unit} is meant, write "{found:.6g} {unit}"' if unit else ""
+    unit = next((unit for unit in limits.units if low <= quantity * FAST[unit].factor <= high), "")
+    return f'; if {quantity:.6g} {unit} is meant, write "{quantity:.6g} {unit}"' if unit else ""
 
 
 def array(value: object, unit: str, what: str, dimensions: int | None = None, finite: bool = True) -> Floats:
@@ -157,16 +157,16 @@ def array(value: object, unit: str, what: str, dimensions: int | None = None, fi
     """
     import numpy as np
 
-    found = _numeric(value, unit, what)
-    if dimensions is not None and found.ndim != dimensions:
+    values = _numeric(value, unit, what)
+    if dimensions is not None and values.ndim != dimensions:
         raise ConfigurationError(
-            f"The {what} must have {dimensions} dimension{'s' * (dimensions > 1)}, not the {found.ndim} of shape "
-            f"{found.shape}."
+            f"The {what} must have {dimensions} dimension{'s' * (dimensions > 1)}, not the {values.ndim} of shape "
+            f"{values.shape}."
         )
-    if finite and not np.isfinite(found).all():
-        where = int(np.flatnonzero(~np.isfinite(found.ravel()))[0]) + 1
+    if finite and not np.isfinite(values).all():
+        where = int(np.flatnonzero(~np.isfinite(values.ravel()))[0]) + 1
         raise ConfigurationError(f"The {what} must be finite, and number {where} of them is not; correct or remove it.")
-    return found
+    return values
 
 
 def _numeric(value: object, unit: str, what: str) -> Floats:
@@ -186,19 +186,19 @@ def _numeric(value: object, unit: str, what: str) -> Floats:
 
 
 def _element(item: object, unit: str, what: str) -> float:
-    found = None if isinstance(item, str) else _real(item)
-    return number(item, unit, what) if found is None else found
+    real = None if isinstance(item, str) else _real(item)
+    return number(item, unit, what) if real is None else real
 
 
-def whole(value: object, what: str, low: int = 0, high: int = LARGEST_WHOLE) -> int:
+def integer(value: object, what: str, low: int = 0, high: int = LARGEST_WHOLE) -> int:
     """Read a whole number.
 
     `low` and `high`: limits, both included. Raises `ConfigurationError` if it is no number, has a fraction, or lies
     beyond the limits.
     """
-    found = _real(value)
-    if found is not None and math.isfinite(found) and found == math.floor(found):
-        exact = int(value) if isinstance(value, int) else int(found)
+    real = _real(value)
+    if real is not None and math.isfinite(real) and real == math.floor(real):
+        exact = int(value) if isinstance(value, int) else int(real)
         if low <= exact <= high:
             return exact
     if high == LARGEST_WHOLE:
@@ -215,7 +215,7 @@ def not_whole(name: str, value: float) -> str:
 
 def thread_count(threads: object) -> int | None:
     """Read a number of threads; None stands for all usable processors."""
-    return None if threads is None else whole(threads, "number of threads", 1, MOST_THREADS)
+    return None if threads is None else integer(threads, "number of threads", 1, MOST_THREADS)
 
 
 def flag(value: object, what: str) -> bool:
@@ -226,18 +226,18 @@ def flag(value: object, what: str) -> bool:
     return value
 
 
-def chosen(value: object, kind: type[_Choice], what: str) -> _Choice:
+def enum_member(value: object, kind: type[_Choice], what: str) -> _Choice:
     """Read a member of an enum, or its value.
 
     Raises `ConfigurationError` with all values, and the nearest to a text that is none of them.
     """
     if isinstance(value, kind):
         return value
-    known = {str(member.value): member for member in kind}
-    if isinstance(value, str) and value in known:
-        return known[value]
-    meant = nearest(value, known) if isinstance(value, str) else ""
-    *others, last = (f'"{name}"' for name in known)
+    members = {str(member.value): member for member in kind}
+    if isinstance(value, str) and value in members:
+        return members[value]
+    meant = nearest(value, members) if isinstance(value, str) else ""
+    *others, last = (f'"{name}"' for name in members)
     raise ConfigurationError(f"The {what} must be {', '.join(others)} or {last}, not {shown(value)}{meant}.")
 
 
@@ -284,10 +284,10 @@ def instance(value: object, kind: Any, what: str) -> Any:
     """
     if isinstance(value, kind):
         return value
-    names = [one.__name__ for one in get_args(kind) or (kind,)]
+    names = [accepted.__name__ for accepted in get_args(kind) or (kind,)]
     name = names[0]
-    given = f"{value}" if isinstance(value, str | os.PathLike) else _EXAMPLES.get(name, "")
-    cure = f"; {_CURES[name].format(_quoted(given))}" if name in _CURES else ""
+    source = f"{value}" if isinstance(value, str | os.PathLike) else _EXAMPLES.get(name, "")
+    cure = f"; {_CURES[name].format(_quoted(source))}" if name in _CURES else ""
     article = "an" if name[0] in "AEIOU" else "a"
     raise ConfigurationError(f"The {what} must be {article} {' or '.join(names)}, not {shown(value)}{cure}.")
 
@@ -331,15 +331,15 @@ def mapping(value: object, what: str, example: str) -> Mapping[str, Any]:
     return value
 
 
-def known_names(value: object, known: Collection[str], what: str, example: str) -> tuple[str, ...]:
+def known_names(value: object, accepted: Collection[str], what: str, example: str) -> tuple[str, ...]:
     """Read a list of names, each one known and listed once.
 
     Raises `ConfigurationError` with the first name that is unknown, and the nearest that is known, or that is repeated.
     """
     names = sequence(value, what, f'["{example}"]')
     for i, name in enumerate(names):
-        if not isinstance(name, str) or name not in known:
-            meant = nearest(name, known) if isinstance(name, str) else f", such as {example}"
+        if not isinstance(name, str) or name not in accepted:
+            meant = nearest(name, accepted) if isinstance(name, str) else f", such as {example}"
             raise ConfigurationError(f"The {what} must be known ones, and {shown(name)} is none{meant}.")
         if name in names[:i]:
             raise ConfigurationError(f"The {what} have {name} more than once; keep one of them.")
@@ -418,5 +418,5 @@ def _quoted(text: str) -> str:
     return f'"{line if len(line) <= 120 else line[:117] + "..."}"'
 
 
-def _refused(what: str, wanted: str, value: object) -> ConfigurationError:
-    return ConfigurationError(f"The {what} must be {wanted}, not {shown(value)}.")
+def _refused(what: str, expected: str, value: object) -> ConfigurationError:
+    return ConfigurationError(f"The {what} must be {expected}, not {shown(value)}.")

@@ -45,7 +45,7 @@ def restored_note(line: str) -> str:
 
 def _behind_separators(line: str, change: Callable[[str], str]) -> str:
     first, *others = _SEPARATORS.split(line)
-    return first + "".join(part if i % 2 == 0 else change(part) for i, part in enumerate(others))
+    return first + "".join(piece if i % 2 == 0 else change(piece) for i, piece in enumerate(others))
 
 
 def _is_computed(text: str) -> bool:

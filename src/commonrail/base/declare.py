@@ -24,15 +24,15 @@ from commonrail.base.arguments import (
     Quantity,
     amount,
     array,
-    chosen,
+    enum_member,
     file_path,
     flag,
     instance,
     instances,
+    integer,
     number,
     plain_text,
     settle,
-    whole,
 )
 from commonrail.base.units import to_text
 
@@ -107,15 +107,15 @@ class Declared(NamedTuple):
         if kind is float:
             return self._number(value)
         if kind is int:
-            return whole(value, self.words, *self.whole_limits)
+            return integer(value, self.words, *self.whole_limits)
         if isinstance(origin, type) and issubclass(origin, Enum):
-            return chosen(value, origin, self.words)
+            return enum_member(value, origin, self.words)
         if getattr(origin, "__name__", "") == "ndarray":  # without an import of NumPy
             return array(value, self.unit, self.words)
         if origin is tuple:
             item = get_args(kind)[0]
             if item is float:
-                return tuple(self._number(one) for one in array(value, self.unit, self.words, 1).tolist())
+                return tuple(self._number(element) for element in array(value, self.unit, self.words, 1).tolist())
             return instances(value, item, self.words)
         return _READ[kind](value, self.words) if kind in _READ else instance(value, origin, self.words)
 
@@ -212,7 +212,7 @@ def settings(cls: Any = None, *, kw_only: bool = True) -> Any:
     concerns several fields. The docstring gets a section on the parameters.
     """
     if cls is None:
-        return lambda given: _settings(given, kw_only, sys._getframe(1))
+        return lambda decorated: _settings(decorated, kw_only, sys._getframe(1))
     return _settings(cls, kw_only, sys._getframe(1))
 
 
@@ -221,31 +221,33 @@ def _settings(cls: Any, kw_only: bool, frame: types.FrameType) -> Any:
     check = getattr(cls, "__post_init__", None)
 
     def read(self: Any) -> None:
-        settle(self, **{name: one.value_of(getattr(self, name)) for name, one in declared_fields(type(self)).items()})
+        settle(
+            self, **{name: field.value_of(getattr(self, name)) for name, field in declared_fields(type(self)).items()}
+        )
         if check is not None:
             check(self)
 
     cls.__post_init__ = read
-    made = dataclasses.dataclass(frozen=True, kw_only=kw_only)(cls)
-    declared = dict(declared_fields(made))
+    new_class = dataclasses.dataclass(frozen=True, kw_only=kw_only)(cls)
+    declared = dict(declared_fields(new_class))
     annotations: dict[str, Any] = inspect.get_annotations(cls)
     for name, kind in annotations.items():
-        field = made.__dataclass_fields__.get(name)
+        field = new_class.__dataclass_fields__.get(name)
         if field is not None and "setting" in field.metadata:
             kind = eval(kind, frame.f_globals, frame.f_locals) if isinstance(kind, str) else kind
             kind = get_args(kind)[0] if get_origin(kind) is Setting else kind
-            one: Declared = field.metadata["setting"]
-            declared[name] = one._replace(kind=kind, words=one.words or name.replace("_", " "))
-    made.__settings__ = declared
-    made.__doc__ = f"{inspect.getdoc(made)}\n\nParameters\n----------\n{_parameters(made)}"
-    return made
+            declaration: Declared = field.metadata["setting"]
+            declared[name] = declaration._replace(kind=kind, words=declaration.words or name.replace("_", " "))
+    new_class.__settings__ = declared
+    new_class.__doc__ = f"{inspect.getdoc(new_class)}\n\nParameters\n----------\n{_parameters(new_class)}"
+    return new_class
 
 
 def _parameters(cls: type) -> str:
     lines = []
-    for name, one in declared_fields(cls).items():
-        default = f"; {one.default_text} by default" if one.default_text not in ("", "required") else ""
-        lines.append(f"{name} : {one.accepted}{', optional' * one.optional}{default}\n    {one.meaning}")
+    for name, field in declared_fields(cls).items():
+        default = f"; {field.default_text} by default" if field.default_text not in ("", "required") else ""
+        lines.append(f"{name} : {field.accepted}{', optional' * field.optional}{default}\n    {field.meaning}")
     return "\n".join(lines)
 
 
@@ -259,4 +261,8 @@ def facts_of(settings: Any, names: Collection[str]) -> list[tuple[str, str]]:
     """Words and values of fields, for the facts at the end of a page; None is left out."""
     declared = declared_fields(type(settings))
     values = ((declared[name], getattr(settings, name)) for name in names)
-    return [(one.words[:1].upper() + one.words[1:], one.text_of(value)) for one, value in values if value is not None]
+    return [
+        (field.words[:1].upper() + field.words[1:], field.text_of(value))
+        for field, value in values
+        if value is not None
+    ]

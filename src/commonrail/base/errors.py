@@ -91,19 +91,19 @@ def nearest(name: str, options: Iterable[str]) -> str:
     if len(name) > LONGEST_NAME:
         return ""
     # Reversed, so that of two options that differ in case alone the first one listed wins.
-    known = {option.casefold(): option for option in reversed(list(options))}
+    spelling = {option.casefold(): option for option in reversed(list(options))}
     asked = name.casefold()
-    dotted = [option for option in reversed(known) if "." in option]
-    found = (_of_dotted(asked, dotted) if dotted else []) or get_close_matches(asked, known, n=1)
-    if not found:
+    dotted = [option for option in reversed(spelling) if "." in option]
+    matches = (_of_dotted(asked, dotted) if dotted else []) or get_close_matches(asked, spelling, n=1)
+    if not matches:
         return ""
-    *others, last = (f'"{known[option]}"' for option in found)
+    *others, last = (f'"{spelling[option]}"' for option in matches)
     return f" (did you mean {', '.join(others)}{' or ' * bool(others)}{last}?)"
 
 
-def nearest_key(key: str, known: Iterable[str]) -> str:
+def nearest_key(key: str, keys: Iterable[str]) -> str:
     """Suggest the key of a table that `key` was probably meant to be, else list those that a short table can have."""
-    options = list(known)
+    options = list(keys)
     if (meant := nearest(key, options)) or not 0 < len(options) <= MOST_LISTED:
         return meant
     return f" (it can have {', '.join(options)})"
@@ -113,12 +113,12 @@ def _of_dotted(asked: str, options: list[str]) -> list[str]:
     """Dotted options that a name fits: by its place, the part before the last point, and by its end."""
     place, _, end = re.sub(r"[\s-]+", "_", asked.strip()).rpartition(".")
     places = get_close_matches(place, {option.rpartition(".")[0] for option in options}, n=1)
-    there = [option for option in options if option.rpartition(".")[0] in places]
-    found = _by_end(end, options if not place else there)
+    in_place = [option for option in options if option.rpartition(".")[0] in places]
+    matches = _by_end(end, options if not place else in_place)
     elsewhere = [option for option in options if option.rpartition(".")[2] == end] if place else []
-    if found and len(elsewhere) > 1:  # "toml" of file names
+    if matches and len(elsewhere) > 1:  # "toml" of file names
         elsewhere = []
-    return list(dict.fromkeys([*found, *elsewhere]))[:MOST_SUGGESTED]
+    return list(dict.fromkeys([*matches, *elsewhere]))[:MOST_SUGGESTED]
 
 
 def _by_end(end: str, options: list[str]) -> list[str]:

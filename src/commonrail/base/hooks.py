@@ -95,8 +95,8 @@ def naming(words: str) -> AbstractContextManager[None]:
 
 def compiled_words() -> str:
     """End of a sentence on compiling: of what, where that is stated, and how long it takes."""
-    named = ", ".join(_named.get())
-    return f": {named} ({duration()})" if named else f" ({duration()})"
+    subjects = ", ".join(_named.get())
+    return f": {subjects} ({duration()})" if subjects else f" ({duration()})"
 
 
 @contextmanager
@@ -209,8 +209,8 @@ def requested_stops() -> Iterator[StopRequest]:
     Outside the main thread, where signals cannot be caught, nothing changes. Inside another such block the outer one's
     request goes on.
     """
-    held = any(signal.getsignal(number) is _ask for number in STOP_SIGNALS)
-    if threading.current_thread() is not threading.main_thread() or held:
+    nested = any(signal.getsignal(number) is _ask for number in STOP_SIGNALS)
+    if threading.current_thread() is not threading.main_thread() or nested:
         yield _STOP
         return
     _STOP.asked = _STOP.pressed = False

@@ -111,14 +111,14 @@ def _as_input_error(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: the file cannot be read ({reason}).") from error
 
 
-def _refuse_unless_plain(path: Path, found: os.stat_result, largest: int | None) -> None:
-    if not stat.S_ISREG(found.st_mode):
-        kind = _KINDS.get(stat.S_IFMT(found.st_mode), "no plain file")
+def _refuse_unless_plain(path: Path, status: os.stat_result, largest: int | None) -> None:
+    if not stat.S_ISREG(status.st_mode):
+        kind = _KINDS.get(stat.S_IFMT(status.st_mode), "no plain file")
         study = path / "study.toml"
         meant = f' (did you mean "{study}"?)' if study.is_file() else ""
         raise InputError(f"{path}: this is {kind}, and a file is expected{meant}.")
-    if largest is not None and found.st_size > largest:
-        raise _too_large(path, f"{found.st_size / 1e6:.0f} MB", largest)
+    if largest is not None and status.st_size > largest:
+        raise _too_large(path, f"{status.st_size / 1e6:.0f} MB", largest)
 
 
 def _too_large(path: Path, size: str, largest: int) -> InputError:
@@ -195,7 +195,7 @@ def listed(sums: Path) -> dict[str, str]:
 
     Raises `InputError` if a line is not a digest, two spaces and a name.
     """
-    found = {}
+    digests = {}
     with within(_noted, None):  # they are written again with every result, and are no part of what is read
         lines = os.fsdecode(read_plain(sums, _LARGEST)).removesuffix("\n")
     for i, line in enumerate(lines.split("\n") if lines else (), 1):
@@ -205,8 +205,8 @@ def listed(sums: Path) -> dict[str, str]:
                 f"{sums}, line {i}: expected the SHA-256 of a file, two spaces and its name; the checksums are "
                 "damaged: take a copy of the run that is whole."
             )
-        found[parts["name"]] = parts["digest"]
-    return found
+        digests[parts["name"]] = parts["digest"]
+    return digests
 
 
 def digest(path: Path) -> str:

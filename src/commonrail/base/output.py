@@ -53,12 +53,12 @@ def replacing(path: Path, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
     check_unheld_stop()
     with writing(path):
         check_target(path)
-        part = path.with_name(f".{path.name}.{secrets.token_hex(6)}{PART}")
+        temporary = path.with_name(f".{path.name}.{secrets.token_hex(6)}{PART}")
         # names of files need not be UTF-8
         encoded = {"encoding": "utf-8", "errors": "backslashreplace", "newline": ""}
         text: dict[str, Any] = {} if mode == "wb" else encoded
         try:
-            with open(part, mode, opener=_create, **text) as stream:
+            with open(temporary, mode, opener=_create, **text) as stream:
                 yield stream
                 stream.flush()
                 os.fsync(stream.fileno())
@@ -66,12 +66,12 @@ def replacing(path: Path, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
             if joint is not None and path.is_relative_to(joint):
                 if (before := parts.get(path)) is not None:
                     before.unlink()
-                parts[path] = part
+                parts[path] = temporary
                 return
-            os.replace(part, path)
+            os.replace(temporary, path)
         except BaseException:
             with suppress(OSError):
-                part.unlink()
+                temporary.unlink()
             raise
         _sync_folder(path.parent)
 
@@ -144,21 +144,21 @@ def summed(folder: Path, *stale: str, inputs: Mapping[str, str] = {}) -> Iterato
         with suppress(InputError):  # damaged ones are replaced
             sums = listed(folder / SUMS) if (folder / SUMS).is_file() else {}
         sums |= inputs
-        for place, part in parts.items():
-            sums[place.relative_to(folder).as_posix()] = "" if part is None else digest(part)
+        for place, temporary in parts.items():
+            sums[place.relative_to(folder).as_posix()] = "" if temporary is None else digest(temporary)
         with replacing(folder / SUMS, "wb") as stream:
             # a line holds no name with two lines
             lines = (f"{text}  {name}\n" for name, text in sums.items() if text and "\n" not in name)
             stream.writelines(map(os.fsencode, lines))
     except BaseException:
         with suppress(OSError):
-            for part in filter(None, parts.values()):
-                part.unlink()
+            for temporary in filter(None, parts.values()):
+                temporary.unlink()
         raise
     with writing(folder):
-        for place, part in parts.items():
-            if part is None:
+        for place, temporary in parts.items():
+            if temporary is None:
                 place.unlink(missing_ok=True)
             else:
-                os.replace(part, place)
+                os.replace(temporary, place)
     _sync_folder(folder)

@@ -63,10 +63,10 @@ def stub_of(space: str) -> Path:
 def places() -> dict[str, str]:
     """Every public name with its module: `commonrail` or a namespace of it."""
     flat = stated(stub_of(""))
-    found = {name: PACKAGE for name, home in flat.items() if home != "."}
+    modules = {name: PACKAGE for name, home in flat.items() if home != "."}
     for space in (name for name, home in flat.items() if home == "."):
-        found |= dict.fromkeys(stated(stub_of(space)), f"{PACKAGE}.{space}")
-    return found
+        modules |= dict.fromkeys(stated(stub_of(space)), f"{PACKAGE}.{space}")
+    return modules
 
 
 def find(name: str) -> str:

@@ -89,7 +89,7 @@ def from_record(kind: type[_Result], record: Any) -> _Result:
 def _read(kind: Any, value: Any) -> Any:
     origin, inner = get_origin(kind), get_args(kind)
     if origin in (typing.Union, types.UnionType):
-        return None if value is None else _read(next(one for one in inner if one is not types.NoneType), value)
+        return None if value is None else _read(next(option for option in inner if option is not types.NoneType), value)
     if kind is Any:
         return value
     if kind is float:
@@ -97,7 +97,7 @@ def _read(kind: Any, value: Any) -> Any:
     if origin is tuple and inner[-1] is Ellipsis:
         return tuple(_read(inner[0], item) for item in value)
     if origin is tuple:
-        return tuple(_read(one, item) for one, item in zip(inner, value, strict=True))
+        return tuple(_read(option, item) for option, item in zip(inner, value, strict=True))
     if origin is np.ndarray:
         return np.array(value, dtype=get_args(inner[1])[0])
     if origin is not None and issubclass(origin, Mapping):

@@ -89,15 +89,15 @@ class Entry(NamedTuple):
     distribution: str = PACKAGE
     version: str = ""
 
-    def part(self, kind: type[_Kind], what: str) -> _Kind:
+    def load_as(self, kind: type[_Kind], what: str) -> _Kind:
         """Import and return the object, which is to be of a kind; `what` names that kind in words.
 
         Raises `PluginError` as `load`; also if it is of another kind.
         """
-        found = self.load()
-        if not isinstance(found, kind):
+        loaded = self.load()
+        if not isinstance(loaded, kind):
             raise self.refused(f"is to be {what}, and {self.target} is none")
-        return found
+        return loaded
 
     def refused(self, reason: str) -> PluginError:
         """Error that names the part, with the predicate `reason`."""
@@ -161,8 +161,8 @@ def shipped(group: str) -> Mapping[str, Entry]:
 
 def words_on_shipped(table: str) -> Mapping[str, Any]:
     """Table of `commonrail.plugins` with words on what ships: "HEADINGS" of the help, "MEMORY" with cures."""
-    found: Mapping[str, Any] = getattr(import_module(f"{PACKAGE}.plugins"), table)
-    return found
+    words: Mapping[str, Any] = getattr(import_module(f"{PACKAGE}.plugins"), table)
+    return words
 
 
 def _of_folders(group: str, plugins: ModuleType) -> dict[str, str]:
@@ -172,14 +172,16 @@ def _of_folders(group: str, plugins: ModuleType) -> dict[str, str]:
     """
     if group not in _IN_FOLDERS:
         return {}
-    file, part, attribute = _IN_FOLDERS[group]
+    file, form, attribute = _IN_FOLDERS[group]
     targets = [target.split(".") for table in plugins.SHIPPED.values() for target in table.values()]
     listed = {folder for _, package, folder, *_ in targets if package == "plugins"}
     root = plugins.__path__[0]
-    own = [name for name in sorted(os.listdir(root)) if name not in listed and os.path.isfile(f"{root}/{name}/{file}")]
+    others = [
+        name for name in sorted(os.listdir(root)) if name not in listed and os.path.isfile(f"{root}/{name}/{file}")
+    ]
     return {
-        part.format(folder.replace("_", "-")): f"{plugins.__name__}.{folder}.{file[:-3]}:{attribute.format(folder)}"
-        for folder in own
+        form.format(folder.replace("_", "-")): f"{plugins.__name__}.{folder}.{file[:-3]}:{attribute.format(folder)}"
+        for folder in others
     }
 
 
@@ -194,21 +196,21 @@ def installed(group: str) -> Mapping[str, Entry]:
 
 def unused(group: str) -> Mapping[Entry, str]:
     """Parts of installed packages that another one of the same name displaces, with a sentence on each."""
-    found = {}
+    sentences = {}
     registered = _registered(group)
     ships = _shipped_names(group) if registered else ()
     for name, entries in registered.items():
         used = PACKAGE if name in ships else entries[0].distribution
         for entry in entries[used != PACKAGE :]:
-            found[entry] = str(entry.refused(f"is not used, because {used} has a part of the same name"))
-    return found
+            sentences[entry] = str(entry.refused(f"is not used, because {used} has a part of the same name"))
+    return sentences
 
 
 def _shipped_names(group: str) -> Collection[str]:
     """Names of the parts that ship, also of a group that has them in a list of the core."""
     elsewhere: Mapping[str, str] = import_module(f"{PACKAGE}.plugins").ELSEWHERE
-    found = load(elsewhere[group]) if group in elsewhere else shipped(group)
-    names: Collection[str] = found() if callable(found) else found
+    listing = load(elsewhere[group]) if group in elsewhere else shipped(group)
+    names: Collection[str] = listing() if callable(listing) else listing
     return names
 
 
@@ -216,12 +218,12 @@ def _registered(group: str) -> Mapping[str, list[Entry]]:
     """All parts of installed packages by name, both in alphabetical order."""
     from importlib.metadata import entry_points  # slow to import
 
-    found: dict[str, list[Entry]] = {}
+    registered: dict[str, list[Entry]] = {}
     points = [(point, point.dist) for point in entry_points(group=f"{PACKAGE}.{group}") if point.dist is not None]
     for point, package in sorted(points, key=lambda pair: (pair[0].name, pair[1].name)):
         entry = Entry(group, point.name, point.value, package.name, package.version)
-        found.setdefault(point.name, []).append(entry)
-    return found
+        registered.setdefault(point.name, []).append(entry)
+    return registered
 
 
 def entries(group: str) -> Mapping[str, Entry]:
@@ -258,8 +260,8 @@ class Catalogue(NamedTuple):
 
     def names(self) -> list[str]:
         """All names, those of installed packages behind those that ship."""
-        own = self.shipped()
-        return own + [name for name in installed(self.group) if name not in own]
+        shipped = self.shipped()
+        return shipped + [name for name in installed(self.group) if name not in shipped]
 
     def __contains__(self, name: object) -> bool:
         return name in self.shipped() or name in installed(self.group)
@@ -273,8 +275,8 @@ class Catalogue(NamedTuple):
         """Text of a file; an unknown name raises `InputError` with `hint`, by default the nearest name."""
         if name in self.shipped():
             return (resources.files(self.package) / self.folder / f"{name}.toml").read_text(encoding="utf-8")
-        if found := installed_text(self.group, name):
-            return found
+        if contents := installed_text(self.group, name):
+            return contents
         choice = f"choose one of {', '.join(self.names())}{self.cure}."
         raise InputError(f"{self.unknown.format(name)}{hint or self.meant(name)}: {choice}")
 
@@ -285,8 +287,8 @@ class Catalogue(NamedTuple):
     def meant(self, name: str) -> str:
         """The nearest name, or of a part number, as 0 445 110 191, the names of the files that state it."""
         number = part_digits(name)
-        if number and (named := dict.fromkeys(file for part, file in self.parts().items() if number in part)):
-            return f" (did you mean {' or '.join(named)}, whose file names this part?)"
+        if number and (files := dict.fromkeys(file for digits, file in self.parts().items() if number in digits)):
+            return f" (did you mean {' or '.join(files)}, whose file names this part?)"
         return nearest(name, self.names())
 
 
@@ -303,9 +305,9 @@ def installed_text(group: str, name: str) -> str | None:
 
     Raises `PluginError` if it cannot be read.
     """
-    if (part := find(group, name)) is None:
+    if (entry := find(group, name)) is None:
         return None
-    found = part.load()
-    with part.blamed("gives no file that can be read"):
-        path = found() if callable(found) else found
+    target = entry.load()
+    with entry.blamed("gives no file that can be read"):
+        path = target() if callable(target) else target
         return str((Path(path) if isinstance(path, str) else path).read_text(encoding="utf-8"))

@@ -55,9 +55,9 @@ def table_of(title: str, rows: Iterable[Any], parts: Sequence[Part], note: str =
 
     `rows`: what the parts make cells of. `texts`: number of columns that are words.
     """
-    heads = tuple(head for part in parts for head in part.heads)
-    found = ((cell for part in parts for cell in part.cells(row)) for row in rows)
-    cells = tuple(tuple(cell if isinstance(cell, Cell) else Cell(cell) for cell in row) for row in found)
+    heads = tuple(head for block in parts for head in block.heads)
+    texts_or_cells = ((cell for block in parts for cell in block.cells(row)) for row in rows)
+    cells = tuple(tuple(cell if isinstance(cell, Cell) else Cell(cell) for cell in row) for row in texts_or_cells)
     return Table(title, heads, cells, note, texts)
 
 

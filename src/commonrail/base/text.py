@@ -58,16 +58,16 @@ def numbers(values: Any) -> list[Any]:
 
 def fixed(value: Any, decimals: int, scale: float = 1.0) -> str:
     """Number times `scale` with so many decimals."""
-    found = number(value)
-    return MISSING if found is None else f"{found * scale:.{decimals}f}"
+    finite = number(value)
+    return MISSING if finite is None else f"{finite * scale:.{decimals}f}"
 
 
 def significant(value: Any, digits: int = 4, scale: float = 1.0) -> str:
     """Number times `scale` with so many significant digits, without an exponent from 1 to a million."""
-    found = number(value)
-    if found is None:
+    finite = number(value)
+    if finite is None:
         return MISSING
-    return _in_print(f"{found * scale:.{digits}g}")
+    return _in_print(f"{finite * scale:.{digits}g}")
 
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -84,11 +84,11 @@ def _in_print(amount: str) -> str:
 
 def signed(value: Any, decimals: int) -> str:
     """Number with its sign, a true minus, and no sign at zero."""
-    found = number(value)
-    if found is None:
+    finite = number(value)
+    if finite is None:
         return MISSING
-    text = f"{abs(found):.{decimals}f}"
-    return text if not float(text) else ("+" if found > 0.0 else "−") + text
+    text = f"{abs(finite):.{decimals}f}"
+    return text if not float(text) else ("+" if finite > 0.0 else "−") + text
 
 
 def percent(share: Any, decimals: int = 1) -> str:
@@ -108,10 +108,10 @@ def megapascal(value: Any) -> str:
 
 def quantity(value: Any, unit: str, digits: int = 4) -> str:
     """Value of any SI unit with the prefix that suits it."""
-    found = number(value)
-    if found is None:
+    finite = number(value)
+    if finite is None:
         return MISSING
-    amount, _, shown = to_text(found, unit, digits).partition(" ")
+    amount, _, shown = to_text(finite, unit, digits).partition(" ")
     return f"{_in_print(amount)} {in_print(shown)}".strip()
 
 
@@ -132,12 +132,12 @@ def quantity_range(low: Any, high: Any, unit: str, digits: int = 4) -> str:
 
 def duration(seconds: Any) -> str:
     """Time that something took."""
-    found = number(seconds)
-    if found is None:
+    elapsed = number(seconds)
+    if elapsed is None:
         return MISSING
-    if found < 60.0:
-        return f"{found:.1f} s"
-    minutes, rest = divmod(round(found), 60)
+    if elapsed < 60.0:
+        return f"{elapsed:.1f} s"
+    minutes, rest = divmod(round(elapsed), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"
 
@@ -149,10 +149,10 @@ def counted(count: int, noun: str, nouns: str = "") -> str:
 
 def several(values: Sequence[Any], text: Callable[[Any], str]) -> str:
     """Values as a few texts beside one another, "+0.1 · 0.0", or as their range where there are more than three."""
-    known = [v for value in values if (v := number(value)) is not None]
-    if len(known) > 3:
-        return " to ".join(dict.fromkeys((text(min(known)), text(max(known)))))
-    return " · ".join(map(text, known)) or MISSING
+    finite = [v for value in values if (v := number(value)) is not None]
+    if len(finite) > 3:
+        return " to ".join(dict.fromkeys((text(min(finite)), text(max(finite)))))
+    return " · ".join(map(text, finite)) or MISSING
 
 
 def command(*words: object) -> str:

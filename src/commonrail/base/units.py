@@ -191,17 +191,17 @@ def parse(text: str | float, unit: str, where: str = "") -> float:
     353.15
     """
     target = _known(unit, where)
-    wanted = _expected(target.kind, unit)
-    number, written = _split(text, wanted, where)
-    given = _quoted(text if isinstance(text, str) else number)
+    expected = _expected(target.kind, unit)
+    number, written = _split(text, expected, where)
+    quoted = _quoted(text if isinstance(text, str) else number)
     if not written and unit != "1":
-        raise _error(where, f"{given} has no unit; {wanted}")
-    source = _known(written or "1", where, wanted)
+        raise _error(where, f"{quoted} has no unit; {expected}")
+    source = _known(written or "1", where, expected)
     if source.kind != target.kind:
-        raise _error(where, f"{given} is {_name(source.kind)}; {wanted}")
+        raise _error(where, f"{quoted} is {_name(source.kind)}; {expected}")
     value = _rescaled(number, source, target)
     if not math.isfinite(value):
-        raise _error(where, f"{given} is not finite; {wanted}")
+        raise _error(where, f"{quoted} is not finite; {expected}")
     return value
 
 
@@ -257,15 +257,15 @@ def is_everyday(unit: str) -> bool:
     return _of_table(_plain(unit)) is not None
 
 
-def same_scale(one: str, other: str) -> bool:
+def same_scale(unit: str, other: str) -> bool:
     """Tell whether two units are the same under different names; InputError for an unknown unit."""
-    return _known(one, "") == _known(other, "")
+    return _known(unit, "") == _known(other, "")
 
 
 def fits(unit: str, kind: str) -> bool:
     """Tell whether a text is a unit of the same kind of quantity as another; False for an unknown unit."""
-    one, other = _scale(unit), _scale(kind)
-    return one is not None and other is not None and one.kind == other.kind
+    scale, other = _scale(unit), _scale(kind)
+    return scale is not None and other is not None and scale.kind == other.kind
 
 
 def to_text(value: float, unit: str, digits: int = 6) -> str:
@@ -302,10 +302,10 @@ def _rescaled(number: str, source: Scale, target: Scale) -> float:
     return float((exact - Decimal(repr(target.offset))) / Decimal(repr(target.factor)))
 
 
-def _split(text: object, wanted: str, where: str) -> tuple[str, str]:
+def _split(text: object, expected: str, where: str) -> tuple[str, str]:
     """Number and unit as written; the number is kept as text, for exact scaling."""
     if isinstance(text, bool) or not isinstance(text, (str, Real)):
-        raise _error(where, f"{_quoted(text)} is not a number with a unit; {wanted}")
+        raise _error(where, f"{_quoted(text)} is not a number with a unit; {expected}")
     if isinstance(text, Real):
         with suppress(OverflowError):
             return repr(float(text)), ""
@@ -313,19 +313,19 @@ def _split(text: object, wanted: str, where: str) -> tuple[str, str]:
     if re.search(r"\d,\d", text):
         raise _error(where, f"{_quoted(text)} has a comma; write the decimal sign as a point")
     if text.strip() == "?":
-        raise _error(where, f'"?" stands for what no file told; state it: {wanted}')
-    found = _NUMBER.fullmatch(unicodedata.normalize("NFKC", text).replace("−", "-").strip())
-    if not found:
-        raise _error(where, f"{_quoted(text)} does not start with a number; {wanted}")
-    return found[1], found[2].strip()
+        raise _error(where, f'"?" stands for what no file told; state it: {expected}')
+    match = _NUMBER.fullmatch(unicodedata.normalize("NFKC", text).replace("−", "-").strip())
+    if not match:
+        raise _error(where, f"{_quoted(text)} does not start with a number; {expected}")
+    return match[1], match[2].strip()
 
 
-def _known(unit: str, where: str, wanted: str = "") -> Scale:
-    found = _scale(unit)
-    if found is None:
-        meant = nearest(unit, FAST) + (wanted and f"; {wanted}")
+def _known(unit: str, where: str, expected: str = "") -> Scale:
+    scale = _scale(unit)
+    if scale is None:
+        meant = nearest(unit, FAST) + (expected and f"; {expected}")
         raise _error(where, f"{_quoted(unit)} is not a known unit{meant}")
-    return found
+    return scale
 
 
 @lru_cache(maxsize=512)
@@ -359,15 +359,15 @@ def _ask_pint(text: str) -> Scale | None:
         return None
     registry, kinds = _pint()
     try:
-        found = registry.parse_units(re.sub(r"(?<=[A-Za-z])(-?\d+)", r"**\1", text))
-        zero, one, two = (registry.Quantity(x, found).to_base_units() for x in (0.0, 1.0, 2.0))
-        offset, factor = float(zero.magnitude), float(one.magnitude - zero.magnitude)
-        linear = math.isclose(two.magnitude - one.magnitude, factor, rel_tol=1e-9)
+        parsed = registry.parse_units(re.sub(r"(?<=[A-Za-z])(-?\d+)", r"**\1", text))
+        zero, unity, two = (registry.Quantity(x, parsed).to_base_units() for x in (0.0, 1.0, 2.0))
+        offset, factor = float(zero.magnitude), float(unity.magnitude - zero.magnitude)
+        linear = math.isclose(two.magnitude - unity.magnitude, factor, rel_tol=1e-9)
     except Exception:  # pint answers malformed text with a dozen unrelated exception types
         return None
     if not (linear and math.isfinite(factor) and factor > 0.0):
         return None
-    base = str(one.units)
+    base = str(unity.units)
     return Scale(kinds.get(base, base), factor, offset)
 
 
@@ -378,8 +378,8 @@ def _pint() -> tuple[Any, dict[str, str]]:
 
     registry: Any = pint.UnitRegistry()
     registry.define("stroke = count")
-    named = {kind: re.sub(r"(?<=[A-Za-z])(\d+)", r"**\1", kind) for kind in FACTORS}
-    bases = {str(registry.Quantity(1, text).to_base_units().units): k for k, text in named.items()}
+    spellings = {kind: re.sub(r"(?<=[A-Za-z])(\d+)", r"**\1", kind) for kind in FACTORS}
+    bases = {str(registry.Quantity(1, text).to_base_units().units): k for k, text in spellings.items()}
     return registry, bases | {"radian": "1"}
 
 

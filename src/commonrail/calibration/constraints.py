@@ -152,17 +152,17 @@ def conflicting_rows(constraints: LinearConstraints, lower: ArrayLike, upper: Ar
     bounds = list(range(len(constraints), len(polytope.rows)))
 
     def roomy(rows: list[int]) -> bool:
-        chosen = rows + bounds
-        return deepest_point(Polytope(polytope.rows[chosen], polytope.floor[chosen]))[1] > (LEAST_RADIUS)
+        with_bounds = rows + bounds
+        return deepest_point(Polytope(polytope.rows[with_bounds], polytope.floor[with_bounds]))[1] > (LEAST_RADIUS)
 
-    kept = list(range(len(constraints)))
-    if roomy(kept):
+    conflict = list(range(len(constraints)))
+    if roomy(conflict):
         return ()
-    for row in list(kept):
-        fewer = [other for other in kept if other != row]
+    for row in list(conflict):
+        fewer = [other for other in conflict if other != row]
         if not roomy(fewer):
-            kept = fewer
-    return tuple(kept)
+            conflict = fewer
+    return tuple(conflict)
 
 
 # Constraints as a person writes them, such as ``"k7 < k2 < k3"``, read into rows.
@@ -282,37 +282,38 @@ class Products:
 
     def shortfall(self, x: Floats) -> Floats:
         """Share (..., m) by which each product at points (..., d) lies below 1; 0 where the constraint holds."""
-        found = np.zeros((*x.shape[:-1], len(self)))
+        shortfalls = np.zeros((*x.shape[:-1], len(self)))
         for column, c in enumerate(self.constraints):
             used = np.flatnonzero(c.exponents)
             with np.errstate(all="ignore"):
                 ratio = c.factor * np.prod(x[..., used] ** c.exponents[used], axis=-1)
             needed = 1.0 + STRICT_MARGIN if c.strict else 1.0
             short = np.maximum(0.0, 1.0 - ratio / needed)
-            found[..., column] = np.where(np.isnan(short), 1.0, short)
-        return found
+            shortfalls[..., column] = np.where(np.isnan(short), 1.0, short)
+        return shortfalls
 
 
 NONE = Products()
 
 
-def parse_products(lines: Sequence[str], names: Sequence[str], known: Mapping[str, float]) -> Products:
+def parse_products(lines: Sequence[str], names: Sequence[str], fixed_values: Mapping[str, float]) -> Products:
     """Read constraints such as ``"valve.spring_preload >= 1.2 * pi / 4 * valve.seat_diameter^2 * rail_pressure_max"``.
 
-    Each side is a product or quotient of numbers (SI), parameters and powers of them. ``pi`` is known.
+    Each side is a product or quotient of numbers (SI), parameters and powers of them. ``pi`` is defined.
 
-    `lines`: one relation each; `names`: the free parameters, in the order of the columns; `known`: values [SI] of names
-    that do not vary. Raises `InputError` if a text cannot be read, names something unknown or holds no free parameter.
+    `lines`: one relation each; `names`: the free parameters, in the order of the columns; `fixed_values`: values [SI]
+    of names that do not vary. Raises `InputError` if a text cannot be read, names something unknown or holds no free
+    parameter.
     """
-    return Products([_read(line.strip(), names, {"pi": math.pi, **known}) for line in lines])
+    return Products([_read(line.strip(), names, {"pi": math.pi, **fixed_values}) for line in lines])
 
 
-def _read(line: str, names: Sequence[str], known: Mapping[str, float]) -> ProductConstraint:
+def _read(line: str, names: Sequence[str], fixed_values: Mapping[str, float]) -> ProductConstraint:
     sides, relations = _split(line)
     if len(relations) != 1:
         raise _unreadable(line, 'needs exactly one of "<", "<=", ">" and ">="', _PRODUCTS)
     small, large = sides if "<" in relations[0] else sides[::-1]
-    factors, exponents = zip(*(_product(line, side, names, known) for side in (large, small)), strict=True)
+    factors, exponents = zip(*(_product(line, side, names, fixed_values) for side in (large, small)), strict=True)
     total = exponents[0] - exponents[1]
     if not total.any():
         raise _unreadable(line, "depends on no free parameter", _PRODUCTS)
@@ -321,7 +322,7 @@ def _read(line: str, names: Sequence[str], known: Mapping[str, float]) -> Produc
     return ProductConstraint(line, factors[0] / factors[1], total, "=" not in relations[0])
 
 
-def _product(line: str, side: str, names: Sequence[str], known: Mapping[str, float]) -> tuple[float, Floats]:
+def _product(line: str, side: str, names: Sequence[str], fixed_values: Mapping[str, float]) -> tuple[float, Floats]:
     """Factor and exponents of one side."""
     factor, exponents = 1.0, np.zeros(len(names))
     pieces = ["*", *re.split(r"([*/])", side)]
@@ -335,10 +336,10 @@ def _product(line: str, side: str, names: Sequence[str], known: Mapping[str, flo
             factor *= _power(float(match["number"]), power)
         elif match["name"] in names:
             exponents[list(names).index(match["name"])] += power
-        elif match["name"] in known:
-            factor *= _power(known[match["name"]], power)
+        elif match["name"] in fixed_values:
+            factor *= _power(fixed_values[match["name"]], power)
         else:
-            close = nearest(match["name"], [*names, *known])
+            close = nearest(match["name"], [*names, *fixed_values])
             raise InputError(f'constraint "{line}" names "{match["name"]}", which is no parameter{close}')
     return factor, exponents
 

@@ -88,9 +88,9 @@ class SpreadObjective(Objective):
 
     def costs(self, values: Floats) -> Scores:
         """Objective of candidates (n, names), SI."""
-        found = self._results("costs", values)
-        costs, statuses = (np.concatenate(parts) for parts in zip(*[s[:2] for s in found], strict=True))
-        return Scores(costs, statuses, sum(s.simulations for s in found))
+        piece_scores = self._results("costs", values)
+        costs, statuses = (np.concatenate(parts) for parts in zip(*[s[:2] for s in piece_scores], strict=True))
+        return Scores(costs, statuses, sum(s.simulations for s in piece_scores))
 
     def residuals(self, values: Floats) -> Floats:
         """Residuals for least squares (n, all samples and points)."""

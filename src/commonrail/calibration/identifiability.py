@@ -105,16 +105,16 @@ def identify(calibration: Calibration, threads: int | None = None, *, starts: in
     study = instance(calibration, Calibration, "calibration").study
     objective = plain_objective(study, threads)
     best = np.array([calibration.best[name] for name in study.space.names])
-    found = identify_at(study.space, objective, best)
-    if found.influence:
-        fit = FinishedFit(calibration, found, threads, starts)
-        for part in registry.entries("after_fit").values():
+    identified = identify_at(study.space, objective, best)
+    if identified.influence:
+        fit = FinishedFit(calibration, identified, threads, starts)
+        for assessment in registry.entries("after_fit").values():
             check_stop()
             try:
-                part.call(fit)
+                assessment.call(fit)
             except PluginError as error:  # the others judge the fit all the same
                 hooks.note(str(error))
-    return found
+    return identified
 
 
 def identify_at(space: Space, objective: FitObjective, best: Floats) -> Identified:
@@ -145,29 +145,29 @@ def identify_at(space: Space, objective: FitObjective, best: Floats) -> Identifi
     values = objective.linearised(place.values)
     many = values.shape[1] - len(objective.goal.priors)  # the data's residuals stand before those of the priors
     residuals = values[:, :many]
-    own = residuals[0]
+    at_best = residuals[0]
     jacobian = place.slopes(residuals)
     usable = np.all(np.isfinite(jacobian), axis=0)
-    spread = np.sqrt(np.sum(own**2) / max(len(own) - space.dimension, 1))
+    spread = np.sqrt(np.sum(at_best**2) / max(len(at_best) - space.dimension, 1))
     pulls = place.slopes(values[:, many:])
     stated = all(data.discrepancy(data.measured) is not None for data in objective.data)  # not in mm³/ms, as curves are
-    known = np.where(usable, jacobian, 0.0)
-    influence = influence_of(own, known, pulls, stated) if np.isfinite(own).all() else None
-    found = Identified(influence)
+    usable_jacobian = np.where(usable, jacobian, 0.0)
+    influence = influence_of(at_best, usable_jacobian, pulls, stated) if np.isfinite(at_best).all() else None
+    identified = Identified(influence)
     if influence:
-        found.sections["identifiability"] = influence.record(space.names)
+        identified.sections["identifiability"] = influence.record(space.names)
     for i, p in enumerate(space.parameters):
         alone, joint = _leverage(jacobian, usable, i)
         error = spread / joint if joint > 0.0 else np.inf
         if influence and len(objective.goal.priors):
             error = float(influence.errors[i])
-        found[p.name] = {
+        identified[p.name] = {
             "effect": 0.01 * alone,
             "pinned": 0.01 * joint,
             "standard_error": float(error * place.scale[i]) if np.isfinite(error) else None,
             "verdict": _verdict(spread * place.scale[i], alone, joint, best[i]),
         }
-    return found
+    return identified
 
 
 def _leverage(jacobian: Floats, usable: Bools, i: int) -> tuple[float, float]:

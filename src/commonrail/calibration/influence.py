@@ -53,12 +53,12 @@ def influence_of(residuals: Floats, jacobian: Floats, priors: Floats, in_deviati
     errors no smaller than that tolerance explains; else the scatter alone scales them.
     """
     all_values, all_directions = _singular(np.vstack([jacobian, priors]))
-    held = all_values > NEGLIGIBLE * max(all_values.max(initial=0.0), 1e-300)
-    inverse = all_directions[held].T / all_values[held]  # root of the pseudo-inverse of JᵀJ + PᵀP
+    determined = all_values > NEGLIGIBLE * max(all_values.max(initial=0.0), 1e-300)
+    inverse = all_directions[determined].T / all_values[determined]  # root of the pseudo-inverse of JᵀJ + PᵀP
     effective = float(np.sum((jacobian @ inverse) ** 2))
     scatter = float(np.sqrt(np.sum(residuals**2) / max(len(residuals) - effective, 1.0)))
     errors = (max(scatter, 1.0) if in_deviations else scatter) * np.sqrt(np.sum(inverse**2, axis=1))
-    loose = np.sum(all_directions[held] ** 2, axis=0) < 1.0 - 1e-6
+    loose = np.sum(all_directions[determined] ** 2, axis=0) < 1.0 - 1e-6
     values, directions = _singular(jacobian)
     signs = np.sign(directions[np.arange(len(directions)), np.argmax(np.abs(directions), axis=1)])
     return Influence(
@@ -95,10 +95,10 @@ class Neighbourhood(NamedTuple):
     width: Floats
     scale: Floats
 
-    def slopes(self, found: Floats) -> Floats:
+    def slopes(self, figures: Floats) -> Floats:
         """Derivatives (m, d) with respect to the positions of figures (1 + 2 d, m) that the candidates give."""
         d = len(self.width)
-        return np.asarray(((found[1 + d :] - found[1 : 1 + d]) / self.width[:, None]).T)
+        return np.asarray(((figures[1 + d :] - figures[1 : 1 + d]) / self.width[:, None]).T)
 
 
 def around(space: Space, best: Floats) -> Neighbourhood:

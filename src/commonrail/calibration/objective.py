@@ -83,10 +83,10 @@ def check_parts(injector: Injector, data: Sequence[DataSet], conditions: Sequenc
     """Refuse (`ConfigurationError`) data and conditions about parts that the injector lacks."""
     for condition in conditions:
         check_condition(injector, condition)
-    for one in data:
-        if one.has_return and RETURN in unread_inputs(injector.variant):
+    for data_set in data:
+        if data_set.has_return and RETURN in unread_inputs(injector.variant):
             cure = f"take a model with {reader_of(RETURN)}, or remove them"
-            raise ConfigurationError(f"{injector.name} has no return, and the data {one.name} are of it; {cure}.")
+            raise ConfigurationError(f"{injector.name} has no return, and the data {data_set.name} are of it; {cure}.")
 
 
 # Misfit between an injector and measured data, for whole populations at once.
@@ -197,17 +197,17 @@ class Objective:
         coarse = goal.screening_step or time_step
         self._screening = Simulator(injector, names, coarse, threads, precision=Precision.F32, same_bits=same_bits)
         self._costing = Simulator(injector, names, time_step, threads, precision=precision, same_bits=same_bits)
-        given = in_order(instances(data, DataSet, "data"))  # type: ignore[type-abstract]
-        if len({d.role for d in given}) > 1:
+        data_sets = in_order(instances(data, DataSet, "data"))  # type: ignore[type-abstract]
+        if len({d.role for d in data_sets}) > 1:
             raise ConfigurationError(
                 "The data of an objective must have one role, and these are for fit and for validation; take "
                 "study.objective(), or the data of one role."
             )
-        check_parts(injector, given, goal.conditions)
+        check_parts(injector, data_sets, goal.conditions)
         self._points = tuple(condition.point for condition in goal.conditions)
         # without a meter that shows what it is given
         self.data = tuple(
-            d if d.meter is None or is_metered(d, self.simulator) else d.changed(meter=None) for d in given
+            d if d.meter is None or is_metered(d, self.simulator) else d.changed(meter=None) for d in data_sets
         )
         kinds = kinds_of(d.kind for d in self.data)
         groups = ((kind, [d for d in self.data if d.kind == kind.kind]) for kind in kinds)
@@ -288,8 +288,8 @@ class Objective:
         return self._residuals(self._screening, values)
 
     def _residuals(self, simulator: Simulator, values: Floats) -> Floats:
-        found = self._of_data(simulator, values, self.goal.bent)  # their squares sum to the loss
-        residuals = np.concatenate([found, self.goal.priors.residuals(values)], axis=1)
+        of_data = self._of_data(simulator, values, self.goal.bent)  # their squares sum to the loss
+        residuals = np.concatenate([of_data, self.goal.priors.residuals(values)], axis=1)
         if self._points:
             conditions, batch = self.goal.conditions, simulator.batch(self._points, values)
             lost = broken(conditions, batch, distances_past(conditions, simulator, values))
@@ -299,12 +299,12 @@ class Objective:
     def _of_data(self, simulator: Simulator, values: Floats, law: Callable[[Floats], Floats]) -> Floats:
         """Residuals (n, all samples and points), those of each data set under a law that knows no weight of the set."""
         simulator.threads = self.simulator.threads
-        found = []
+        residuals = []
         for d in self.data:
-            own = d.residuals(d.simulated(simulator, values))
+            of_set = d.residuals(d.simulated(simulator, values))
             root = np.sqrt(d.weight)
-            found.append(own if self.goal.loss is not Loss.SOFT_L1 else root * law(own / root))
-        return np.concatenate(found, axis=1)
+            residuals.append(of_set if self.goal.loss is not Loss.SOFT_L1 else root * law(of_set / root))
+        return np.concatenate(residuals, axis=1)
 
     def linearised(self, values: Floats) -> Floats:
         """Residuals as `residuals` returns them, for derivatives at the first candidate and standard errors.
@@ -313,18 +313,22 @@ class Objective:
         """
         if self.goal.loss is not Loss.SOFT_L1:
             return self.residuals(values)
-        found = self._of_data(self.simulator, values, lambda own: own * self.goal.roots_of_weights(own[0]))
-        return np.concatenate([found, self.goal.priors.residuals(values)], axis=1)
+        of_data = self._of_data(
+            self.simulator, values, lambda residuals: residuals * self.goal.roots_of_weights(residuals[0])
+        )
+        return np.concatenate([of_data, self.goal.priors.residuals(values)], axis=1)
 
 
 def _batch_of(objective: Objective, term: Term, values: Floats) -> Batch:
     """Candidates at the points of a term, with the objective's precision."""
-    return objective.simulator.batch(term.points, values, objective.precision, term.misfit, whole=term.whole)
+    return objective.simulator.batch(term.points, values, objective.precision, term.misfit, to_horizon=term.to_horizon)
 
 
-def _first_failures(statuses: NDArray[np.int8], found: NDArray[np.integer[Any]], failed: Bools) -> NDArray[np.int8]:
+def _first_failures(
+    statuses: NDArray[np.int8], point_statuses: NDArray[np.integer[Any]], failed: Bools
+) -> NDArray[np.int8]:
     """Statuses (n,) with the first one (n, points) that failed where there is none yet."""
     if not failed.any():
         return statuses
-    first = found[np.arange(len(found)), np.argmax(failed, axis=1)].astype(np.int8)
+    first = point_statuses[np.arange(len(point_statuses)), np.argmax(failed, axis=1)].astype(np.int8)
     return np.where(failed.any(axis=1) & (statuses == OK), first, statuses)

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from commonrail.base.arguments import COUNTS, chosen, instance, number, plain_text, settle, shown
+from commonrail.base.arguments import COUNTS, enum_member, instance, number, plain_text, settle, shown
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.data.base import past_stops
@@ -74,7 +74,7 @@ class Condition:
     point: OperatingPoint
 
     def __post_init__(self) -> None:
-        settle(self, wanted=chosen(self.wanted, Wanted, "wanted"))
+        settle(self, wanted=enum_member(self.wanted, Wanted, "wanted"))
         instance(self.point, OperatingPoint, "point of a condition")
 
 
@@ -100,13 +100,13 @@ def broken(conditions: Sequence[Condition], batch: Batch, past: Floats | None = 
     injects = batch.injected_mass / batch.reference_density > NOTHING
     shut = np.array([condition.wanted is Wanted.SHUT for condition in conditions])
     open_ = np.array([condition.wanted is Wanted.INJECTS for condition in conditions])
-    found = np.asarray(failed | (injects & shut) | (~injects & open_))
+    is_broken = np.asarray(failed | (injects & shut) | (~injects & open_))
     if past is None:
-        return found
-    at = np.array([condition.wanted in _AT for condition in conditions])
-    off = np.array([condition.wanted in _STOPS.keys() - _AT for condition in conditions])
+        return is_broken
+    reaches = np.array([condition.wanted in _AT for condition in conditions])
+    keeps_off = np.array([condition.wanted in _STOPS.keys() - _AT for condition in conditions])
     touches = past > 0.0  # False where the simulation failed, which breaks the condition anyway
-    return np.asarray(found | (~touches & at) | (touches & off))
+    return np.asarray(is_broken | (~touches & reaches) | (touches & keeps_off))
 
 
 def distances_past(conditions: Sequence[Condition], simulator: Simulator, values: Floats) -> Floats | None:
@@ -119,12 +119,12 @@ def distances_past(conditions: Sequence[Condition], simulator: Simulator, values
     """
     if not any(condition.wanted in _STOPS for condition in conditions):
         return None
-    found = np.full((len(values), len(conditions)), np.nan)
+    distances = np.full((len(values), len(conditions)), np.nan)
     for i, condition in enumerate(conditions):
         if condition.wanted in _STOPS:
             past = past_stops(simulator, condition.point, values)
-            found[:, i] = past.needle if _STOPS[condition.wanted] == _NEEDLE else past.valve
-    return found
+            distances[:, i] = past.needle if _STOPS[condition.wanted] == _NEEDLE else past.valve
+    return distances
 
 
 # Prior knowledge of a parameter: a value, its standard deviation and its source.
@@ -175,10 +175,10 @@ class Priors:
     """
 
     def __init__(self, priors: Sequence[Prior | None] = ()) -> None:
-        known = [(column, prior) for column, prior in enumerate(priors) if prior is not None]
-        self.columns = np.array([column for column, _ in known], dtype=np.intp)
-        self._value = np.array([prior.value for _, prior in known])
-        self._sigma = np.array([prior.sigma for _, prior in known])
+        stated = [(column, prior) for column, prior in enumerate(priors) if prior is not None]
+        self.columns = np.array([column for column, _ in stated], dtype=np.intp)
+        self._value = np.array([prior.value for _, prior in stated])
+        self._sigma = np.array([prior.sigma for _, prior in stated])
 
     @classmethod
     def of(cls, parameters: Sequence[Any]) -> Priors:
@@ -296,9 +296,9 @@ class Parameter:
     signed: bool = False
 
     def __post_init__(self) -> None:
-        known = parameter_quantities().get(plain_text(self.name, "name of a parameter"))
-        if known is not None and known.unit != self.unit:
-            raise ConfigurationError(f'{self.name}: the unit is "{known.unit}", not {shown(self.unit)}.')
+        quantity = parameter_quantities().get(plain_text(self.name, "name of a parameter"))
+        if quantity is not None and quantity.unit != self.unit:
+            raise ConfigurationError(f'{self.name}: the unit is "{quantity.unit}", not {shown(self.unit)}.')
         read = {what: getattr(self, what) for what in ("reference", "lower", "upper")}
         settle(self, **{what: number(value, self.unit, f"{what} of {self.name}") for what, value in read.items()})
         if self.name in COUNTS:

@@ -48,7 +48,7 @@ class Finding(NamedTuple):
     sentence: str
 
 
-def found(code: str, subject: str, text: str) -> Finding:
+def make_finding(code: str, subject: str, text: str) -> Finding:
     """Finding whose sentence begins with its subject.
 
     `code`, `subject`: as in `Finding`; `text`: the sentence without its subject.
@@ -129,7 +129,7 @@ def injector_findings(injector: Injector) -> Iterator[Finding]:
     for name, q in injector.quantities.items():
         value = injector.values[name]
         if q.usual is not None and not q.is_usual(value):
-            yield found(
+            yield make_finding(
                 "parameter",
                 name,
                 f"the {q.meaning} is {quantity(value, q.unit, 4)}, and {_range(q.usual, q.unit)} is usual; check its "
@@ -143,7 +143,7 @@ def bounds_findings(space: Space) -> Iterator[Finding]:
         q = known_quantity(p.name)
         odd = [value for value in (p.lower, p.upper) if not q.is_usual(value, BOUND_SLACK)]
         if q.usual is not None and odd:
-            yield found(
+            yield make_finding(
                 "parameter_bound",
                 p.name,
                 f"a bound is {quantity(odd[0], q.unit, 4)}, more than {BOUND_SLACK:g} times outside the usual "
@@ -156,14 +156,14 @@ def idle_findings(study: Study) -> Iterator[Finding]:
     free = study.space.names
     for name in (*study.fixed, *free):
         if words := idle_words(name, lambda p: 1.0 if p in free else study.injector.values[p]):
-            yield found("parameter", name, f"{words}; state that, or omit this one.")
+            yield make_finding("parameter", name, f"{words}; state that, or omit this one.")
 
 
 def step_findings(study: Study) -> Iterator[Finding]:
     """A time step that part of the candidates does not bear."""
     limit = longest_for_all(study.injector, study.space)
     if study.time_step > limit:
-        yield found(
+        yield make_finding(
             "time_step",
             "time_step",
             f"the step of {quantity(study.time_step, 's')} is too long for the stiffest parameters within the bounds, "
@@ -177,11 +177,13 @@ def signal_findings(data: DataSet) -> Iterator[Finding]:
     values, what, unit = data.measured, data.what, data.unit
     first = quantity(float(values[0]), unit, 4)
     if not np.any(values):
-        yield found("constant", data.name, f"all {len(values)} values of the {what} are zero; check the column.")
+        yield make_finding("constant", data.name, f"all {len(values)} values of the {what} are zero; check the column.")
     elif len(values) > 1 and np.ptp(values) == 0.0:
-        yield found("constant", data.name, f"all {len(values)} values of the {what} are {first}; check the column.")
+        yield make_finding(
+            "constant", data.name, f"all {len(values)} values of the {what} are {first}; check the column."
+        )
     elif np.sum(values * widths_of(data)) < 0.0 or -values.min() > values.max():
-        yield found(
+        yield make_finding(
             "sign",
             data.name,
             f"the {what} is mostly negative: from {quantity(float(values.min()), unit, 4)} to "
@@ -197,7 +199,7 @@ def _unusual(
     odd = [value for value in values if not usual[0] <= value <= usual[1]]
     if odd:
         others = f" (and {len(odd) - 1} more such values)" if len(odd) > 1 else ""
-        yield found(
+        yield make_finding(
             code,
             name,
             f"the {words} is {quantity(odd[0], unit, 4)}{others}, and {_range(usual, unit)} is usual; check its unit.",
@@ -224,22 +226,25 @@ def _range(limits_: tuple[float, float], unit: str) -> str:
 
 def unit_findings(data: Sequence[DataSet], injector: Injector) -> Iterator[Finding]:
     """Curves and maps, one of which mistakes mass for volume: their quantities differ by the fuel's density."""
-    sets = [one for one in data if all(len(point.pulses) == 1 for point in one.points)]
-    curves = [one for one in sets if isinstance(one, RateData)]
-    integrals = np.array([np.sum(one.measured * widths_of(one)) for one in curves])
-    for one in (one for one in sets if isinstance(one, QuantityData) and curves):
-        known, at = np.column_stack([places_of(one), one.measured]), np.concatenate([*map(places_of, curves)])
-        mapped, is_extrapolated = interpolate(known, at, SCALES["√p"])
+    sets = [data_set for data_set in data if all(len(point.pulses) == 1 for point in data_set.points)]
+    curves = [data_set for data_set in sets if isinstance(data_set, RateData)]
+    integrals = np.array([np.sum(data_set.measured * widths_of(data_set)) for data_set in curves])
+    for data_set in (data_set for data_set in sets if isinstance(data_set, QuantityData) and curves):
+        map_points, at = (
+            np.column_stack([places_of(data_set), data_set.measured]),
+            np.concatenate([*map(places_of, curves)]),
+        )
+        mapped, is_extrapolated = interpolate(map_points, at, SCALES["√p"])
         inside = ~is_extrapolated & (mapped > QUANTITY_APART)
         ratios = integrals[inside] / mapped[inside]
         ratio = float(np.median(ratios)) if len(ratios) else 1.0
         slip = _density_slip(ratio, 1e-3 * reference_density(injector, curves[0].point), UNIT_MATCH)
         if slip and np.ptp(ratios) <= UNIT_MATCH * ratio:
-            yield found(
+            yield make_finding(
                 "unit",
                 curves[0].name,
-                f"the integrals of {len(ratios)} curves are {ratio:.3g} times the quantities of {one.name} at the same "
-                f"operating points: {slip}check the units of both.",
+                f"the integrals of {len(ratios)} curves are {ratio:.3g} times the quantities of {data_set.name} at the "
+                f"same operating points: {slip}check the units of both.",
             )
 
 
@@ -259,7 +264,7 @@ _SLIP_MATCH = 1.5  # start values know the quantity no better
 def start_findings(data: DataSet, score: Score) -> Iterator[Finding]:
     """Findings about one data set beside its simulation."""
     if not np.any(np.isfinite(score.values)):
-        yield found(
+        yield make_finding(
             "start",
             data.name,
             "the simulation fails, so that quantity and onset cannot be compared; check the injector with "
@@ -287,7 +292,7 @@ def share_findings(data: Sequence[DataSet], scores: Sequence[Score], of: str) ->
     missed = [not _is_met(d, cost) for (d, _), cost in zip(fitted, costs, strict=True)]
     for (d, _), share, misses in zip(fitted, shares, missed, strict=True):
         if (share > HEAVY and sum(missed) > misses) or (share < light and misses and not alone):
-            yield found(
+            yield make_finding(
                 "share",
                 d.name,
                 f"it makes {100.0 * share:.3g} % of J with the {of}: the fit will follow "
@@ -375,7 +380,7 @@ def _delay(delay: Delay, subject: str) -> Finding:
     meter = delay.curves[0].meter
     name = "bench" if meter is None else meter.name
     blocks = "" if meter else f' and meter = "{name}" in their blocks'
-    return found(
+    return make_finding(
         "onset",
         subject,
         f"{delay.sentence()}; correct their time_zero, or write delay = {delay.text()} in [meters.{name}]{blocks}.",
@@ -385,15 +390,15 @@ def _delay(delay: Delay, subject: str) -> Finding:
 def _quantities(name: str, measured: Floats, simulated: Floats) -> Iterator[Finding]:
     """Quantities beyond a factor of the simulated ones [m³]; nothing is said if they are negative in sum."""
     total, expected = float(np.sum(measured)), float(np.sum(simulated))
-    apart = np.abs(measured - simulated) > QUANTITY_APART
-    odd = apart & ~_is_near(measured, simulated)
+    differs = np.abs(measured - simulated) > QUANTITY_APART
+    odd = differs & ~_is_near(measured, simulated)
     if not odd.any() or total <= 0.0:
         return
     all_of_it = not _is_near(np.array(total), np.array(expected))
     first = int(np.argmax(odd))
     m, s = (total, expected) if all_of_it else (float(measured[first]), float(simulated[first]))
     where = "" if all_of_it else f" at {np.count_nonzero(odd)} of {len(measured)} points, first at number {first + 1}"
-    yield found(
+    yield make_finding(
         "quantity",
         name,
         f"the measured quantity is {m * MM3:.4g} mm³, and the simulated one {s * MM3:.4g} mm³{where}: "
@@ -429,7 +434,7 @@ def _onset(data: DataSet, measured: float | None, shift: float | None) -> Iterat
     else:
         return
     at = f"the measured injection begins at {quantity(measured, 's', 4)}"
-    yield found("onset", data.name, f"{at}, {odd}; check the energising time and the trigger's zero.")
+    yield make_finding("onset", data.name, f"{at}, {odd}; check the energising time and the trigger's zero.")
 
 
 # Checks of a fitted model: fall of J, values at bounds, size of the error, and shifts or gains that explain it.
@@ -471,7 +476,7 @@ def model_findings(data: DataSet, score: Score, injector: Injector) -> Iterator[
     """
     error = score.relative_error()
     if error > LARGE_MISFIT:
-        yield found(
+        yield make_finding(
             "misfit",
             data.name,
             f"the error of the model is {100.0 * error:.0f} % of the data beyond their noise, and less than "
@@ -516,7 +521,7 @@ def _moved(fit: Fit) -> Iterator[Finding]:
     good = all(s.relative_error() <= GOOD_FIT for d, s in pairs if d.role is Role.FIT)
     if good or not fit.cost >= (1.0 - BARELY) * fit.start_cost:
         return
-    yield found(
+    yield make_finding(
         "moved",
         fit.study.title,
         f"{_fall(fit)}: the free parameters cannot explain the data; check the data's units and operating point, and "
@@ -535,7 +540,7 @@ def _at_bounds(fit: Fit) -> Iterator[Finding]:
     parameters = fit.study.space.parameters
     names = [p.name for p in parameters if p.is_at_bound(fit.best[p.name])]
     if len(names) > AT_BOUNDS * len(parameters):
-        yield found(
+        yield make_finding(
             "bounds",
             fit.study.title,
             f"{len(names)} of {len(parameters)} free parameters end at a bound ({', '.join(names)}): the data pull "
@@ -545,7 +550,7 @@ def _at_bounds(fit: Fit) -> Iterator[Finding]:
 
 def _shift(name: str, shift: Change) -> Iterator[Finding]:
     late = "later" if shift.amount > 0.0 else "earlier"
-    yield found(
+    yield make_finding(
         "shift",
         name,
         f"the data come {abs(shift.amount) * 1e6:.0f} µs {late} than the simulation: without that shift J would be "
@@ -555,7 +560,7 @@ def _shift(name: str, shift: Change) -> Iterator[Finding]:
 
 def _gain(data: DataSet, gain: Change, injector: Injector) -> Iterator[Finding]:
     density = 1e-3 * reference_density(injector, data.points[0])
-    yield found(
+    yield make_finding(
         "gain",
         data.name,
         f"the data lie {gain.amount:.3g} times as high as the simulation: without that gain J would be "
@@ -620,10 +625,10 @@ def of_model(study: Study, injector: Injector, scores: Sequence[Score], fitted: 
 
 def _unknown(findings: Iterable[Finding], before: Iterable[Finding]) -> tuple[Finding, ...]:
     """Findings that those before do not tell already."""
-    known = {(f.code, f.subject) for f in before}
+    reported = {(f.code, f.subject) for f in before}
     # A quantity that is wrong by a factor makes a large error in any case.
-    known |= {("misfit", subject) for code, subject in known if code == "quantity"}
-    return tuple(f for f in findings if (f.code, f.subject) not in known)
+    reported |= {("misfit", subject) for code, subject in reported if code == "quantity"}
+    return tuple(f for f in findings if (f.code, f.subject) not in reported)
 
 
 def _of_scores(study: Study, injector: Injector, scores: Sequence[Score]) -> list[Finding]:

@@ -187,7 +187,7 @@ class LackOfFitRecord(NamedTuple):
     """A test for lack of fit, and what it suspects."""
 
     name: str
-    found: bool
+    detected: Annotated[bool, Key("found")]
     sentence: str
     suspect: str | None = None
     probability: float | None = None

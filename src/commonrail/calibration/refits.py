@@ -38,45 +38,45 @@ def refits_of(
     "seeds" and "left_out"; "interrupted" is true if the user stopped before the last search. Nothing is searched if the
     calibration was interrupted. `note` is called before each search.
     """
-    wanted: Judgement = calibration.study.judgement
-    if not wanted.wanted or calibration.status != "finished":
+    judgement: Judgement = calibration.study.judgement
+    if not judgement.has_searches or calibration.status != "finished":
         return {}
 
     def search(study: Study) -> Calibration | None:
         try:
-            found = calibrate(study, threads=threads, workers=workers)
+            refit = calibrate(study, threads=threads, workers=workers)
         except SimulationError:
             return None
         except KeyboardInterrupt:
             raise _StoppedError from None
-        if found.status != "finished":
+        if refit.status != "finished":
             raise _StoppedError
-        return found
+        return refit
 
-    record: dict[str, Any] = {"seeds": [_seed_record(calibration)] if wanted.seeds else [], "left_out": []}
+    record: dict[str, Any] = {"seeds": [_seed_record(calibration)] if judgement.seeds else [], "left_out": []}
     study = replace(calibration.study, judgement=NO_JUDGEMENT)
     try:
-        for seed in range(study.seed + 1, study.seed + 1 + wanted.seeds):
+        for seed in range(study.seed + 1, study.seed + 1 + judgement.seeds):
             note(f"searching with seed {seed} ...")
             other = search(replace(study, seed=seed))
             record["seeds"].append({"seed": seed, "failed": True} if other is None else _seed_record(other))
-        for by in wanted.leave_out:
+        for by in judgement.leave_out:
             record["left_out"] += _left_out(study, by.value, search, note)
     except _StoppedError:
         record["interrupted"] = True
     return record
 
 
-def _seed_record(found: Calibration) -> dict[str, Any]:
+def _seed_record(calibration: Calibration) -> dict[str, Any]:
     """Objective, errors of the data sets and positions of the parameters that one seed has found."""
-    scores = zip(found.study.data, found.scores["best"], strict=True)
-    parameters = found.study.space.parameters
+    scores = zip(calibration.study.data, calibration.scores["best"], strict=True)
+    parameters = calibration.study.space.parameters
     return {
-        "seed": found.study.seed,
-        "objective": number(found.cost),
+        "seed": calibration.study.seed,
+        "objective": number(calibration.cost),
         "errors": {data.name: number(score.error) for data, score in scores},
-        "error_heads": {data.name: " ".join(data.error_head) for data in found.study.data},
-        "positions": {p.name: p.position(found.best[p.name]) for p in parameters},
+        "error_heads": {data.name: " ".join(data.error_head) for data in calibration.study.data},
+        "positions": {p.name: p.position(calibration.best[p.name]) for p in parameters},
     }
 
 
@@ -88,26 +88,28 @@ def _left_out(study: Study, by: str, search: Search, note: Note) -> list[dict[st
     failed = []
     for value in sorted({level for data in maps for level in levels(data, by)}):
         text = to_text(value, _UNITS[by])
-        parts = {data.name: found for data in maps if (found := without(data, by, value)) is not None}
-        if not parts:
+        splits = {data.name: split for data in maps if (split := without(data, by, value)) is not None}
+        if not splits:
             continue
         note(f"searching without {text} ...")
-        kept = [parts[data.name][0] if data.name in parts else data for data in fitted]
-        held = [part[1] for part in parts.values()]
-        other = search(replace(study, data=(*kept, *held)))
+        fit_data = [splits[data.name][0] if data.name in splits else data for data in fitted]
+        held_out = [split[1] for split in splits.values()]
+        other = search(replace(study, data=(*fit_data, *held_out)))
         if other is None:
             failed.append(text)
             continue
-        _add(folds, parts, other, kept)
+        _add(folds, splits, other, fit_data)
     records = [folded_record(data, folds[data.name]) for data in maps if folds[data.name]]
     return [{"by": by, "searches": len(folds[record["name"]]), "failed": failed, **record} for record in records]
 
 
-def _add(folds: dict[str, list[Fold]], parts: dict[str, Any], found: Calibration, kept: Sequence[DataSet]) -> None:
+def _add(folds: dict[str, list[Fold]], splits: dict[str, Any], refit: Calibration, fit_data: Sequence[DataSet]) -> None:
     """Note the scores of one search on the rows that it has not seen."""
-    names = [data.name for data in found.study.data]
-    maps = [data for data in kept if isinstance(data, QuantityData)]
-    for name, (_, held, rows) in parts.items():
-        scores: dict[str, Any] = {label: own[names.index(held.name)] for label, own in found.scores.items()}
-        baseline = interpolated(held, [one for one in maps if one.kind == held.kind])
+    names = [data.name for data in refit.study.data]
+    maps = [data for data in fit_data if isinstance(data, QuantityData)]
+    for name, (_, held_out, rows) in splits.items():
+        scores: dict[str, Any] = {
+            label: set_scores[names.index(held_out.name)] for label, set_scores in refit.scores.items()
+        }
+        baseline = interpolated(held_out, [fit_map for fit_map in maps if fit_map.kind == held_out.kind])
         folds[name].append(Fold(rows, scores[JUDGED], baseline, scores.get(MEAN)))

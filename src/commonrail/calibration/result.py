@@ -74,8 +74,8 @@ def result_record(calibration: Calibration, identified: Mapping[str, Mapping[str
         **({"loss_scale": study.loss_scale} if study.loss is Loss.SOFT_L1 else {}),
         **getattr(identified, "sections", {}),
         "data": [
-            {**one, "band": bands[one["name"]]} if one["name"] in bands else one
-            for one in data_records(study.data, calibration.scores)
+            {**record, "band": bands[record["name"]]} if record["name"] in bands else record
+            for record in data_records(study.data, calibration.scores)
         ],
         **meter_records(calibration.meters),
         "warnings": to_record(calibration.warnings),
@@ -94,18 +94,18 @@ def data_records(data: Sequence[DataSet], scores: Mapping[str, Sequence[Score]])
     return [
         {"name": d.name, "role": d.role.value, "source": d.source, "synthetic": d.synthetic, "kind": d.kind}
         | ({} if d.meter is None else {"meter": d.meter.name})
-        | d.record({label: own[i] for label, own in scores.items()})
+        | d.record({label: set_scores[i] for label, set_scores in scores.items()})
         | _baselines(d, data, scores[JUDGED][i] if JUDGED in scores else None)
         for i, d in enumerate(data)
     ]
 
 
-def _baselines(one: DataSet, data: Sequence[DataSet], score: Score | None) -> dict[str, Any]:
+def _baselines(data_set: DataSet, data: Sequence[DataSet], score: Score | None) -> dict[str, Any]:
     """Trivial models beside the calibrated one on data that it was not fitted to, if there are any."""
-    if score is None or one.role is not Role.VALIDATION:
+    if score is None or data_set.role is not Role.VALIDATION:
         return {}
-    found = score.baselines(of_role(data, Role.FIT))
-    return {"baselines": found} if found else {}
+    baselines = score.baselines(of_role(data, Role.FIT))
+    return {"baselines": baselines} if baselines else {}
 
 
 def _parameters(calibration: Calibration, identified: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -136,30 +136,34 @@ def calibrate(
     with held_interrupts() as stop:
         search = Search(study, objective_of(study, threads), workers, Listeners(progress, recorder, stop), checkpoint)
         start, by_itself, at_start = _start(study, threads, warn, strict)
-        found = _calibration(study, search.to_end(), start, threads)
-        _tell(tuple(one for one in found.warnings if one not in by_itself + at_start), warn)
-        return found
+        calibration = _calibration(study, search.to_end(), start, threads)
+        _tell(tuple(finding for finding in calibration.warnings if finding not in by_itself + at_start), warn)
+        return calibration
 
 
 def at_values(calibration: Calibration, best: Mapping[str, float], threads: int | None = None) -> Calibration:
     """The calibration with values `best` [SI] of all parameters, such as the most likely, in place of the search's."""
     study, x = calibration.study, np.array([best[name] for name in calibration.study.space.names])
     cost = float(objective_of(study, threads).costs(x[None]).costs[0])
-    found = {one.name: getattr(calibration, one.name) for one in fields(SearchResult)}
-    found |= {"best": dict(best), "cost": cost, "ends": (Best(x, cost), *calibration.ends[1:])}
-    return _calibration(study, SearchResult(**found), calibration.scores["start"], threads)
+    values = {item.name: getattr(calibration, item.name) for item in fields(SearchResult)}
+    values |= {"best": dict(best), "cost": cost, "ends": (Best(x, cost), *calibration.ends[1:])}
+    return _calibration(study, SearchResult(**values), calibration.scores["start"], threads)
 
 
-def _calibration(study: Study, found: SearchResult, start: Scores, threads: int | None) -> Calibration:
+def _calibration(study: Study, search_result: SearchResult, start: Scores, threads: int | None) -> Calibration:
     """Result of a search with what it makes of injector and data; `start` are the scores of the start values."""
-    injector, finished = injector_of(study, found.best), found.status == "finished"
-    scores = scores_of(study, injector, threads, with_rigid=finished, start=start, best=found.best)
+    injector, finished = injector_of(study, search_result.best), search_result.status == "finished"
+    scores = scores_of(study, injector, threads, with_rigid=finished, start=start, best=search_result.best)
     members: tuple[Injector, ...] = ()
     if finished:
-        members, mean = mean_scores(study, injector, scores[JUDGED], found.ends, threads)
+        members, mean = mean_scores(study, injector, scores[JUDGED], search_result.ends, threads)
         scores |= mean
     by_itself = of_settings(study)
-    after = after_fit(Fit(study, found.best, found.start_cost, found.cost, scores["best"]), injector, by_itself)
+    after = after_fit(
+        Fit(study, search_result.best, search_result.start_cost, search_result.cost, scores["best"]),
+        injector,
+        by_itself,
+    )
     return Calibration(
         study=study,
         injector=injector,
@@ -167,7 +171,7 @@ def _calibration(study: Study, found: SearchResult, start: Scores, threads: int 
         warnings=by_itself + after,
         start_warnings=_others(of_values(study, start), after),
         members=members,
-        **vars(found),
+        **vars(search_result),
     )
 
 
@@ -200,9 +204,9 @@ def _start(
     return start, by_itself, simulated
 
 
-def _others(findings: tuple[Finding, ...], known: tuple[Finding, ...]) -> tuple[Finding, ...]:
+def _others(findings: tuple[Finding, ...], reported: tuple[Finding, ...]) -> tuple[Finding, ...]:
     """Findings whose kind and subject are not among the known ones."""
-    said = {(finding.code, finding.subject) for finding in known}
+    said = {(finding.code, finding.subject) for finding in reported}
     return tuple(finding for finding in findings if (finding.code, finding.subject) not in said)
 
 

@@ -40,9 +40,9 @@ def scores_of(
     if with_rigid and study.injector.variant.body is Body.FLEXIBLE and traces:
         rigid = study.injector.variant._replace(body=Body.RIGID)
         injectors["rigid"] = replace(study.injector, variant=rigid)
-    known = {"start": start or score_all(study, study.injector, threads)}
+    start_scores = {"start": start or score_all(study, study.injector, threads)}
     data = {"best": with_meters(study.data, [meter.with_best(best or {}) for meter in study.meters])}
-    return known | {
+    return start_scores | {
         label: score_all(study, injector, threads, data.get(label)) for label, injector in injectors.items()
     }
 
@@ -92,23 +92,23 @@ def mean_of(data: Sequence[DataSet], scores: Sequence[Sequence[Score]]) -> tuple
 
     None unless all data are maps and there are several models.
     """
-    maps = [one for one in data if isinstance(one, QuantityData)]
+    maps = [data_set for data_set in data if isinstance(data_set, QuantityData)]
     if len(maps) < len(data) or len(scores) < 2:
         return ()
-    found = []
-    for one, own in zip(maps, zip(*scores, strict=True), strict=True):
-        scored = [score for score in own if isinstance(score, QuantityScore)]
+    means = []
+    for data_set, set_scores in zip(maps, zip(*scores, strict=True), strict=True):
+        scored = [score for score in set_scores if isinstance(score, QuantityScore)]
         quantity = np.mean([score.values for score in scored], axis=0)
-        found.append(QuantityScore(one, quantity, np.mean([score.dead_time for score in scored], axis=0)))
-    return tuple(found)
+        means.append(QuantityScore(data_set, quantity, np.mean([score.dead_time for score in scored], axis=0)))
+    return tuple(means)
 
 
 def injector_of(study: Study, best: Mapping[str, float], number: int = 1) -> Injector:
     """Injector with the values of an optimum, the best being number 1; name and title say that it is calibrated."""
-    own = {name: value for name, value in best.items() if not is_of_meter(name)}
+    values = {name: value for name, value in best.items() if not is_of_meter(name)}
     name = f"{study.injector.name}-calibrated" + (f"-{number}" if number > 1 else "")
     title = study.injector.title.removesuffix(", calibrated").removesuffix(", start values")
-    return replace(study.injector.with_values(own), name=name, title=f"{title}, calibrated".removeprefix(", "))
+    return replace(study.injector.with_values(values), name=name, title=f"{title}, calibrated".removeprefix(", "))
 
 
 def mean_scores(

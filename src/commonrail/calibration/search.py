@@ -117,7 +117,7 @@ def noise_in(cost: float, residuals: int, parameters: int, goal: tuple[Loss, Seq
     loss and fitted data: J of a curve is a sum of absolute errors.
     """
     loss, data = goal
-    absolute = loss is Loss.KINDS and any(one.bounds is not None for one in data)
+    absolute = loss is Loss.KINDS and any(data_set.bounds is not None for data_set in data)
     return noise_of(cost, residuals, parameters, 2.0 if absolute else 1.0)
 
 
@@ -134,8 +134,8 @@ def judge_population(costs: Floats, history: Sequence[Generation], noise: float)
     past = history[max(len(history) - 1 - LATEST, 0)]
     done = max(history[-1].generation - past.generation, 1)
     gain = (past.best - history[-1].best) / noise / done
-    known = len(history) > LATEST and bool(np.isfinite(gain))
-    converged = spread <= ALIKE and known and gain <= SMALL_GAIN
+    has_gain = len(history) > LATEST and bool(np.isfinite(gain))
+    converged = spread <= ALIKE and has_gain and gain <= SMALL_GAIN
     figures = {"members": len(finite), "spread": spread, "gain_per_generation": gain if np.isfinite(gain) else None}
     figures["cut_short"] = not converged
     sentence = (
@@ -219,8 +219,8 @@ def steps(optimiser: Optimiser, objective: FitObjective) -> Iterator[Step]:
             done, trials = optimiser.steps, optimiser.ask()
             if trials.x.shape[1:] != (optimiser.space.dimension,):
                 raise ValueError(f"asks for points of shape {trials.x.shape}")
-        if trials.wanted in (Question.RESIDUALS, Question.SCREENED):
-            screening = trials.wanted is Question.SCREENED
+        if trials.question in (Question.RESIDUALS, Question.SCREENED):
+            screening = trials.question is Question.SCREENED
             answers = objective.screened(trials.x) if screening else objective.residuals(trials.x)
             with blamed(kind):
                 optimiser.tell(answers)
@@ -229,7 +229,7 @@ def steps(optimiser: Optimiser, objective: FitObjective) -> Iterator[Step]:
         step = _costs(trials, objective)
         with blamed(kind):
             optimiser.tell(step.costs)
-        if trials.wanted is Question.COSTS:
+        if trials.question is Question.COSTS:
             simulations += step.simulations
         if optimiser.steps > done:
             yield step._replace(simulations=simulations)
@@ -377,11 +377,11 @@ class Search:
     def _reason(self) -> str:
         """Reason for the end of the first optimiser; where refinements are judged, its own verdict is not in it."""
         first, last = self._begun[0], self._begun[-1]
-        told = first.finished or first.verdict is not None
-        found = first.reason if told else self._of_population(first).sentence
-        if "converged: " not in found or not isinstance(last, Refinement):
-            return found
-        return f"{first.phase}: {re.sub('(not )?converged: ', '', found)}; then {last.phase}"
+        judges_itself = first.finished or first.verdict is not None
+        reason = first.reason if judges_itself else self._of_population(first).sentence
+        if "converged: " not in reason or not isinstance(last, Refinement):
+            return reason
+        return f"{first.phase}: {re.sub('(not )?converged: ', '', reason)}; then {last.phase}"
 
     def _verdict(self) -> Convergence:
         """Verdict on convergence: that of the refinements, else of the first optimiser or on its population."""
@@ -423,9 +423,16 @@ class Search:
         if self.listeners.recorder is not None:
             self.listeners.recorder.step(step, reached, self._checkpoint())
         if self.listeners.progress is not None:
-            told = (optimiser.phase, optimiser.steps, optimiser.total, *reached[1:], self.simulations, self._seconds())
+            figures = (
+                optimiser.phase,
+                optimiser.steps,
+                optimiser.total,
+                *reached[1:],
+                self.simulations,
+                self._seconds(),
+            )
             with suppress(OSError, ValueError):  # a terminal that went away must not end the search
-                self.listeners.progress(Progress(*told))
+                self.listeners.progress(Progress(*figures))
         self.check_stop()
 
     def _checkpoint(self) -> Checkpoint:
@@ -469,8 +476,8 @@ def _row(method: Method, space: Space, seed: int) -> list[_Begin]:
 
     def begun(_: Optimiser | None) -> Optimiser:
         with blamed(first.begin):
-            found: Optimiser = first.begin(space, np.random.default_rng(seed), method.evolution)
-        return found
+            optimiser: Optimiser = first.begin(space, np.random.default_rng(seed), method.evolution)
+        return optimiser
 
     stages: list[_Begin] = [begun]
     if method.polish:

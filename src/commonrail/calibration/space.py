@@ -10,7 +10,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import frozen, instance, instances, mapping, number, plain_text, sequence, settle, whole
+from commonrail.base.arguments import (
+    frozen,
+    instance,
+    instances,
+    integer,
+    mapping,
+    number,
+    plain_text,
+    sequence,
+    settle,
+)
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.constraints import (
@@ -129,13 +139,13 @@ class Space:
 
         Raises `ConfigurationError` if one is missing, or no number.
         """
-        given = mapping(values, "values of the parameters", f'{{"{self.names[0]}": {self.reference[0]:g}}}')
-        if missing := [name for name in self.names if name not in given]:
+        checked = mapping(values, "values of the parameters", f'{{"{self.names[0]}": {self.reference[0]:g}}}')
+        if missing := [name for name in self.names if name not in checked]:
             raise ConfigurationError(
                 f"The values of the parameters lack {missing[0]}; give one for each free parameter: "
                 f"{', '.join(self.names)}."
             )
-        return np.array([number(given[p.name], p.unit, p.name) for p in self.parameters])
+        return np.array([number(checked[p.name], p.unit, p.name) for p in self.parameters])
 
     def to_unit(self, x: ArrayLike) -> Floats:
         """Unit coordinates (..., d) of points (..., d); 0 and 1 exactly at the bounds."""
@@ -216,14 +226,14 @@ class Space:
         start, goal = np.asarray(anchor, dtype=float), np.asarray(x, dtype=float)
         if len(self.products):
             return _halved(self, start, goal)
-        here, there = _distances(self, start), _distances(self, goal)
-        crossed = there < 0.0
-        drop = np.where(crossed, np.maximum(here, 0.0) - there, 1.0)
-        fraction = np.where(crossed, np.maximum(here, 0.0) / drop, 1.0).min(axis=-1)
+        at_start, at_goal = _distances(self, start), _distances(self, goal)
+        crossed = at_goal < 0.0
+        drop = np.where(crossed, np.maximum(at_start, 0.0) - at_goal, 1.0)
+        fraction = np.where(crossed, np.maximum(at_start, 0.0) / drop, 1.0).min(axis=-1)
         share = (fraction * (1.0 - _SHORT_OF_BOUNDARY))[..., None]
         pulled = np.clip(start + share * (goal - start), self.lower, self.upper)
         pulled = np.where(self.satisfies(pulled)[..., None], pulled, start)
-        feasible = (there >= self._limits.least).all(axis=-1, keepdims=True)
+        feasible = (at_goal >= self._limits.least).all(axis=-1, keepdims=True)
         return np.asarray(np.where(feasible, goal, pulled))
 
 
@@ -285,9 +295,9 @@ def _halved(space: Space, start: Floats, goal: Floats) -> Floats:
         middle = 0.5 * (inside + outside)
         feasible = space.satisfies(start + middle[..., None] * (goal - start))
         inside, outside = np.where(feasible, middle, inside), np.where(feasible, outside, middle)
-    found = start + inside[..., None] * (goal - start)
-    found = np.where(space.satisfies(found)[..., None], found, start)
-    return np.where(space.satisfies(goal)[..., None], goal, found)
+    last_feasible = start + inside[..., None] * (goal - start)
+    last_feasible = np.where(space.satisfies(last_feasible)[..., None], last_feasible, start)
+    return np.where(space.satisfies(goal)[..., None], goal, last_feasible)
 
 
 # Draws of starting points: uniform in the bounds, or uniform where the constraints hold too.
@@ -340,7 +350,7 @@ def sample_feasible(space: Space, n: int, rng: np.random.Generator) -> Floats:
     ConfigurationError
         If the number is negative or has a fraction, or an argument is of another kind.
     """
-    n = whole(n, "number of points")
+    n = integer(n, "number of points")
     instance(rng, np.random.Generator, "rng")
     if not instance(space, Space, "space").constrained:
         return sample_uniform(space, n, rng)

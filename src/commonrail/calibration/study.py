@@ -11,16 +11,16 @@ from typing import Any, cast
 from commonrail.base.arguments import (
     Limits,
     amount,
-    chosen,
+    enum_member,
     flag,
     instance,
     instances,
+    integer,
     mapping,
     number,
     plain_text,
     sequence,
     settle,
-    whole,
 )
 from commonrail.base.choices import Precision
 from commonrail.base.display import Shown
@@ -81,13 +81,14 @@ class Judgement:
     def __post_init__(self) -> None:
         leave_out = tuple(
             dict.fromkeys(
-                chosen(by, LeaveOut, "leave_out") for by in sequence(self.leave_out, "leave_out", '["rail_pressure"]')
+                enum_member(by, LeaveOut, "leave_out")
+                for by in sequence(self.leave_out, "leave_out", '["rail_pressure"]')
             )
         )
-        settle(self, seeds=whole(self.seeds, "seeds of the judgement"), leave_out=leave_out)
+        settle(self, seeds=integer(self.seeds, "seeds of the judgement"), leave_out=leave_out)
 
     @property
-    def wanted(self) -> bool:
+    def has_searches(self) -> bool:
         """True if there is any further search."""
         return bool(self.seeds or self.leave_out)
 
@@ -127,8 +128,8 @@ class Method:
             instance(self.evolution, REGISTERED[0].settings, "evolution")
         settle(
             self,
-            polish=whole(self.polish, "polish"),
-            polish_iterations=whole(self.polish_iterations, "polish_iterations", 1),
+            polish=integer(self.polish, "polish"),
+            polish_iterations=integer(self.polish_iterations, "polish_iterations", 1),
             stop_when_converged=flag(self.stop_when_converged, "stop_when_converged"),
         )
 
@@ -221,10 +222,10 @@ class Study(Shown):
         settle(
             self,
             data=instances(self.data, DataSet, "data"),  # type: ignore[type-abstract]
-            seed=whole(self.seed, "seed"),
+            seed=integer(self.seed, "seed"),
             time_step=check_step(self.time_step),
-            precision=chosen(self.precision, Precision, "precision"),
-            loss=chosen(self.loss, Loss, "loss"),
+            precision=enum_member(self.precision, Precision, "precision"),
+            loss=enum_member(self.loss, Loss, "loss"),
             loss_scale=amount(self.loss_scale, "1", "loss_scale", SCALES),
             same_bits=flag(self.same_bits, "same_bits"),
             conditions=instances(self.conditions, Condition, "conditions"),
@@ -319,13 +320,13 @@ def study(
         If an argument is of another kind, a parameter is unknown, or bounds are crossed.
     """
     instance(injector, Injector, "injector")
-    found = instances([data] if isinstance(data, DataSet) else data, DataSet, "data")  # type: ignore[type-abstract]
+    data_sets = instances([data] if isinstance(data, DataSet) else data, DataSet, "data")  # type: ignore[type-abstract]
     space = Space([_free(injector, *item) for item in mapping(free, "free", EXAMPLE).items()], constraints)
     usual = Method(EvolutionSettings(), POLISH, stop_when_converged=True)
     return Study(
         title or injector.name,
         injector,
-        found,
+        data_sets,
         space,
         usual if method is None else method,
         seed,
@@ -346,8 +347,8 @@ def _free(injector: Injector, name: str, bounds: Any) -> Parameter:
     elif isinstance(bounds, Sequence) and not isinstance(bounds, str) and len(bounds) == 2:
         lower, upper = (number(value, unit, f"bound of {name}") for value in bounds)
     else:
-        wanted = f'(lower, upper) or a share such as "10 %", not {bounds!r}'
-        raise ConfigurationError(f"The bounds of {name} must be {wanted}.")
+        expected = f'(lower, upper) or a share such as "10 %", not {bounds!r}'
+        raise ConfigurationError(f"The bounds of {name} must be {expected}.")
     return Parameter(name, reference, lower, upper, unit, mark=cast(Mark, origin.mark), source=origin.text)
 
 

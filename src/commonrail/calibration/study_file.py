@@ -198,39 +198,41 @@ def _prior(model: ParameterModel, at: Place) -> Prior | None:
         return Prior(value, sigma, model.prior.source)
 
 
-def _origin(model: ParameterModel, own: Source) -> Source:
+def _origin(model: ParameterModel, origin: Source) -> Source:
     """Mark and source of a start value; of a prior the mark F, unless one is stated."""
     if model.prior is not None:
-        own = Source("F", model.prior.source)
-    return Source(model.mark or own.mark, model.source or own.text)
+        origin = Source("F", model.prior.source)
+    return Source(model.mark or origin.mark, model.source or origin.text)
 
 
 def _data(models: Sequence[DataModel], context: Context, at: Place) -> tuple[DataSet, ...]:
     _refuse_twice([model.name for model in models], [at[i] / "name" for i in range(len(models))])
-    found: list[DataSet] = []
+    data_sets: list[DataSet] = []
     samples = 0
     for i, model in enumerate(models):
         kind = kind_of(model.kind)
         noise = model.noise.read(kind.sigma_unit, at[i] / "noise")
         for read in kind.read_all(model, context._replace(at=at[i])):
             stated = noise.sigma is not None or bool(noise.shots)
-            own = replace(noise, **(read.noise.measured_scatter if stated else read.noise.measured))
-            found.append(read.changed(noise=own))
+            full_noise = replace(noise, **(read.noise.measured_scatter if stated else read.noise.measured))
+            data_sets.append(read.changed(noise=full_noise))
             samples += read.samples
             if samples > MOST_SAMPLES:
                 raise at[i].error(
                     f"the data have more than {MOST_SAMPLES} samples up to here; give windows or thin them out"
                 )
-    _refuse_twice([data.name for data in found], [at] * len(found))  # parts that are held out have names of their own
-    return tuple(found)
+    _refuse_twice(
+        [data.name for data in data_sets], [at] * len(data_sets)
+    )  # parts that are held out have names of their own
+    return tuple(data_sets)
 
 
 def _refuse_twice(names: Sequence[str], at: Sequence[Place]) -> None:
-    known: set[str] = set()
+    earlier: set[str] = set()
     for name, place in zip(names, at, strict=True):
-        if name in known:
+        if name in earlier:
             raise place.error(f'there are two data sets "{name}"; rename one')
-        known.add(name)
+        earlier.add(name)
 
 
 def _refuse_unused(meters: Mapping[str, Meter], data: Sequence[DataSet], at: Place) -> None:
@@ -249,8 +251,8 @@ def method_of(stated: Optimisers, space: Space, at: Place) -> Method:
     """
     values = {key: tuple(value) if isinstance(value, list) else value for key, value in stated.settings.items()}
     with located(at):
-        settings = stated.chosen.settings(**values)
-    for key, check in stated.chosen.checks.items():
+        settings = stated.optimiser.settings(**values)
+    for key, check in stated.optimiser.checks.items():
         with located(at / key):
             check(settings, space)
     return Method(settings, stated.polish, stated.polish_iterations, stated.stop_when_converged)
@@ -270,25 +272,27 @@ def _space(
 
 
 def _conditions(models: list[ConditionModel], injector: Injector, at: Place) -> tuple[Condition, ...]:
-    found = []
+    conditions = []
     for i, model in enumerate(models):
         with located(at[i]):
             for rail, time in itertools.product(model.rail_pressure, model.energising_time):
                 horizon = time + AFTER_ENERGISING
                 point = OperatingPoint(rail, time, model.cylinder_pressure, model.return_pressure, horizon=horizon)
-                found.append(Condition(model.wanted, point))
-                check_condition(injector, found[-1])
-    return tuple(found)
+                conditions.append(Condition(model.wanted, point))
+                check_condition(injector, conditions[-1])
+    return tuple(conditions)
 
 
 def _with_products(space: Space, texts: list[str], injector: Injector, data: Sequence[DataSet], at: Place) -> Space:
     """The space with the constraints between products, in which the values that do not vary are known."""
     if not texts:
         return space
-    known = {name: value for name, value in injector.values.items() if name not in space.names}
+    fixed_values = {name: value for name, value in injector.values.items() if name not in space.names}
     largest = max(point.initial_pressures()[0] for d in data for point in d.points)
     with located(at / "products"):
-        return replace(space, products=parse_products(texts, space.names, {**known, "rail_pressure_max": largest}))
+        return replace(
+            space, products=parse_products(texts, space.names, {**fixed_values, "rail_pressure_max": largest})
+        )
 
 
 def _parameter(model: ParameterModel, injector: Injector, at: Place) -> Parameter:
@@ -411,8 +415,8 @@ def load_meter(path: str | Path, name: str) -> Meter:
     else:
         meters = {meter.name: meter for meter in load_meters(file)}
     if name not in meters:
-        known = f"it has {', '.join(meters)}" if meters else "it has none"
-        raise (at / "meters").error(f'there is no meter "{name}"{nearest(name, meters)}; {known}')
+        listing = f"it has {', '.join(meters)}" if meters else "it has none"
+        raise (at / "meters").error(f'there is no meter "{name}"{nearest(name, meters)}; {listing}')
     return meters[name]
 
 
@@ -435,7 +439,7 @@ def _of_meter(name: str, amount: Amount, q: Q, default: Source, at: Place) -> Pa
     assert amount.lower is not None
     assert amount.upper is not None
     with located(at):
-        found = Parameter(
+        parameter = Parameter(
             name,
             start,
             amount.lower,
@@ -449,7 +453,7 @@ def _of_meter(name: str, amount: Amount, q: Q, default: Source, at: Place) -> Pa
         )
     if not amount.lower <= start <= amount.upper:
         raise at.error(f"the start value {start:g} must lie between lower and upper")
-    return found
+    return parameter
 
 
 def _prior_of_meter(amount: Amount, start: float, at: Place) -> Prior | None:

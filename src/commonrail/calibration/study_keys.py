@@ -40,8 +40,8 @@ _BLOCK = OneOf(
 
 def known_parameter(item: str) -> str:
     """Name of a parameter, or a fault with the nearest one."""
-    if item not in (known := parameter_quantities()):
-        raise fault(f'there is no parameter "{item}"{nearest(item, known)}')
+    if item not in (quantities := parameter_quantities()):
+        raise fault(f'there is no parameter "{item}"{nearest(item, quantities)}')
     return item
 
 
@@ -114,16 +114,16 @@ class ConstraintsModel(FileModel):
 
 
 def _known_method(name: str) -> str:
-    if registry.named(name) is None:
-        known = " or ".join(f'"{known}"' for known in registry.methods())
-        raise fault(f'this must be {known}, not "{name}"; one of another package needs that package installed')
+    if registry.find_optimiser(name) is None:
+        choices = " or ".join(f'"{method}"' for method in registry.methods())
+        raise fault(f'this must be {choices}, not "{name}"; one of another package needs that package installed')
     return name
 
 
 class Optimisers(NamedTuple):
     """Table of the optimisers: the first one, its settings that are stated, and the refinements after it."""
 
-    chosen: Registered
+    optimiser: Registered
     settings: dict[str, Any]
     polish: int
     polish_iterations: int
@@ -133,14 +133,14 @@ class Optimisers(NamedTuple):
 def read_optimisers(table: Any) -> Optimisers:
     """The optimisers that a table states; a setting that is left out keeps its own default."""
     name = table.get("method") if isinstance(table, Mapping) else None
-    found = registry.named(name) if isinstance(name, str) else None
-    chosen = found or registry.REGISTERED[0]
-    model = _optimiser_model(chosen.settings)  # type: ignore[arg-type]
-    known = found or name is None
-    stated = dict(model.model_validate(table if known else {"method": name}))  # an unknown one is its first fault
+    match = registry.find_optimiser(name) if isinstance(name, str) else None
+    optimiser = match or registry.REGISTERED[0]
+    model = _optimiser_model(optimiser.settings)  # type: ignore[arg-type]
+    is_valid = match or name is None
+    stated = dict(model.model_validate(table if is_valid else {"method": name}))  # an unknown one is its first fault
     polish = {key: stated.pop(key) for key in ("polish", "polish_iterations", "stop_when_converged")}
-    kept = {f.name: stated[f.name] for f in fields(chosen.settings) if stated[f.name] is not None}
-    return Optimisers(chosen, kept, **polish)
+    settings = {f.name: stated[f.name] for f in fields(optimiser.settings) if stated[f.name] is not None}
+    return Optimisers(optimiser, settings, **polish)
 
 
 @cache

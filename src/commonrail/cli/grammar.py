@@ -194,7 +194,7 @@ class Verbs(click.Group):
         entry = find("verbs", self.prefix + cmd_name)
         if entry is None:
             return None
-        return entry.part(click.Command, "a command of click")
+        return entry.load_as(click.Command, "a command of click")
 
     def _names(self) -> list[str]:
         names = [name.removeprefix(self.prefix) for name in entries("verbs") if name.startswith(self.prefix)]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.physics.injector import Injector
-from commonrail.physics.variants import varied
+from commonrail.physics.variants import apply_words
 from commonrail.readers.injector import CATALOGUE, in_catalogue, injector_catalogue, load_injector, load_meters
 from commonrail.readers.location import Place, located
 
@@ -85,7 +85,7 @@ def read_model_name(text: str) -> NamedModel:
     injector, meters = _injector(source), _meters(source)
     if words is not None:
         with located(Place(text)):
-            injector = replace(injector, variant=varied(injector.variant, words))
+            injector = replace(injector, variant=apply_words(injector.variant, words))
     folder = None
     if not in_catalogue(source) and Path(source).is_dir():
         from commonrail.runs.folder import note_stopped

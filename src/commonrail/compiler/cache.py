@@ -38,7 +38,7 @@ _LANES = f"{_PACKAGE}.engine.block"  # makes the kernels that most simulations c
 
 
 def read(path: Path) -> tuple[bytes | None, str]:
-    """Payload of a file, None where there is none or it must not be loaded, and what is wrong with it."""
+    """Payload of a file, None if absent or not to be loaded, and its fault."""
     try:
         handle = os.open(path, os.O_RDONLY | _GUARDED)
         with open(handle, "rb") as file:
@@ -54,12 +54,12 @@ def read(path: Path) -> tuple[bytes | None, str]:
     if fault:
         return None, fault
     payload = content[len(_HEADER) + _DIGEST :]
-    if content != _sealed(path.name, payload):
+    if content != _seal(path.name, payload):
         return None, "is damaged"
     return payload, ""
 
 
-def _sealed(name: str, payload: bytes) -> bytes:
+def _seal(name: str, payload: bytes) -> bytes:
     # with the name: the code of another kernel under it would give other bits, or end the process
     return _HEADER + hashlib.sha256(name.encode() + payload).digest() + payload
 
@@ -69,7 +69,7 @@ def write(path: Path, payload: bytes) -> None:
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=".")
     try:
         with open(handle, "wb") as file:
-            file.write(_sealed(path.name, payload))
+            file.write(_seal(path.name, payload))
         if path.is_dir() and not path.is_symlink():  # a file cannot replace it: it would be in the way for ever
             os.rename(path, tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}-"))
         os.replace(name, path)
@@ -78,13 +78,13 @@ def write(path: Path, payload: bytes) -> None:
         raise
 
 
-def kept_or_made(name: str, make: Callable[[], bytes]) -> bytes:
-    """Return the payload of a file beside the kernels; it is made and kept where there is none.
+def get_or_make(name: str, make: Callable[[], bytes]) -> bytes:
+    """Return the payload of a cached file; make and store it if absent.
 
     Parameters
     ----------
     name : str
-        Of the file. The folder stands for the versions of the compiler: what else decides belongs into the name.
+        Of the file. The folder identifies the versions of the compiler; all else that matters belongs in the name.
     make : function
         Makes the payload.
     """
@@ -93,17 +93,17 @@ def kept_or_made(name: str, make: Callable[[], bytes]) -> bytes:
         with compiling():
             return make()
     path = folder / name
-    found, _ = read(path)
-    if found is None:
+    content, _ = read(path)
+    if content is None:
         with compiling(), turn(path.with_suffix(".lock")):
-            found, fault = read(path)
+            content, fault = read(path)
             if fault:
                 note(f"{path}: {fault}; it is made anew.")
-            if found is None:
-                found = make()
+            if content is None:
+                content = make()
                 with contextlib.suppress(OSError):
-                    write(path, found)
-    return found
+                    write(path, content)
+    return content
 
 
 @contextlib.contextmanager
@@ -113,11 +113,11 @@ def turn(path: Path) -> Iterator[None]:
     The lock is the operating system's, by way of SQLite, and ends with its process. A process that cannot get it
     compiles too.
     """
-    with contextlib.ExitStack() as held:
+    with contextlib.ExitStack() as cleanup:
         with contextlib.suppress(sqlite3.Error):  # a full disk
             # An interrupted compilation may be cleared away in another thread.
             connection = sqlite3.connect(path, isolation_level=None, timeout=LONGEST_WAIT, check_same_thread=False)
-            lock = held.enter_context(contextlib.closing(connection))
+            lock = cleanup.enter_context(contextlib.closing(connection))
             lock.execute("BEGIN EXCLUSIVE")
         yield
 
@@ -126,7 +126,7 @@ def turn(path: Path) -> Iterator[None]:
 def cache_folder() -> Path | None:
     """Folder of compiled kernels, or None where no place is safe and writable (then every process compiles).
 
-    It is named by what decides over the lanes' machine code beside the processor: laws, Python, Numba and llvmlite.
+    Its name covers all that determines the lanes' machine code except the processor: laws, Python, Numba and llvmlite.
     """
     stamps = private_folder(_STAMPS)
     if stamps is None:
@@ -139,7 +139,7 @@ def cache_folder() -> Path | None:
 
 @functools.cache
 def private_folder(name: str) -> Path | None:
-    """Folder of a name in the first place where nobody else can write, or None where there is none."""
+    """Folder of a name in the first place where nobody else can write, or None."""
     return next((place / name for place in places() if _is_usable(place / name)), None)
 
 
@@ -191,28 +191,28 @@ def objection(folder: Path) -> str:
             return f"{level} {fault}"
     above = folder.parent.parent.resolve()
     for level in (above, *above.parents):
-        found = os.stat(level)
-        if found.st_uid not in (0, os.getuid()):
+        status = os.stat(level)
+        if status.st_uid not in (0, os.getuid()):
             return f"{level} belongs to another user"
-        if _is_open(found) and not found.st_mode & stat.S_ISVTX:
+        if _is_open(status) and not status.st_mode & stat.S_ISVTX:
             return f"{level} may be written by others"
     return ""
 
 
-def _is_open(found: os.stat_result) -> bool:
+def _is_open(status: os.stat_result) -> bool:
     """Return whether others than the owner may write; the group of the same number as the user is the user's own."""
-    group = found.st_mode & stat.S_IWGRP and found.st_gid not in (0, os.getuid())
-    return bool(group or found.st_mode & stat.S_IWOTH)
+    group = status.st_mode & stat.S_IWGRP and status.st_gid not in (0, os.getuid())
+    return bool(group or status.st_mode & stat.S_IWOTH)
 
 
-def _objection(found: os.stat_result, is_kind: Callable[[int], bool], kind: str) -> str:
-    if not is_kind(found.st_mode):
+def _objection(status: os.stat_result, is_kind: Callable[[int], bool], kind: str) -> str:
+    if not is_kind(status.st_mode):
         return f"is not {kind}"
     if not hasattr(os, "getuid"):
         return ""
-    if found.st_uid != os.getuid():
+    if status.st_uid != os.getuid():
         return "belongs to another user"
-    if _is_open(found):
+    if _is_open(status):
         return "may be written by others (chmod go-w makes it private)"
     return ""
 

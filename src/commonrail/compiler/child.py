@@ -1,6 +1,6 @@
-"""Process that lowers laws to LLVM's text, and what is asked of it.
+"""Child process that lowers laws to LLVM's text.
 
-Numba types and lowers laws in a child process, for no processor in particular. There it may be told to leave the text
+Numba types and lowers laws in a child process, for no processor in particular. There Numba may leave the text
 unoptimised and unvectorised, which nobody else's Numba is; and laws that were typed for one kernel are known to the
 next one. The child ends with its parent, or when it has waited for a while.
 """
@@ -18,7 +18,7 @@ from typing import Any
 
 from commonrail.base.child import python, same_modules
 from commonrail.base.errors import ConfigurationError
-from commonrail.compiler.cache import Source, kept_or_made
+from commonrail.compiler.cache import Source, get_or_make
 from commonrail.compiler.lower import NUMBA
 from commonrail.compiler.target import may_compile
 
@@ -28,11 +28,11 @@ def texts(source: Source) -> dict[str, str]:
 
     Raises ConfigurationError if the compiler fails, or ``NUMBA_DISABLE_JIT`` forbids to compile.
     """
-    found: dict[str, str] = json.loads(kept_or_made(f"{source.digest}.text", lambda: _lowered(source)))
-    return found
+    texts_by_name: dict[str, str] = json.loads(get_or_make(f"{source.digest}.text", lambda: _lower(source)))
+    return texts_by_name
 
 
-def _lowered(source: Source) -> bytes:
+def _lower(source: Source) -> bytes:
     if not may_compile():
         raise ConfigurationError(
             "The fast engine needs its compiler, which NUMBA_DISABLE_JIT switches off; unset it, or use the engine "

@@ -1,4 +1,4 @@
-"""Laws for Numba: overloads by precision, memory behind addresses, rows that are one vector.
+"""Laws for Numba: overloads by precision, memory at addresses, rows as one vector.
 
 Only the child process that lowers laws (`lower`), CUDA kernels and tests import it: loading Numba takes longer than a
 simulation.
@@ -24,7 +24,7 @@ from commonrail.physics.law import CACHE_LINE, in_single, offer_laws, physics
 
 # What the compiler may do with sums and products, by the kind of a kernel. No "nnan"/"ninf": a candidate that blows up
 # must be seen to be non-finite. No "arcp" in single precision: a reciprocal would be the processor's estimate, and
-# makers differ in it. Nothing at all in an exact one: every processor rounds alike what is neither fused nor reordered.
+# makers differ in it. Nothing at all in an exact one: processors round equally what is neither fused nor reordered.
 FASTMATH: dict[str, set[str]] = {
     "f64": {"nsz", "arcp", "contract", "reassoc"},
     "f32": {"nsz", "contract", "reassoc"},
@@ -51,8 +51,8 @@ def by_precision(law: Callable[..., Any]) -> Callable[..., Any]:
     would be double, and draw everything that they touch along.
     """
 
-    def choose(*arguments: Any, **named: Any) -> Callable[..., Any]:
-        return in_single(law) if any(map(is_single, (*arguments, *named.values()))) else law
+    def choose(*arguments: Any, **keywords: Any) -> Callable[..., Any]:
+        return in_single(law) if any(map(is_single, (*arguments, *keywords.values()))) else law
 
     return choose
 
@@ -73,7 +73,7 @@ def declare_laws(kind: str) -> None:
 
 
 @intrinsic
-def exchange_rounding(typing: Any, bits: Any, kept: Any) -> Any:
+def exchange_rounding(typing: Any, bits: Any, mask: Any) -> Any:
     """Set the processor's register of floating-point modes to (mode & kept) | bits; returns the mode before.
 
     Elsewhere than on x86 it does nothing.
@@ -149,7 +149,7 @@ def row_copier(lanes: int) -> Callable[..., None]:
 
 
 def row_tester(lanes: int) -> Callable[..., bool]:
-    """Function (source, first) that tells whether any of `lanes` numbers is not zero, as one vector."""
+    """Function (source, first) that is true if any of `lanes` numbers is not zero, as one vector."""
 
     @intrinsic
     def is_any(typing: Any, source: Any, first: Any) -> Any:
@@ -173,16 +173,18 @@ def row_gatherer(lanes: int) -> Callable[..., None]:
     @intrinsic
     def gather(typing: Any, target: Any, to: Any, source: Any, where: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-            number, whole = context.get_value_type(target.dtype), context.get_value_type(types.intp)
+            number, integer = context.get_value_type(target.dtype), context.get_value_type(types.intp)
             into = context.make_array(target)(context, builder, arguments[0]).data
             drawn = context.make_array(source)(context, builder, arguments[2]).data
             place, first, now, mask = cgutils.unpack_tuple(builder, arguments[3], 4)
             row = ir.Constant(ir.VectorType(number, lanes), ir.Undefined)
             for lane in range(lanes):
-                delay = builder.fptosi(builder.load(builder.gep(into, [builder.add(place, whole(lane))])), whole)
+                delay = builder.fptosi(builder.load(builder.gep(into, [builder.add(place, integer(lane))])), integer)
                 slot = builder.add(builder.and_(builder.sub(now, delay), mask), first)
-                found = builder.load(builder.gep(drawn, [builder.add(builder.mul(slot, whole(lanes)), whole(lane))]))
-                row = builder.insert_element(row, found, ir.IntType(32)(lane))
+                element = builder.load(
+                    builder.gep(drawn, [builder.add(builder.mul(slot, integer(lanes)), integer(lane))])
+                )
+                row = builder.insert_element(row, element, ir.IntType(32)(lane))
             return _row(context, builder, target, arguments[:2], lanes, row)
 
         return types.none(target, types.intp, source, types.UniTuple(types.intp, 4)), generate  # type: ignore[attr-defined]
@@ -229,7 +231,7 @@ def of_table(function: Callable[..., Any], described: tuple[Any, ...], real: typ
 
 
 def _reader(described: Any, real: type) -> Any:
-    """Function (table) of what is described: tuples with arrays that view the memory which the table names."""
+    """Make the function (table) that returns the described arguments, arrays as views of the memory in the table."""
     names: dict[str, Any] = {"carray": numba.carray, "pointer": pointer, "number": number}
     text = _expression(described, np.dtype(real).name, names, itertools.count())
     exec(f"def read(table):\n    return {text}\n", names)
@@ -243,7 +245,7 @@ def _expression(described: Any, real: str, names: dict[str, Any], places: Iterat
         data, *lengths = (f"table[{next(places)}]" for _ in range(1 + described.dimensions))
         return f"carray(pointer({data}), ({', '.join(lengths)},), {kind})"
     if isinstance(described, tuple):
-        parts = ", ".join(_expression(part, real, names, places) for part in described)
+        parts = ", ".join(_expression(item, real, names, places) for item in described)
         if not hasattr(described, "_fields"):
             return f"({parts},)"
         names[type(described).__name__] = type(described)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.compiler.cache import ENDING, Source, kept_or_made
+from commonrail.compiler.cache import ENDING, Source, get_or_make
 from commonrail.compiler.table import address, fill
 from commonrail.compiler.target import Processor, System, may_compile, own_processor
 
@@ -23,20 +23,20 @@ Call = Callable[[int, int, int], int]
 def object_of(source: Source, names: Mapping[str, str], processor: Processor) -> tuple[bytes, bool]:
     """Object file of a source for this system, from the cache or compiled, and whether it was compiled.
 
-    `names`: as of `lower.emit`. Raises ConfigurationError as `lower.texts`.
+    `names`: see `lower.emit`. Raises ConfigurationError as `child.texts` does.
     """
-    made = []
+    compiled = []
 
     def make() -> bytes:
         from commonrail.compiler.child import texts  # slow to import, and seldom needed
         from commonrail.compiler.lower import emit
 
-        made.append(True)
+        compiled.append(True)
         return emit(texts(source), names, system)
 
     system = System.of(processor)
     key = repr((source.digest, sorted(names.items()), system))
-    return kept_or_made(hashlib.sha256(key.encode()).hexdigest()[:24] + ENDING, make), bool(made)
+    return get_or_make(hashlib.sha256(key.encode()).hexdigest()[:24] + ENDING, make), bool(compiled)
 
 
 def load(content: bytes, symbol: str) -> tuple[Call, Any]:
@@ -95,7 +95,7 @@ class Kernel:
         if plain and not may_compile():
             return lambda: int(plain(*arguments) or 0)
         call, _ = self._function()
-        table, kept = fill(self._described, arguments)
+        table, referenced_arrays = fill(self._described, arguments)
         ended = np.zeros(2, np.int64)
         places = address(ended), address(ended) + 8, address(table)
 
@@ -103,7 +103,7 @@ class Kernel:
             call(*places)
             return int(ended[0])
 
-        again.kept = table, kept  # type: ignore[attr-defined]
+        again.kept = table, referenced_arrays  # type: ignore[attr-defined]
         return again
 
     def _function(self) -> tuple[Call, Any]:

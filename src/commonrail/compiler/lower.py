@@ -25,14 +25,14 @@ NUMBA = {
     "NUMBA_DISABLE_JIT": "0",
     "PYTHONHASHSEED": "0",  # flags of operations are written in the order of a set
 }
-# Counts of an array's owners: those of a kernel are views, which have none.
+# Reference counts of arrays: a kernel has only views, which need none.
 _COUNTS = re.compile(r"^ *(?:tail )?call void @NRT_(?:in|de)cref\(.*\n", re.MULTILINE)
-_IDLE = 300.0  # after which a child, of some 300 MB, ends [s]: another would have to type all laws anew
+_IDLE = 300.0  # idle time after which a child of about 300 MB ends [s]; the next one types all laws again
 
 
 def _serve(kind: str) -> None:
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="ascii")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what an import prints is no answer
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # output of an import must not mix with the answer
     from commonrail.compiler.laws import declare_laws
 
     declare_laws(kind)
@@ -52,8 +52,8 @@ def _answer(maker: str, words: list[str], kind: str, key: str) -> dict[str, Any]
     """Texts of a `cache.Source` by name, or a fault."""
     try:
         module, _, function = maker.partition(":")
-        made = getattr(import_module(module), function)(*words)
-        return {"texts": {name: _text(name, *of, kind=kind) for name, of in made.items()}}
+        entries = getattr(import_module(module), function)(*words)
+        return {"texts": {name: _text(name, *of, kind=kind) for name, of in entries.items()}}
     except Exception as error:  # a law of another package may raise anything
         return {"fault": " ".join(f"{type(error).__name__}: {error}".split())[:600]}
 
@@ -79,7 +79,7 @@ def _text(name: str, function: Callable[..., Any], signature: Any, *, kind: str)
     passes.run(module, builder)
     text = str(module)
     if "@NRT_" in text:
-        raise TypeError(f"{name} allocates memory, for which there is no owner")
+        raise TypeError(f"{name} allocates memory, which would have no owner")
     return text
 
 
@@ -91,12 +91,12 @@ def emit(texts: Mapping[str, str], names: Mapping[str, str], system: System, vis
 
     `texts`: by the name of the function in its text; `names`: by the same, its name in the object.
     """
-    machine, whole = optimised(texts, names, system, visibility)
-    return bytes(machine.emit_object(ordered(machine, whole)))
+    machine, module = optimise(texts, names, system, visibility)
+    return bytes(machine.emit_object(schedule_instructions(machine, module)))
 
 
-def ordered(machine: Any, module: Any) -> Any:
-    """An optimised module whose instructions the machine orders so that few of them wait for operands.
+def schedule_instructions(machine: Any, module: Any) -> Any:
+    """Reschedule an optimised module so few instructions wait for operands.
 
     A step is one long piece of code, of which a processor sees a fourth at once. LLVM trusts that it reorders that by
     itself, but for the one model of an x86-64 processor that takes instructions as they come: Intel's first Atom.
@@ -108,7 +108,7 @@ def ordered(machine: Any, module: Any) -> Any:
     return llvm.parse_assembly(re.sub(r"^(attributes #\d+ = \{)", r'\1 "tune-cpu"="atom"', str(module), flags=re.M))
 
 
-def optimised(
+def optimise(
     texts: Mapping[str, str],
     names: Mapping[str, str],
     system: System,
@@ -116,30 +116,30 @@ def optimised(
     *,
     vectors: bool = True,
 ) -> tuple[Any, Any]:
-    """LLVM's machine of a system, and one optimised module of functions; arguments as of `emit`.
+    """LLVM's machine of a system, and one optimised module of functions; arguments as in `emit`.
 
     `vectors`: may loops and statements be put into vectors.
     """
     import llvmlite.binding as llvm
 
     machine = _machine(system)
-    whole: Any = None
+    linked: Any = None
     for name, text in texts.items():
         module = llvm.parse_assembly(text)
         module.triple, module.data_layout = machine.triple, str(machine.target_data)
         entry = module.get_function(name)
         entry.name, entry.visibility = names[name], visibility
-        if whole is None:
-            whole = module
+        if linked is None:
+            linked = module
         else:
-            whole.link_in(module)
-    whole.verify()
+            linked.link_in(module)
+    linked.verify()
     tuning = llvm.create_pipeline_tuning_options(speed_level=3)
     tuning.loop_vectorization = tuning.slp_vectorization = vectors
     tuning.loop_unrolling = True
     builder = llvm.create_pass_builder(machine, tuning)
-    builder.getModulePassManager().run(whole, builder)
-    return machine, whole
+    builder.getModulePassManager().run(linked, builder)
+    return machine, linked
 
 
 @functools.cache

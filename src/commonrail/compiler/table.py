@@ -40,28 +40,28 @@ def address(array: NDArray[Any]) -> int:
     return int(array.__array_interface__["data"][0])
 
 
-def fill(described: Any, given: Any, real: type = np.float64) -> tuple[Ints, list[NDArray[Any]]]:
-    """Table of what is given, and arrays that must outlive it; `real`: that the function computes in."""
+def fill(described: Any, values: Any, real: type = np.float64) -> tuple[Ints, list[NDArray[Any]]]:
+    """Table of the values, and arrays that must outlive it; `real`: that the function computes in."""
     entries: list[int] = []
-    kept: list[NDArray[Any]] = []
-    for kind, value in _leaves(described, given):
+    arrays: list[NDArray[Any]] = []
+    for kind, value in _leaves(described, values):
         if isinstance(kind, Array):
             # in place where the function writes: those arrays are contiguous and of that kind
             array = np.ascontiguousarray(value, real if kind.kind == REAL else kind.kind)
             if array.ndim != kind.dimensions:
                 raise TypeError(f"an array of {array.ndim} dimensions in place of {kind.dimensions}")
-            kept.append(array)
+            arrays.append(array)
             entries += (address(array), *array.shape)
         elif kind == REAL:
             entries.append(int(np.float64(value).view(np.int64)))
         else:
             entries.append(int(value))
-    return np.array(entries, np.int64), kept
+    return np.array(entries, np.int64), arrays
 
 
-def _leaves(described: Any, given: Any) -> Iterator[tuple[Any, Any]]:
+def _leaves(described: Any, values: Any) -> Iterator[tuple[Any, Any]]:
     if isinstance(described, (Array, str)):
-        yield described, given
+        yield described, values
     else:
-        for part, value in zip(described, given, strict=True):
-            yield from _leaves(part, value)
+        for kind, value in zip(described, values, strict=True):
+            yield from _leaves(kind, value)

@@ -68,9 +68,9 @@ class Processor(NamedTuple):
     name : str
         LLVM's name.
     features : str
-        Instruction sets that it may (+) or must not (-) use beside.
+        Further instruction sets that may (+) or must not (-) be used.
     exact : bool
-        Compile every operation as it stands: nothing fused, nothing reordered, so that all processors round alike.
+        Compile without fusing or reordering: all processors then round equally.
     """
 
     name: str
@@ -96,7 +96,7 @@ class System(NamedTuple):
     triple : str
         Architecture, vendor and system as LLVM names them; "" for this machine's.
     name, features : str
-        As of `Processor`.
+        See `Processor`.
     """
 
     triple: str
@@ -115,17 +115,17 @@ def own_processor() -> Processor:
     llvm = _llvm()
     if llvm is None:
         other_names = {"abm": "lzcnt", "bmi1": "bmi"}  # Linux's for LLVM's
-        stated = {other_names.get(flag, flag) for flag in _stated("flags").split()}
+        stated = {other_names.get(flag, flag) for flag in _read_cpuinfo("flags").split()}
         return _level(stated) or Processor("unknown")
-    named, features = os.environ.get("NUMBA_CPU_NAME"), os.environ.get("NUMBA_CPU_FEATURES")
+    cpu_name, features = os.environ.get("NUMBA_CPU_NAME"), os.environ.get("NUMBA_CPU_FEATURES")
     has: Mapping[str, bool] = llvm.get_host_cpu_features()
-    if named is None and features is None:
+    if cpu_name is None and features is None:
         level = _level({name for name, on in has.items() if on})
         if level and is_x86():
             return level
     if features is None:
-        features = "" if named == "generic" else ",".join(f"{'+' if on else '-'}{name}" for name, on in has.items())
-    return Processor(named or llvm.get_host_cpu_name(), features)
+        features = "" if cpu_name == "generic" else ",".join(f"{'+' if on else '-'}{name}" for name, on in has.items())
+    return Processor(cpu_name or llvm.get_host_cpu_name(), features)
 
 
 def _llvm() -> Any:
@@ -137,7 +137,7 @@ def _llvm() -> Any:
     return llvm
 
 
-def _stated(field: str) -> str:
+def _read_cpuinfo(field: str) -> str:
     """Field of the processor in Linux's `/proc/cpuinfo`; "" without one."""
     with suppress(OSError):
         for line in CPU_FACTS.read_text(encoding="utf-8", errors="replace").splitlines():
@@ -159,12 +159,12 @@ def kernels_switch() -> str:
     Raises
     ------
     ConfigurationError
-        If it is none of them.
+        If the value is unknown.
     """
-    found = os.environ.get(SWITCH, "")
-    if found not in ("", "off", "v3", "v4"):
-        raise ConfigurationError(f'{SWITCH} is "{found}"; set it to off, v3 or v4, or unset it.')
-    return found
+    setting = os.environ.get(SWITCH, "")
+    if setting not in ("", "off", "v3", "v4"):
+        raise ConfigurationError(f'{SWITCH} is "{setting}"; set it to off, v3 or v4, or unset it.')
+    return setting
 
 
 def is_x86() -> bool:
@@ -175,11 +175,11 @@ def is_x86() -> bool:
 @functools.cache
 def describe() -> CompileTarget:
     """Target of this process; loads llvmlite where it is installed."""
-    llvm, own = _llvm(), own_processor()
+    llvm, host = _llvm(), own_processor()
     return CompileTarget(
         f"{platform.machine()}-unknown-linux-gnu" if llvm is None else str(llvm.get_process_triple()),
-        own.name,
-        ",".join(sorted(own.features.split(","), key=lambda feature: feature[1:])),
+        host.name,
+        ",".join(sorted(host.features.split(","), key=lambda feature: feature[1:])),
         f"{platform.machine()} {processor()}".strip(),
         tuple(package_versions().items()),
     )
@@ -191,9 +191,9 @@ def may_compile() -> bool:
 
 
 def exact_processor() -> Processor:
-    """This machine's processor, for kernels whose bits are those of every other; loads llvmlite.
+    """This machine's processor, for kernels with equal bits on all processors; loads llvmlite.
 
-    Additions, products, divisions and roots are rounded alike by every processor (IEEE 754). Processors give other
+    Additions, products, divisions and roots are rounded equally by every processor (IEEE 754). Processors give other
     bits where the compiler fuses a product and a sum, or reorders operations, as it finds best for each: such a kernel
     is compiled without either.
 
@@ -213,8 +213,8 @@ def exact_processor() -> Processor:
 def package_versions() -> dict[str, str]:
     """Versions of commonrail, Python and the packages that compute; "" for one that is not installed."""
     first, *others = PACKAGES
-    own = {first: package_version(first), "python": platform.python_version()}
-    return own | {name: package_version(name) for name in others}
+    first_versions = {first: package_version(first), "python": platform.python_version()}
+    return first_versions | {name: package_version(name) for name in others}
 
 
 def package_version(package: str) -> str:
@@ -226,7 +226,7 @@ def package_version(package: str) -> str:
 
 def processor() -> str:
     """Model of the processor, as the system names it; "" where it does not."""
-    return _stated("model name") or platform.processor()
+    return _read_cpuinfo("model name") or platform.processor()
 
 
 def differences(before: Mapping[str, str], now: Mapping[str, str]) -> str:
@@ -242,7 +242,7 @@ def differences(before: Mapping[str, str], now: Mapping[str, str]) -> str:
 
 
 def _features(before: str, now: str) -> str:
-    """Difference of two lists of instruction sets, by those that are in use in one of them only."""
+    """Difference of two lists of instruction sets, by the sets used in only one of them."""
     then, today = ({feature[1:] for feature in text.split(",") if feature.startswith("+")} for text in (before, now))
     parts = [
         f"{word} {', '.join(names[:MOST])}{' ...' if len(names) > MOST else ''}"

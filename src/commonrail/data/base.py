@@ -16,7 +16,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from commonrail.base.arguments import chosen, instance, number, plain_text, settle
+from commonrail.base.arguments import enum_member, instance, number, plain_text, settle
 from commonrail.base.arrays import Bools, Floats, Ints
 from commonrail.base.errors import ConfigurationError
 from commonrail.data.noise import NOISE, Noise
@@ -47,7 +47,7 @@ class Term(NamedTuple):
     squares: Callable[[Batch, Candidates], Floats]  # sums of the squared errors without the weights, in that shape
     failed: Callable[[Ints], Bools]  # which of the statuses (candidates, points) count as failed
     misfit: Misfit | None = None  # samples that are compared inside the simulation
-    whole: bool = False  # simulate to the horizon of each point, where it else ends once the injector is at rest
+    to_horizon: bool = False  # simulate to the horizon of each point, where it else ends once the injector is at rest
 
 
 def term_of(
@@ -55,14 +55,14 @@ def term_of(
     values: Callable[[Batch, Candidates], Floats],
     failed: Callable[[Ints], Bools],
     *,
-    whole: bool = False,
+    to_horizon: bool = False,
 ) -> Term:
     """Term of one data set whose errors follow from its simulated values (candidates, n).
 
     All functions must be picklable: terms reach the workers.
     """
     misfits, squares = partial(_misfits, data, values), partial(_squares, data, values)
-    return Term(data.simulated_points, np.array([data.weight]), misfits, squares, failed, whole=whole)
+    return Term(data.simulated_points, np.array([data.weight]), misfits, squares, failed, to_horizon=to_horizon)
 
 
 def _misfits(
@@ -235,14 +235,14 @@ def read_labels(data: DataSet) -> None:
             f"The noise of {data.name} has a relative part, which only curves have; state it as the relative part "
             "of the tolerance."
         )
-    settle(data, role=chosen(data.role, Role, "role of the data"), weight=weight, mass_density=data.mass_density)
+    settle(data, role=enum_member(data.role, Role, "role of the data"), weight=weight, mass_density=data.mass_density)
     if data.meter is None:
         return
     meter = instance(data.meter, Meter, "meter of the data")
-    own = [key for key in ("density", "temperature") if key in meter.values]
-    if own and not np.isnan(data.mass_density).all():
+    stated = [key for key in ("density", "temperature") if key in meter.values]
+    if stated and not np.isnan(data.mass_density).all():
         raise ConfigurationError(
-            f"{data.name} was measured by mass, and the {own[0]} of its meter {meter.name} has no effect on it; "
+            f"{data.name} was measured by mass, and the {stated[0]} of its meter {meter.name} has no effect on it; "
             "remove it, or give the data by volume."
         )
 
@@ -285,18 +285,21 @@ def past_stops(simulator: Simulator, point: OperatingPoint, values: Floats) -> P
 
     `values` (candidates, names) in [SI].
     """
-    names, own = simulator.of_injector(values)
+    names, injector_values = simulator.of_injector(values)
     prepared = plan.prepare(simulator.injector, [point], simulator.time_step)
     variant = simulator.injector.wired(names)
     rows = lanes.trace_paths(variant)
     places = [rows.index(f"body.{wiring(variant).body.TOP}"), rows.index("valve.lift")]
-    found = np.empty((len(own), 2))
-    for first in range(0, len(own), SHARE):
-        part = slice(first, first + SHARE)
-        theta = candidate_matrix(simulator.injector, names, own[part])
+    overtravel = np.empty((len(injector_values), 2))
+    for first in range(0, len(injector_values), SHARE):
+        share = slice(first, first + SHARE)
+        theta = candidate_matrix(simulator.injector, names, injector_values[share])
         job = plan.make_job(prepared, theta, False)
         outcome, trace = lanes.run(job, variant, traced=True, same_bits=simulator.same_bits)
         sound = (outcome.sound * outcome.closed_at_start)[:, 0] > 0.0
-        found[part] = np.where(sound[:, None], trace[0][:, places, : len(theta)].max(axis=0).T, np.nan)
-    stops: dict[str, Any] = {**simulator.injector.values, **{name: own[:, i] for i, name in enumerate(names)}}
-    return Past(found[:, 0] - stops["plunger_needle.stop_lift"], found[:, 1] - stops["valve.lift"])
+        overtravel[share] = np.where(sound[:, None], trace[0][:, places, : len(theta)].max(axis=0).T, np.nan)
+    stops: dict[str, Any] = {
+        **simulator.injector.values,
+        **{name: injector_values[:, i] for i, name in enumerate(names)},
+    }
+    return Past(overtravel[:, 0] - stops["plunger_needle.stop_lift"], overtravel[:, 1] - stops["valve.lift"])

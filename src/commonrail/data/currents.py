@@ -62,13 +62,13 @@ def read_energisings(time: Floats, value: Floats) -> list[Reading]:
         return []  # shorter than two averages: no edge to be read
     current, on = flow_of(time, value)
     ends = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]))).reshape(-1, 2).tolist()
-    whole = [(first, end) for first, end in ends if first > 0 and end < len(time)]
-    rises = [_rise(time, current, first, end) for first, end in whole]
-    falls = [_fall(time, current, first, end) for first, end in whole]
-    step, found = float(np.median(np.diff(time))), list[Reading]()
+    complete = [(first, end) for first, end in ends if first > 0 and end < len(time)]
+    rises = [_rise(time, current, first, end) for first, end in complete]
+    falls = [_fall(time, current, first, end) for first, end in complete]
+    step, readings = float(np.median(np.diff(time))), list[Reading]()
     edges = iter(zip(_corners(rises), _corners(falls), strict=True))
     for first, end in ends:
-        if (first, end) in whole:
+        if (first, end) in complete:
             (start, early), (stop, late) = next(edges)
             error = early + late
             if not error <= LIMIT:
@@ -76,8 +76,8 @@ def read_energisings(time: Floats, value: Floats) -> list[Reading]:
         else:
             start, stop = float(time[first]) - step, float(time[min(end, len(time) - 1)]) + step * (end == len(time))
             error = LIMIT
-        found.append(Reading(start, stop - start, error))
-    return found
+        readings.append(Reading(start, stop - start, error))
+    return readings
 
 
 class _Edge(NamedTuple):
@@ -96,17 +96,17 @@ def _rise(time: Floats, current: Floats, first: int, end: int) -> _Edge:
 
 def _fall(time: Floats, current: Floats, first: int, end: int) -> _Edge:
     """Last steep fall of the current that flows in the samples from `first` to before `end`; empty without one."""
-    own, at = current[first : end + 1], time[first : end + 1]
+    flowing, at = current[first : end + 1], time[first : end + 1]
     wide = max(round(WINDOW / float(time[1] - time[0])), 1)
-    drop = own[:-wide] - own[wide:]
-    steep = np.flatnonzero((drop >= (1.0 - STEEP) * own[:-wide]) & (own[:-wide] >= 2.0 * RISEN * own.max()))
+    drop = flowing[:-wide] - flowing[wide:]
+    steep = np.flatnonzero((drop >= (1.0 - STEEP) * flowing[:-wide]) & (flowing[:-wide] >= 2.0 * RISEN * flowing.max()))
     top = int(steep[-1]) if len(steep) else 0
     while top > 0 and drop[top - 1] >= ALIKE * drop[top : steep[-1] + 1].max():
         top -= 1
-    level = float(own[max(top - 1, 0) : top + 1].mean())
-    if top < wide or own[top:].min() > 0.5 * level or drop[top - wide] > BENT * drop[top:].max():
+    level = float(flowing[max(top - 1, 0) : top + 1].mean())
+    if top < wide or flowing[top:].min() > 0.5 * level or drop[top - wide] > BENT * drop[top:].max():
         return _Edge(np.empty(0), np.empty(0), level)
-    return _Edge(at[top - 1 :], 1.0 - own[top - 1 :] / level, level)
+    return _Edge(at[top - 1 :], 1.0 - flowing[top - 1 :] / level, level)
 
 
 def _corners(edges: list[_Edge]) -> list[tuple[float, float]]:
@@ -119,11 +119,11 @@ def _corners(edges: list[_Edge]) -> list[tuple[float, float]]:
         if not groups or edges[i].height > EQUAL * edges[groups[-1][0]].height:
             groups.append([])
         groups[-1].append(i)
-    found = [(np.nan, np.inf)] * len(edges)
+    corners = [(np.nan, np.inf)] * len(edges)
     for group in groups:
         for i, corner in zip(group, _corners_of_shape([edges[i] for i in group]), strict=True):
-            found[i] = corner
-    return found
+            corners[i] = corner
+    return corners
 
 
 def _corners_of_shape(edges: list[_Edge]) -> list[tuple[float, float]]:
@@ -140,20 +140,20 @@ def _corners_of_shape(edges: list[_Edge]) -> list[tuple[float, float]]:
     if free < max(2, len(counts) * (SAMPLES - 1.0) - order):
         return [(np.nan, np.inf)] * len(edges)
     terms = [share[:, None] ** np.arange(1, order + 1) for _, share in on]
-    within = np.concatenate([part - part.mean(axis=0) for part in terms if len(part)])
-    apart = np.concatenate([time - time.mean() for time, _ in on if len(time)])
+    within = np.concatenate([powers - powers.mean(axis=0) for powers in terms if len(powers)])
+    centred_time = np.concatenate([time - time.mean() for time, _ in on if len(time)])
     inverse = np.linalg.pinv(within.T @ within)
-    bend = inverse @ within.T @ apart
-    deviation = 2.0 * (1.0 + 2.0 / free) * float(np.sqrt(np.sum((apart - within @ bend) ** 2) / free))
-    found = list[tuple[float, float]]()
-    for (time, _), part in zip(on, terms, strict=True):
+    bend = inverse @ within.T @ centred_time
+    deviation = 2.0 * (1.0 + 2.0 / free) * float(np.sqrt(np.sum((centred_time - within @ bend) ** 2) / free))
+    corners = list[tuple[float, float]]()
+    for (time, _), powers in zip(on, terms, strict=True):
         corner, error = np.nan, np.inf
         if len(time):
-            middle = part.mean(axis=0)
-            corner = float(np.mean(time - part @ bend))
+            middle = powers.mean(axis=0)
+            corner = float(np.mean(time - powers @ bend))
             error = LEAST / order + deviation * float(np.sqrt(1.0 / len(time) + middle @ inverse @ middle))
-        found.append((corner, error))
-    return found
+        corners.append((corner, error))
+    return corners
 
 
 def _on_edge(edge: _Edge) -> tuple[Floats, Floats]:

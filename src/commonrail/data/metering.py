@@ -19,8 +19,8 @@ def meters_of(data: Iterable[DataSet]) -> tuple[Meter, ...]:
 
 def with_meters(data: Sequence[DataSet], meters: Iterable[Meter]) -> tuple[DataSet, ...]:
     """Data sets with other meters in place of those with the same names."""
-    known = {meter.name: meter for meter in meters}
-    return tuple(d if d.meter is None else d.changed(meter=known.get(d.meter.name, d.meter)) for d in data)
+    by_name = {meter.name: meter for meter in meters}
+    return tuple(d if d.meter is None else d.changed(meter=by_name.get(d.meter.name, d.meter)) for d in data)
 
 
 def check_meters(injector: Injector, data: Sequence[DataSet], limits: Mapping[str, Sequence[float]]) -> None:
@@ -39,25 +39,25 @@ def check_meters(injector: Injector, data: Sequence[DataSet], limits: Mapping[st
         if is_of_meter(name):
             _check_free(name, bounds, data)
     for meter in meters.values():
-        known = [meter.values["temperature"]] if "temperature" in meter.values else []
-        _check_temperatures(meter, [*known, *limits.get(meter.parameter("temperature"), ())], injector)
+        temperatures = [meter.values["temperature"]] if "temperature" in meter.values else []
+        _check_temperatures(meter, [*temperatures, *limits.get(meter.parameter("temperature"), ())], injector)
 
 
 def _check_free(name: str, bounds: Sequence[float], data: Sequence[DataSet]) -> None:
-    own, quantity = parts_of(name)
+    of_meter, quantity = parts_of(name)
     q = QUANTITIES[quantity]
     if not all(q.domain.admits(bound) for bound in bounds):
         raise ConfigurationError(
             f"The bounds of {name} are {bounds[0]:g} and {bounds[1]:g} {q.unit.removesuffix('1')}".rstrip()
             + f", and the {q.meaning} must be {q.domain.value}; narrow them."
         )
-    meters = [d.meter for d in data if d.meter is not None and d.meter.name == own and quantity in d.meter_inputs]
+    meters = [d.meter for d in data if d.meter is not None and d.meter.name == of_meter and quantity in d.meter_inputs]
     if not meters:
         raise ConfigurationError(
-            f"{name} is free, and no data set with the meter {own} depends on its {quantity}; fix it or remove it."
+            f"{name} is free, and no data set with the meter {of_meter} depends on its {quantity}; fix it or remove it."
         )
     if q.default is None and quantity not in meters[0].values:
-        raise ConfigurationError(f"{name} is free and has no start value; give one in the meter {own}.")
+        raise ConfigurationError(f"{name} is free and has no start value; give one in the meter {of_meter}.")
 
 
 def _check_temperatures(meter: Meter, temperatures: Sequence[float], injector: Injector) -> None:
@@ -72,7 +72,7 @@ def _check_temperatures(meter: Meter, temperatures: Sequence[float], injector: I
 
 def meter_records(meters: Sequence[Meter]) -> dict[str, Any]:
     """JSON-able meters under the key "meters"; nothing if there are none."""
-    found = [
+    records = [
         {
             "name": meter.name,
             "law": meter.law.value,
@@ -90,4 +90,4 @@ def meter_records(meters: Sequence[Meter]) -> dict[str, Any]:
         }
         for meter in meters
     ]
-    return {"meters": found} if found else {}
+    return {"meters": records} if records else {}

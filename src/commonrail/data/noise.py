@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from commonrail.base.arguments import Quantity, chosen, mapping, number, settle, shown
+from commonrail.base.arguments import Quantity, enum_member, mapping, number, settle, shown
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.units import parse
 from commonrail.physics.injector import FUEL_TEMPERATURE, parameter_quantities
@@ -109,8 +109,8 @@ class Noise:
         uncertain = mapping(self.uncertain, "uncertain quantities of the noise", '{"delay": "1 us"}')
         settle(
             self,
-            law=chosen(self.law, Law, "law of the noise"),
-            correlation=chosen(self.correlation, Correlation, "correlation of the noise"),
+            law=enum_member(self.law, Law, "law of the noise"),
+            correlation=enum_member(self.correlation, Correlation, "correlation of the noise"),
             uncertain={key: _deviation(key, value) for key, value in uncertain.items()},
         )
         stated = "sigma", "pressure_length", "freedom", "scatter_freedom"
@@ -162,9 +162,9 @@ def uncertain_unit(key: str) -> str:
         return QUANTITIES[key].unit
     name = FUEL_TEMPERATURE if key == TEMPERATURE else key
     if is_of_meter(name) or name not in parameter_quantities():
-        known = [*OF_METER, TEMPERATURE]
+        others = [*OF_METER, TEMPERATURE]
         raise ConfigurationError(
-            f"{key} cannot be uncertain{nearest(key, [*known, *parameter_quantities()])}; {', '.join(known)} and the "
+            f"{key} cannot be uncertain{nearest(key, [*others, *parameter_quantities()])}; {', '.join(others)} and the "
             "parameters of an injector can."
         )
     return parameter_quantities()[name].unit
@@ -172,12 +172,14 @@ def uncertain_unit(key: str) -> str:
 
 def _deviation(key: str, value: object) -> float:
     unit = uncertain_unit(key)
-    found = number(value, unit, f"standard deviation of {key}")
-    if not 0.0 < found < math.inf:
-        raise ConfigurationError(f"The standard deviation of {key} must be greater than zero, not {found:g}.")
-    if unit == "K" and found > MOST_KELVIN:
-        raise ConfigurationError(f"The standard deviation of {key} is {found:g} K; state the difference, as in 3 K.")
-    return found
+    deviation = number(value, unit, f"standard deviation of {key}")
+    if not 0.0 < deviation < math.inf:
+        raise ConfigurationError(f"The standard deviation of {key} must be greater than zero, not {deviation:g}.")
+    if unit == "K" and deviation > MOST_KELVIN:
+        raise ConfigurationError(
+            f"The standard deviation of {key} is {deviation:g} K; state the difference, as in 3 K."
+        )
+    return deviation
 
 
 NOISE = Noise()

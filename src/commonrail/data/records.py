@@ -35,8 +35,8 @@ def origin_of(data: Record) -> str:
 
 def record_head(kind: str, title: str, synthetic: str) -> dict[str, Any]:
     """First keys of a record that a folder keeps: what it is, what made it where, what of it is not measured."""
-    made = {"software": package_versions(), "target": describe().machine}
-    return {"schema": SCHEMA, "kind": kind, **made, "title": title, "synthetic": synthetic}
+    head = {"software": package_versions(), "target": describe().machine}
+    return {"schema": SCHEMA, "kind": kind, **head, "title": title, "synthetic": synthetic}
 
 
 def record_of(kind: str, result: Any) -> dict[str, Any]:

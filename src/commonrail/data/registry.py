@@ -15,13 +15,13 @@ def find_kind(name: str) -> type[DataSet] | None:
     Raises `PluginError` if that of an installed package cannot be loaded, derives from no `DataSet`, or has another
     name.
     """
-    part = registry.find("data", name)
-    if part is None:
+    entry = registry.find("data", name)
+    if entry is None:
         return None
-    found = part.part(type, "a class")
-    if not issubclass(found, DataSet) or found.kind != name:
-        raise part.refused(f'is to be a DataSet with kind = "{name}", and {part.target} is none')
-    return found
+    kind_class = entry.load_as(type, "a class")
+    if not issubclass(kind_class, DataSet) or kind_class.kind != name:
+        raise entry.refused(f'is to be a DataSet with kind = "{name}", and {entry.target} is none')
+    return kind_class
 
 
 def kind_of(name: str) -> type[DataSet]:
@@ -29,9 +29,9 @@ def kind_of(name: str) -> type[DataSet]:
 
     Raises `InputError` if there is none: the package that had it is not installed.
     """
-    if (found := find_kind(name)) is None:
+    if (kind := find_kind(name)) is None:
         raise InputError(f'There is no kind of data "{name}"; install the package that has it.')
-    return found
+    return kind
 
 
 def kinds_of(names: Iterable[str]) -> list[type[DataSet]]:
@@ -46,9 +46,9 @@ def _place(name: str) -> tuple[int, str]:
 
 def in_order(data: Sequence[DataSet]) -> tuple[DataSet, ...]:
     """Data sets by kind, in the order of `kinds_of`; those of one kind stay in theirs."""
-    return tuple(sorted(data, key=lambda one: _place(one.kind)))
+    return tuple(sorted(data, key=lambda data_set: _place(data_set.kind)))
 
 
 def of_role(data: Sequence[DataSet], role: Role) -> list[DataSet]:
     """Data sets of one role."""
-    return [one for one in data if one.role is role]
+    return [data_set for data_set in data if data_set.role is role]

@@ -62,8 +62,8 @@ def _live(deviations: Floats, values: Floats) -> Floats:
 
     Both arrays are (n, …).
     """
-    found = (values.reshape(len(values), -1) != 0.0).any(axis=0)
-    return deviations if found.all() or not found.any() else deviations.reshape(len(deviations), -1)[:, found]
+    varying = (values.reshape(len(values), -1) != 0.0).any(axis=0)
+    return deviations if varying.all() or not varying.any() else deviations.reshape(len(deviations), -1)[:, varying]
 
 
 def _independent(deviations: Floats, spare: int) -> float:

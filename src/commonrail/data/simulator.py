@@ -29,23 +29,23 @@ class Candidates(NamedTuple):
     simulator: Simulator
     values: Floats
 
-    def given(self, meter: Meter) -> dict[str, Floats]:
+    def meter_values(self, meter: Meter) -> dict[str, Floats]:
         """Values of a meter's quantities, (candidates,) each."""
         columns = {
             parts_of(name)[1]: self.values[:, i] for i, name in enumerate(self.simulator.names) if meter.owns(name)
         }
         return given_values(meter, columns, len(self.values))
 
-    def densities(self, points: Sequence[OperatingPoint], given: Mapping[str, Floats] | None = None) -> Floats:
+    def densities(self, points: Sequence[OperatingPoint], meter_values: Mapping[str, Floats] | None = None) -> Floats:
         """Densities [kg/m³] that make volumes of masses, (1 or candidates, points).
 
-        `given`: quantities of a meter with a density or a temperature of its own.
+        `meter_values`: quantities of a meter with a density or a temperature of its own.
         """
         injector = self.simulator.injector
-        if given and "density" in given:
-            return np.repeat(given["density"][:, None], len(points), axis=1)
-        if given and "temperature" in given:
-            return reference_densities(injector, points, [FUEL_TEMPERATURE], given["temperature"][:, None])
+        if meter_values and "density" in meter_values:
+            return np.repeat(meter_values["density"][:, None], len(points), axis=1)
+        if meter_values and "temperature" in meter_values:
+            return reference_densities(injector, points, [FUEL_TEMPERATURE], meter_values["temperature"][:, None])
         names, values = self.simulator.of_injector(self.values)
         if FUEL_TEMPERATURE not in names:
             return self.simulator.prepared(points).densities
@@ -99,12 +99,12 @@ class Simulator:
         precision: Precision | None = None,
         misfit: Misfit | None = None,
         *,
-        whole: bool = False,
+        to_horizon: bool = False,
     ) -> Batch:
         """Figures of candidates at operating points.
 
         What the points share with other candidates is prepared once for the same sequence. The values are
-        (candidates, names) [SI]; samples of `misfit` are compared with, and `whole` is that of `Term`.
+        (candidates, names) [SI]; samples of `misfit` are compared with, and `to_horizon` is that of `Term`.
         """
         return simulate_batch(
             self.injector,
@@ -113,7 +113,7 @@ class Simulator:
             time_step=self.time_step,
             threads=self.threads,
             misfit=misfit,
-            stop_when_closed=not whole,
+            stop_when_closed=not to_horizon,
             precision=precision or self.precision,
             prepared=self.prepared(points),
             same_bits=self.same_bits,
@@ -141,9 +141,9 @@ class Simulator:
         """
         if (id(point), ahead) not in self._longer:
             steps = max(round((point.duration + ahead) / self.time_step), 1)
-            own = replace(point, horizon=steps * self.time_step) if ahead > 0.0 else point
+            extended = replace(point, horizon=steps * self.time_step) if ahead > 0.0 else point
             bounds = point.start + self.time_step * np.arange(steps + 1, dtype=np.float64)
-            self._longer[id(point), ahead] = point, (own,), bounds
+            self._longer[id(point), ahead] = point, (extended,), bounds
         _, longer, times = self._longer[id(point), ahead]
         names, varied = self.of_injector(values)
         distinct, which = varied[:1], np.zeros(len(varied), int)
@@ -152,9 +152,9 @@ class Simulator:
         rates = np.empty((len(distinct), len(times) - 1))
         share = max(SHARE // len(times), 1)
         for first in range(0, len(distinct), share):
-            part = slice(first, first + share)
-            how = self.injector, longer[0], times, names, distinct[part], self.time_step
-            rates[part] = sampled_rates(
-                *how, threads=self.threads, prepared=self.prepared(longer), same_bits=self.same_bits
+            rows = slice(first, first + share)
+            inputs = self.injector, longer[0], times, names, distinct[rows], self.time_step
+            rates[rows] = sampled_rates(
+                *inputs, threads=self.threads, prepared=self.prepared(longer), same_bits=self.same_bits
             )
         return Flow(rates[which.reshape(-1)], point.start, self.time_step)

@@ -57,19 +57,19 @@ class Context(NamedTuple):
 
     def sheet(self, file: str, at: Place, form: FileForm) -> Sheet:
         """File with named columns; see `path` and `open_sheet`. The one that was opened last is not read again."""
-        wanted, last = (self.path(file, at, form), form), self.reach.opened
-        if last[:-1] == wanted:
+        source, last = (self.path(file, at, form), form), self.reach.opened
+        if last[:-1] == source:
             return cast(Sheet, last[-1])
-        sheet = open_sheet(*wanted)
-        if sheet.apart or isinstance(sheet, TableSheet):  # others may be gone through once
-            self.reach.opened = (*wanted, sheet)
+        sheet = open_sheet(*source)
+        if sheet.independent_columns or isinstance(sheet, TableSheet):  # others may be gone through once
+            self.reach.opened = (*source, sheet)
         return sheet
 
     def columns(
-        self, file: str, at: Place, wanted: Sequence[Column], least: int = LEAST_SAMPLES, form: FileForm = PLAIN
+        self, file: str, at: Place, columns: Sequence[Column], least: int = LEAST_SAMPLES, form: FileForm = PLAIN
     ) -> Table:
         """Columns of a file; see `sheet` and `read_columns`."""
-        return take_columns(self.sheet(file, at, form), wanted, least)
+        return take_columns(self.sheet(file, at, form), columns, least)
 
 
 def mass_density(injector: Injector, unit: str, point: OperatingPoint) -> float:

@@ -1,6 +1,6 @@
-"""The loop over blocks, steps and lanes that the lanes run.
+"""Loop over blocks, steps and lanes of the fast engine.
 
-Travelling waves wait in three ring buffers behind one pointer, the other rows of `job.Working` behind another.
+Travelling waves are stored in three ring buffers at one pointer, the other rows of `job.Working` at another.
 Parameters are read once, through the rings' memory, before the first wave is written. How many lanes there are, and in
 which precision, is a choice of the machine: see `Vector`.
 """
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeAlias
 from commonrail.base.choices import Precision
 from commonrail.compiler.table import WHOLE, floats
 from commonrail.engine.end_of_run import StopRule, check, next_horizon, report_ended, set_horizons
-from commonrail.engine.job import FIGURE, FUEL, GIVEN, NEVER, VECTORS, Outcome, make_rows, shape_of
+from commonrail.engine.job import FIGURE, FUEL, LOOP_ARGUMENTS, NEVER, VECTORS, Outcome, make_rows, shape_of
 from commonrail.engine.recorder import Sample, at, crossing, keep_if_asked, record_crossing, set_densities, take_sample
 from commonrail.physics.components.feed_pipe import steady
 from commonrail.physics.law import FLUSH_TINY, KEEP_ALL, KEEP_NONE, layout_of, physics
@@ -35,9 +35,9 @@ class Memory(NamedTuple):
 
 @physics
 def fill_rings(memory, rows, copy):  # type: ignore[no-untyped-def]
-    """Fill the rings with the waves that leave at rest, and set the delays; true if those of all lanes are alike.
+    """Fill the rings with the waves that leave at rest, and set the delays; true if all lanes have equal delays.
 
-    Row by row by `copy`, as of `Machine`: of loops the compiler makes one over the slots, which scatters each number.
+    Row by row by `copy` of `Machine`: the compiler turns nested loops into one over the slots, which scatters numbers.
     """
     work, waves, ring = memory.work, memory.waves, memory.ring
     alike = True
@@ -56,11 +56,11 @@ def fill_rings(memory, rows, copy):  # type: ignore[no-untyped-def]
 
 
 @physics
-def arrived(work, rows, wave, lane):  # type: ignore[no-untyped-def]
-    """A wave that arrives: between the two slots of its ring that `arrive` has put side by side."""
-    part = work[at(rows, rows.delay_fraction + wave, lane)]
+def arriving_wave(work, rows, wave, lane):  # type: ignore[no-untyped-def]
+    """Arriving wave, interpolated between the two ring-buffer slots that `arrive` copied."""
+    fraction = work[at(rows, rows.delay_fraction + wave, lane)]
     late, later = work[at(rows, rows.arriving + wave, lane)], work[at(rows, rows.arriving_before + wave, lane)]
-    return (1.0 - part) * late + part * later
+    return (1.0 - fraction) * late + fraction * later
 
 
 @physics
@@ -83,15 +83,15 @@ def gather_number(target, to, source, where):  # type: ignore[no-untyped-def]
 
 
 def make_wave_transport(rows: Any, copy: Law, gather: Law = gather_number) -> tuple[Law, Law]:
-    """Functions that bring the waves that arrive in step k, and take those that leave, from and into their rings.
+    """Make the functions that read arriving waves from their rings and write leaving waves into them.
 
-    `copy` and `gather`: as of `Machine`.
+    `copy`, `gather`: see `Machine`.
     """
 
     @physics
     def arrive(memory, k, alike):  # type: ignore[no-untyped-def]
-        # slots k − delay and k − delay − 1, which was the first one a step ago; lanes whose delays are the same find
-        # theirs in one row
+        # slots k − delay and k − delay − 1, which was the first one a step ago; lanes with equal delays share
+        # one row
         work, waves, ring = memory.work, memory.waves, memory.ring
         mask = ring - 1
         for wave in range(3):
@@ -119,8 +119,8 @@ class Inlets(NamedTuple):
     # function (memory, courses, points, k) that turns clocks, and returns the step of the next turn of any lane
     turn: Law
     follow: Law  # function (memory, courses, points, k) that sets what follows a trace
-    traced: Law  # function (courses, points) that tells if any lane follows one
-    first: int  # step of the first turn; negative where there is none
+    follows_trace: Law  # function (courses, points) that is true if any lane follows a trace
+    first: int  # step of the first turn; negative if there is no turn
 
 
 def make_clocks(rows: Any, read: Law) -> Inlets:
@@ -161,10 +161,10 @@ def make_clocks(rows: Any, read: Law) -> Inlets:
 
     @physics
     def traced(courses, points):  # type: ignore[no-untyped-def]
-        found = False
+        any_trace = False
         for lane in range(rows.lanes):
-            found = found or courses.trace[points[lane]] >= 0
-        return found
+            any_trace = any_trace or courses.trace[points[lane]] >= 0
+        return any_trace
 
     return Inlets(clock_of, tell_time, turn, follow, traced, 0)
 
@@ -175,7 +175,7 @@ INPUTS = layout_of(Inputs)
 class Machine(NamedTuple):
     """Operations on rows that depend on the machine."""
 
-    real: Any  # of the numbers that it computes in
+    real: Any  # floating-point type of the computation
     copy: Law  # function (target, to, source, first) that copies a row
     gather: Law  # as `compiler.laws.row_gatherer`
     any_of: Law  # as `compiler.laws.row_tester`
@@ -190,11 +190,11 @@ def one_setting(setting, lane):  # type: ignore[no-untyped-def]
 
 
 def make_settings(real: Any) -> Law:
-    """Function (given, lane) that gives the setting of a lane from settings, the lanes' points and the step."""
+    """Make the function (shared, lane) that gives the setting of a lane."""
 
     @physics
-    def setting_of(given, lane):  # type: ignore[no-untyped-def]
-        settings, points, dt = given
+    def setting_of(shared, lane):  # type: ignore[no-untyped-def]
+        settings, points, dt = shared
         at_rest = settings[points[lane]]
         return Setting(real(at_rest[0]), real(at_rest[1]), real(at_rest[2]), dt)
 
@@ -202,27 +202,27 @@ def make_settings(real: Any) -> Law:
 
 
 def make_begin(variant: Variant, rows: Any, setting_of: Law = one_setting, copy: Law = copy_number) -> Law:
-    """Function (memory, theta, candidates, given, out) that puts lanes to rest; true if all their delays are alike.
+    """Make the function (memory, theta, candidates, setting_data, out) that puts lanes to rest; true for equal delays.
 
-    `setting_of`: function (given, lane) that gives the `Setting` of a lane; `copy`: as of `Machine`.
+    `setting_of`: function (setting_data, lane) that gives the `Setting` of a lane; `copy`: see `Machine`.
     """
     wired = wiring(variant)
     load_parameters, load_fuel, store_inputs = wired.parameters.load, FUEL.load, INPUTS.store
     store_coefficients, store_state = wired.coefficients.store, wired.state.store
     coefficients, longest_contact, farthest_lift = wired.setup, wired.longest_contact, wired.farthest
     rest = connections_of(variant).rest
-    known, fuel_known = len(wired.parameters.paths), len(FUEL.paths)
+    parameter_count, fuel_count = len(wired.parameters.paths), len(FUEL.paths)
 
     @physics
-    def begin(memory, theta, candidates, given, out):  # type: ignore[no-untyped-def]
+    def begin(memory, theta, candidates, setting_data, out):  # type: ignore[no-untyped-def]
         work, waves = memory.work, memory.waves
         for lane in range(rows.lanes):
-            for row in range(known + fuel_known):
+            for row in range(parameter_count + fuel_count):
                 waves[at(rows, row, lane)] = theta[candidates[lane], row]
         for lane in range(rows.lanes):
-            setting = setting_of(given, lane)
+            setting = setting_of(setting_data, lane)
             parameters = load_parameters(waves, lane, rows.lanes)
-            c = coefficients(parameters, load_fuel(waves, at(rows, known, lane), rows.lanes), setting)
+            c = coefficients(parameters, load_fuel(waves, at(rows, parameter_count, lane), rows.lanes), setting)
             store_coefficients(work, lane, rows.lanes, c)
             s = rest(c, setting)
             store_state(work, at(rows, rows.state, lane), rows.lanes, s)
@@ -246,7 +246,7 @@ def make_begin(variant: Variant, rows: Any, setting_of: Law = one_setting, copy:
 
 @physics
 def same_inputs(inputs, work, rows, lane):  # type: ignore[no-untyped-def]
-    """Inputs that are those of all lanes."""
+    """Inputs shared by all lanes."""
     return inputs
 
 
@@ -263,9 +263,9 @@ def make_own_inputs() -> Law:
 
 
 def make_advance(variant: Variant, rows: Any, inputs_of: Law = same_inputs, any_of: Law = any_number) -> Law:
-    """Function (work, count, inputs, dt) that takes all lanes one step on; the compiler vectorises the loop in it.
+    """Make the function (work, count, inputs, dt) that advances all lanes by a step; the compiler vectorises it.
 
-    `inputs_of`: function (inputs, work, rows, lane) that gives the `Inputs` of a lane; `any_of`: as of `Machine`.
+    `inputs_of`: function (inputs, work, rows, lane) that gives the `Inputs` of a lane; `any_of`: see `Machine`.
     """
     wired = wiring(variant)
     load_coefficients, load_state, store_state = wired.coefficients.load, wired.state.load, wired.state.store
@@ -277,7 +277,11 @@ def make_advance(variant: Variant, rows: Any, inputs_of: Law = same_inputs, any_
             c = load_coefficients(work, lane, rows.lanes)
             u = inputs_of(inputs, work, rows, lane)
             s = load_state(work, at(rows, rows.state, lane), rows.lanes)
-            arriving = Waves(arrived(work, rows, 0, lane), arrived(work, rows, 1, lane), arrived(work, rows, 2, lane))
+            arriving = Waves(
+                arriving_wave(work, rows, 0, lane),
+                arriving_wave(work, rows, 1, lane),
+                arriving_wave(work, rows, 2, lane),
+            )
             after, away = step(c, s, u, arriving, dt)
             old, new = lifts(s.body.z).tip, lifts(after.body.z).tip
             work[at(rows, rows.tip_before, lane)], work[at(rows, rows.crossing, lane)] = old, crossing(old, new)
@@ -287,7 +291,7 @@ def make_advance(variant: Variant, rows: Any, inputs_of: Law = same_inputs, any_
             work[at(rows, rows.leaving, lane)] = away.down
             work[at(rows, rows.leaving + 1, lane)] = away.up
             work[at(rows, rows.leaving + 2, lane)] = away.back
-        if any_of(work, at(rows, rows.crossing, 0)):  # rarely: the loop above stays free of it
+        if any_of(work, at(rows, rows.crossing, 0)):  # rare: kept out of the loop above
             for lane in range(rows.lanes):
                 record_crossing(work, rows, lane, count)
 
@@ -295,7 +299,7 @@ def make_advance(variant: Variant, rows: Any, inputs_of: Law = same_inputs, any_
 
 
 def make_simulate(variant: Variant, rows: Any, machine: Machine) -> Law:
-    """Function (memory, job, samples, block, trace, out) that simulates one block."""
+    """Make the function (memory, job, samples, block, trace, out) that simulates one block."""
     real, keep = machine.real, machine.keep
     begin = make_begin(variant, rows, make_settings(real), machine.copy)
     advance = make_advance(variant, rows, make_own_inputs(), machine.any_of)
@@ -362,7 +366,7 @@ def entries(precision: str, width: str, *words: str) -> dict[str, tuple[Callable
         exchange(mode, KEEP_NONE)
         return 0
 
-    return {"lanes": (laws.of_table(blocks, tuple(GIVEN), vector.real), laws.TABLE)}
+    return {"lanes": (laws.of_table(blocks, tuple(LOOP_ARGUMENTS), vector.real), laws.TABLE)}
 
 
 # memory, ring, first, theta, settings, inputs, out: of `loop.Loop.march`, then figures of no use
@@ -381,14 +385,14 @@ def march_entries(*words: str) -> dict[str, Any]:
 
     def march(memory, ring, first, theta, settings, inputs, out):  # type: ignore[no-untyped-def]
         mode = exchange_rounding(FLUSH_TINY, KEEP_ALL)
-        held, dt = Memory(memory[:size], memory[size:], ring, None), settings[3]
+        views, dt = Memory(memory[:size], memory[size:], ring, None), settings[3]
         if inputs.shape[0] == 0:
-            begin(held, theta, order, Setting(settings[0], settings[1], settings[2], dt), out)
+            begin(views, theta, order, Setting(settings[0], settings[1], settings[2], dt), out)
         for i in range(inputs.shape[0]):
             u = inputs[i]
-            arrive(held, first + i, True)
-            advance(held.work, float(first + i + 1), Inputs(u[0], u[1], u[2], u[3], u[4], u[5]), dt)
-            leave(held, first + i)
+            arrive(views, first + i, True)
+            advance(views.work, float(first + i + 1), Inputs(u[0], u[1], u[2], u[3], u[4], u[5]), dt)
+            leave(views, first + i)
         exchange_rounding(mode, KEEP_NONE)
         return 0
 

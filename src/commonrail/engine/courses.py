@@ -84,18 +84,22 @@ def _turns(pulses: Floats, count: Ints, at: tuple[Ints, Ints], times: Floats, dt
     point, place = np.repeat(np.arange(len(count)), count), np.arange(pulses.shape[1])
     ordinal, row = place - (np.cumsum(count) - count)[point], at[0][point]
     step = np.zeros(len(place), np.int64)
-    for i, own in enumerate(times):
-        step[row == i] = np.searchsorted(own + dt * ALMOST_ALL, pulses[0, row == i], side="right")
+    for i, clock_times in enumerate(times):
+        step[row == i] = np.searchsorted(clock_times + dt * ALMOST_ALL, pulses[0, row == i], side="right")
     step[ordinal == 0] = 0
     following = np.append(np.where(point[1:] == point[:-1], step[1:], NEVER), NEVER)
-    kept = (step < following) & (step < at[1][point])  # of several that begin in one step the last counts
+    last_in_step = (step < following) & (step < at[1][point])  # of several that begin in one step the last counts
     now = times[row, np.minimum(step, times.shape[1] - 1)]
     since = np.stack([now - pulses[0] + _still_on(pulses, ordinal, now, dt), now - pulses[1]])
-    each = np.bincount(point[kept], minlength=len(count)) + 1  # and one turn that never comes
+    each = np.bincount(point[last_in_step], minlength=len(count)) + 1  # and one turn that never comes
     first = np.cumsum(each) - each
-    where = first[point[kept]] + np.arange(int(kept.sum())) - (np.cumsum(each - 1) - (each - 1))[point[kept]]
+    where = (
+        first[point[last_in_step]]
+        + np.arange(int(last_in_step.sum()))
+        - (np.cumsum(each - 1) - (each - 1))[point[last_in_step]]
+    )
     turns, origins = np.full(int(each.sum()), NEVER), np.zeros((int(each.sum()), 4))
-    turns[where], origins[where] = step[kept], np.concatenate([pulses, since]).T[kept]
+    turns[where], origins[where] = step[last_in_step], np.concatenate([pulses, since]).T[last_in_step]
     return first, turns, origins
 
 
@@ -128,7 +132,7 @@ def _is_traced(injector: Injector, point: OperatingPoint) -> bool:
 
 
 def _means(point: OperatingPoint, dt: float, steps: int, length: int) -> Floats:
-    """Means of a traced point over its steps, (length, 4); its last ones stay behind its end.
+    """Means of a traced point over its steps, (length, 4); the last ones continue after its end.
 
     `steps`, `length`: steps of the point, and rows.
     """

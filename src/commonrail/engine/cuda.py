@@ -1,7 +1,7 @@
 """The engine for NVIDIA GPUs: a thread for each candidate at each operating point.
 
-The same laws and the same loop as those of the lanes, compiled by numba-cuda; populations go to the device in parts
-that its memory holds. Nothing of CUDA is imported before it is asked for.
+The laws and the loop of the lanes, compiled by numba-cuda. Populations go to the device in parts
+that fit its memory. CUDA is imported on first use.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.choices import Precision
 from commonrail.base.errors import ConfigurationError
 from commonrail.engine.job import FUEL, VECTORS, Job, Outcome
-from commonrail.engine.lanes import Misfit, tabled, trace_paths
+from commonrail.engine.lanes import Misfit, tabulate, trace_paths
 from commonrail.physics.variants import Variant, wiring
 
 # A thread takes nearly all the registers that one may have, so that a multiprocessor holds 8 warps in any case:
@@ -58,7 +58,7 @@ def _missing_library() -> str | None:
 def require_device() -> None:
     """Refuse a machine on which this engine cannot run.
 
-    Raises ConfigurationError: that says what is missing.
+    Raises ConfigurationError that names the missing part.
     """
     sentence = missing()
     if sentence is not None:
@@ -92,12 +92,14 @@ def _launch(
 
     from commonrail.engine import cuda_kernel
 
-    kernel = cuda_kernel.compiled(variant, precision, traced)
+    kernel = cuda_kernel.compile_kernel(variant, precision, traced)
     real = VECTORS[precision].real
     steps = job.courses.steps
     samples = _to_device(cuda, (misfit or Misfit.none(len(steps))).samples(job.dt, steps), real)
     courses = cuda_kernel.Table(job.courses.settings, steps, job.courses.earliest_end, job.courses.inputs)
-    given = _to_device(cuda, job._replace(courses=courses, points=job.points[:0], candidates=job.candidates[:0]), real)
+    device_job = _to_device(
+        cuda, job._replace(courses=courses, points=job.points[:0], candidates=job.candidates[:0]), real
+    )
     slots = max(3 * job.ring, len(wiring(variant).parameters.paths) + len(FUEL.paths))
     paths, n = len(trace_paths(variant)), len(job.points)
     stored = (int(steps.max()) + 1, paths, 1) if traced else (0, 0, 0)
@@ -105,22 +107,22 @@ def _launch(
     rings = cuda.device_array((slots, many), real)
     out, trace = np.empty((n, len(Outcome._fields)), real), np.full((n if traced else 0, *stored), np.nan, real)
     for first in range(0, n, many):
-        part = slice(first, first + many)
-        points, candidates = (cuda.to_device(np.ascontiguousarray(a[part])) for a in (job.points, job.candidates))
-        states, figures = cuda.to_device(trace[part]), cuda.device_array((len(points), out.shape[1]), real)
-        own = given._replace(points=points, candidates=candidates)
-        kernel[-(-len(points) // GROUP), GROUP](own, samples, rings, states, figures)
-        out[part], trace[part] = figures.copy_to_host(), states.copy_to_host()
-    return Outcome(*np.moveaxis(tabled(out[:, None], job), 2, 0)), trace.astype(float)
+        launch = slice(first, first + many)
+        points, candidates = (cuda.to_device(np.ascontiguousarray(a[launch])) for a in (job.points, job.candidates))
+        states, figures = cuda.to_device(trace[launch]), cuda.device_array((len(points), out.shape[1]), real)
+        launch_job = device_job._replace(points=points, candidates=candidates)
+        kernel[-(-len(points) // GROUP), GROUP](launch_job, samples, rings, states, figures)
+        out[launch], trace[launch] = figures.copy_to_host(), states.copy_to_host()
+    return Outcome(*np.moveaxis(tabulate(out[:, None], job), 2, 0)), trace.astype(float)
 
 
-def _to_device(cuda: Any, given: Any, real: Any) -> Any:
+def _to_device(cuda: Any, value: Any, real: Any) -> Any:
     """A named tuple with its arrays on the device, and all floats in the numbers of the kernel."""
-    if isinstance(given, tuple):
-        return given._make(_to_device(cuda, part, real) for part in given)  # type: ignore[attr-defined]
-    if isinstance(given, np.ndarray):
-        return cuda.to_device(np.ascontiguousarray(given, real if given.dtype == np.float64 else np.int64))
-    return real(given) if isinstance(given, float) else given
+    if isinstance(value, tuple):
+        return value._make(_to_device(cuda, item, real) for item in value)  # type: ignore[attr-defined]
+    if isinstance(value, np.ndarray):
+        return cuda.to_device(np.ascontiguousarray(value, real if value.dtype == np.float64 else np.int64))
+    return real(value) if isinstance(value, float) else value
 
 
 def _at_a_time(cuda: Any, count: int, size: int) -> int:

@@ -1,7 +1,7 @@
 """The loop that one CUDA thread runs: one candidate at one operating point.
 
-The functions are those of `block`, for a block of one lane, and the laws are the same source. Working rows are a
-local array: every law is inlined and reads them at constant places, so that the compiler takes the array apart and
+Functions of `block` for a block of one lane, with laws from the same source. Working rows are a
+local array: every law is inlined and reads them at constant places, and the compiler splits the array and
 keeps it in registers. The rings of the waves lie in the device's memory, slot after slot with all threads side by
 side: a warp reads neighbouring numbers. Whatever the loop reads is in the numbers that it computes in; with single
 precision no double is touched in a step.
@@ -48,7 +48,7 @@ class Table(NamedTuple):
 
 
 @functools.cache
-def compiled(variant: Variant, precision: Precision, traced: bool) -> Any:
+def compile_kernel(variant: Variant, precision: Precision, traced: bool) -> Any:
     """The kernel of a variant, compiled for the device of this process at its first call."""
     march = make_march(variant, precision, traced)
     if numba.config.ENABLE_CUDASIM:
@@ -68,11 +68,11 @@ def open_device() -> None:
 
 def signature(precision: Precision) -> Any:
     """Types of the kernel's arguments."""
-    real, whole = numba.from_dtype(np.dtype(VECTORS[precision].real)), numba.int64
-    named = numba.types.NamedTuple
-    courses = named((real[:, ::1], whole[::1], whole[::1], real[:, :, ::1]), Table)
-    job = named((real[:, ::1], courses, whole[:, ::1], whole[:, ::1], real, whole, whole, whole), Job)
-    samples = named((whole[::1], whole[:, ::1], real[:, :, ::1], real[:, ::1]), Samples)
+    real, integer = numba.from_dtype(np.dtype(VECTORS[precision].real)), numba.int64
+    named_tuple = numba.types.NamedTuple
+    courses = named_tuple((real[:, ::1], integer[::1], integer[::1], real[:, :, ::1]), Table)
+    job = named_tuple((real[:, ::1], courses, integer[:, ::1], integer[:, ::1], real, integer, integer, integer), Job)
+    samples = named_tuple((integer[::1], integer[:, ::1], real[:, :, ::1], real[:, ::1]), Samples)
     return numba.void(job, samples, real[:, ::1], real[:, :, :, ::1], real[:, ::1])
 
 

@@ -53,7 +53,7 @@ class Courses(NamedTuple):
     times: Floats  # (clocks, steps): starts of the steps [s]
     clock: Ints  # (points,) int: row of a point's `times`
     first: Ints  # (points,) int: place of a point's first turn, which is in step 0
-    turns: Ints  # (turns,) int: steps of the turns; behind those of each point one that is never reached
+    turns: Ints  # (turns,) int: steps of the turns; each point's list ends with the sentinel `NEVER`
     origins: Floats  # (turns, 4): origins from a turn on, and the two clocks in its own step [s]
     # (points,) int: row of a point's `traces`, −1 where all its pressures are constant and no trace drives it
     trace: Ints
@@ -65,15 +65,15 @@ class Courses(NamedTuple):
         """Fields of `Inputs` in every step, (points, steps, 6), for what reads them from a table."""
         inputs = np.zeros((len(self.steps), self.times.shape[1], len(Inputs._fields)))
         for point, steps in enumerate(self.steps.tolist()):
-            own, times = inputs[point, :steps], self.times[self.clock[point]]
-            own[:, :3] = self.settings[point]
+            point_inputs, times = inputs[point, :steps], self.times[self.clock[point]]
+            point_inputs[:, :3] = self.settings[point]
             if self.trace[point] >= 0:
-                own[:, :4] = self.traces[self.trace[point], :steps]
+                point_inputs[:, :4] = self.traces[self.trace[point], :steps]
             turn = int(self.first[point])
             while self.turns[turn] < steps:
                 here, following = int(self.turns[turn]), min(int(self.turns[turn + 1]), steps)
-                own[here:following, 4:] = times[here:following, None] - self.origins[turn, :2]
-                own[here, 4:] = self.origins[turn, 2:]
+                point_inputs[here:following, 4:] = times[here:following, None] - self.origins[turn, :2]
+                point_inputs[here, 4:] = self.origins[turn, 2:]
                 turn += 1
         return inputs
 
@@ -82,7 +82,7 @@ class Job(NamedTuple):
     """All that a run needs, as arrays."""
 
     theta: Floats  # (candidates, parameters + fuel coefficients)
-    courses: Any  # or those of another machine, such as `cuda_kernel.Table`
+    courses: Any  # or `cuda_kernel.Table` on a GPU
     # (blocks, lanes) int: Operating point and candidate of each lane. All lanes of a block have the same `times`
     points: Ints
     candidates: Ints
@@ -120,7 +120,7 @@ class Scratch(NamedTuple):
     origins: Any
 
 
-class Given(NamedTuple):
+class LoopArguments(NamedTuple):
     """All that the loop is given; it does every `stride`th block from `first` on."""
 
     shape: Any
@@ -133,7 +133,7 @@ class Given(NamedTuple):
     stride: Any
 
 
-GIVEN = Given(
+LOOP_ARGUMENTS = LoopArguments(
     shape=Shape(*[WHOLE] * 4),
     job=Job(
         theta=floats(2),
@@ -172,26 +172,26 @@ def scratch_for(shape: Shape, ring: int, real: Any) -> Scratch:
     """
     lanes = shape.lanes
     return Scratch(
-        _aligned(shape.rows * lanes, real),
-        _aligned(max(3 * ring, shape.columns) * lanes, real),
-        _aligned(2 * lanes, np.float64),
+        _allocate_aligned(shape.rows * lanes, real),
+        _allocate_aligned(max(3 * ring, shape.columns) * lanes, real),
+        _allocate_aligned(2 * lanes, np.float64),
     )
 
 
-def _aligned(count: int, real: Any) -> NDArray[Any]:
+def _allocate_aligned(count: int, real: Any) -> NDArray[Any]:
     size = np.dtype(real).itemsize
-    whole = np.empty(count + CACHE_LINE // size, real)
-    first = -(address(whole) // size) % (CACHE_LINE // size)
-    return whole[first : first + count]
+    padded = np.empty(count + CACHE_LINE // size, real)
+    first = -(address(padded) // size) % (CACHE_LINE // size)
+    return padded[first : first + count]
 
 
 # Working rows of a block, each as wide as its lanes, laid out by the names of what they hold.
 #
-# Coefficients, state, the waves that leave and that arrive, and what the loop keeps of a lane, behind one pointer.
+# Coefficients, state, leaving and arriving waves, and the progress of each lane, at one pointer.
 
 
 class Progress(NamedTuple):
-    """Numbers that the loop keeps of each lane; instants are in steps, and zero is none."""
+    """Progress of each lane; instants are in steps, zero means absent."""
 
     # mass injected [kg] before the step, and at the end of the last sample
     injected_before: float
@@ -247,7 +247,7 @@ _STATE = {
         "valve_lift": "valve.lift",
     },
     # The armature takes the valve's place. There is no control chamber that must refill before the injection has ended,
-    # and no return line: its wave stands still.
+    # and no return line: its wave is constant.
     Actuation.DIRECT: _BOTH
     | {
         "control_pressure": "accumulation.fuel.pressure",
@@ -277,8 +277,8 @@ Rows = namedtuple("Rows", ("lanes", *_paths(Actuation.SERVO), "tip", "top", "end
 
 def make_rows(variant: Variant, lanes: int) -> Any:
     """`Rows` of a variant: the number of lanes, the rows by name, and how many there are."""
-    body, held = wiring(variant).body, model_of(variant.actuation)
-    choices = (("coefficients", held.Coefficients), ("state", held.State), ("body", body.State))
+    body, model = wiring(variant).body, model_of(variant.actuation)
+    choices = (("coefficients", model.Coefficients), ("state", model.State), ("body", body.State))
     rows = layout_of(Working, choices)
     ends = (rows.row(f"state.body.{name}") for name in (body.TIP, body.TOP))
     return Rows(lanes, *map(rows.row, _paths(variant.actuation).values()), *ends, len(rows.paths))  # type: ignore[call-arg]
@@ -294,7 +294,7 @@ def shape_of(variant: Variant, vector: Vector) -> Shape:
 class Outcome(NamedTuple):
     """Figures of the simulations of a run, (candidates, points).
 
-    `opening`, `closing` and `first_closing` are in steps (NaN where there is none); masses in kg; `absolute` and
+    `opening`, `closing` and `first_closing` are in steps (NaN if absent); masses in kg; `absolute` and
     `squared` are the weighted sums of the samples' errors [m³/s], [(m³/s)²]; `sound` is 1 for a run that stayed
     finite and inside its stops, `closed_at_start` for needle and valve at rest before energising, `closed_at_end` for
     a needle on its seat and a SAC that had emptied when the simulation ended.
@@ -314,4 +314,4 @@ class Outcome(NamedTuple):
     first_closing: Any
 
 
-FIGURE: Any = Outcome._make(range(len(Outcome._fields)))  # where each stands in `out`, (lanes, figures)
+FIGURE: Any = Outcome._make(range(len(Outcome._fields)))  # column of each figure in `out`, (lanes, figures)

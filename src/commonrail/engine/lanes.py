@@ -1,10 +1,10 @@
 """The fast engine: candidates side by side in SIMD lanes, blocks of lanes on threads.
 
-Each lane of a block holds one candidate at one operating point. They live behind one pointer, rows × lanes; the loop
+Each lane of a block holds one candidate at one operating point. They are stored at one pointer, rows × lanes; the loop
 over lanes calls the step of `commonrail.physics.step` on NamedTuples and is vectorised by the compiler. Travelling
-waves wait in ring buffers behind the other rows. Samples and their misfit are taken inside the loop, so a population
-leaves no traces in memory. A lane depends on nothing but its own candidate and point: results are the same bits for any
-neighbours and any number of threads.
+waves are stored in ring buffers after the other rows. Samples and their misfit are taken inside the loop, so a
+population leaves no traces in memory. A lane depends on nothing but its own candidate and point: results are the same
+bits for any neighbours and any number of threads.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Precision
 from commonrail.base.errors import SimulationError
 from commonrail.compiler.table import address, fill
-from commonrail.engine.job import GIVEN, VECTORS, Given, Job, Outcome, Samples, scratch_for, shape_of
+from commonrail.engine.job import LOOP_ARGUMENTS, VECTORS, Job, LoopArguments, Outcome, Samples, scratch_for, shape_of
 from commonrail.engine.machine_code import MachineCode, machine_code
 from commonrail.engine.threads import side_by_side
 from commonrail.physics.model import Waves
@@ -31,14 +31,14 @@ _FIRST_CALL = threading.Lock()
 class Misfit(NamedTuple):
     """Samples to compare with, per operating point."""
 
-    bound_count: Ints  # (points,) int: sample bounds used, 0 where there are none
+    bound_count: Ints  # (points,) int: sample bounds used, 0 if absent
     # (points, bounds): sample bounds in steps after time zero; a sample is the mean flow between two bounds
     bounds: Floats
     # (points, bounds): measured mean flow by volume [m³/s] and weight of the sample that ends at a bound
     target: Floats
     weight: Floats
     # (1 or candidates, points): Density that makes a volume of a simulated mass [kg/m³]; NaN for the candidate's own,
-    # see `own_where_open`. With ones the targets are masses [kg/s]
+    # see `fill_density`. With ones the targets are masses [kg/s]
     density: Floats
 
     @classmethod
@@ -50,7 +50,7 @@ class Misfit(NamedTuple):
     def samples(self, dt: float, steps: Ints) -> Samples:
         """The samples as a loop over steps takes them.
 
-        `steps` (points,) int: of each point. A bound that rounding puts behind the last step is taken at its end.
+        `steps` (points,) int: of each point. A bound that rounding moves past the last step is taken at its end.
         """
         within = np.minimum(self.bounds, steps[:, None])
         # in the first step whose end reaches the bound, and in order
@@ -60,9 +60,9 @@ class Misfit(NamedTuple):
         columns = np.stack([within - due, width, self.target, self.weight], axis=2)
         return Samples(self.bound_count, due.astype(np.int64), columns, self.density)
 
-    def own_where_open(self, own: Floats) -> Misfit:
+    def fill_density(self, candidate_density: Floats) -> Misfit:
         """The same samples with each candidate's own density, (1 or candidates, points), where none is given."""
-        return self._replace(density=np.where(np.isnan(self.density), own, self.density))
+        return self._replace(density=np.where(np.isnan(self.density), candidate_density, self.density))
 
 
 @functools.lru_cache(maxsize=4)
@@ -72,10 +72,10 @@ def _no_samples(points: int) -> Samples:
 
 
 @functools.cache
-def compiled(variant: Variant, precision: Precision, same_bits: bool) -> MachineCode:
+def load_loop(variant: Variant, precision: Precision, same_bits: bool) -> MachineCode:
     """The block loop of a variant.
 
-    `same_bits`: exact, so that its bits are those of any processor: see `compiler.target.exact_processor`. Raises
+    `same_bits`: exact code with equal bits on every processor, see `compiler.target.exact_processor`. Raises
     ConfigurationError if no bits are promised on this machine, or it may not compile.
     """
     with _FIRST_CALL:
@@ -101,21 +101,21 @@ def run(
     """Run all blocks of a job.
 
     `misfit` (Misfit, optional): samples to compare with; `traced`: keep the state after every step; `threads`: the
-    result does not depend on it; `injected_only`: of a traced run, keep only the mass injected: one row, some hundredth
-    of the memory.
+    result does not depend on it; `injected_only`: of a traced run, keep only the injected mass: one row, about a
+    hundredth of the memory.
 
-    Returns `outcome` Outcome; `trace` (blocks, steps + 1, rows, lanes), empty unless traced: of a block that there are
-    not enough simulations for, only their lanes are kept.
+    Returns `outcome` Outcome; `trace` (blocks, steps + 1, rows, lanes), empty unless traced: the last block is
+    truncated to its used lanes.
     """
     n, lanes = job.points.shape
-    loop, vector, steps = compiled(variant, precision, same_bits), VECTORS[precision], job.courses.steps
+    loop, vector, steps = load_loop(variant, precision, same_bits), VECTORS[precision], job.courses.steps
     samples = _no_samples(len(steps)) if misfit is None else misfit.samples(job.dt, steps)
     out = np.empty((n, lanes, len(Outcome._fields)))
     rows = 1 if injected_only else len(trace_paths(variant))
-    kept = (int(steps.max()) + 1, rows, min(lanes, len(job.theta) * len(steps)))
-    trace = np.full((n, *kept) if traced else (0, 0, 0, 0), np.nan)
+    trace_shape = (int(steps.max()) + 1, rows, min(lanes, len(job.theta) * len(steps)))
+    trace = np.full((n, *trace_shape) if traced else (0, 0, 0, 0), np.nan)
     threads = min(threads, n)
-    given = Given(
+    arguments = LoopArguments(
         shape=shape_of(variant, vector),
         job=job,
         samples=samples,
@@ -125,21 +125,23 @@ def run(
         first=0,
         stride=threads,
     )
-    side_by_side(lambda first: _call(loop, given._replace(first=first), vector.real), range(threads))
-    return Outcome(*np.moveaxis(tabled(out, job), 2, 0)), trace
+    side_by_side(lambda first: _call(loop, arguments._replace(first=first), vector.real), range(threads))
+    return Outcome(*np.moveaxis(tabulate(out, job), 2, 0)), trace
 
 
-def _call(loop: MachineCode, given: Given, real: Any) -> None:
+def _call(loop: MachineCode, arguments: LoopArguments, real: Any) -> None:
     """Run the loop of one thread, without Python's lock."""
-    table, kept = fill(GIVEN, given._replace(scratch=scratch_for(given.shape, given.job.ring, real)), real)
-    ended = np.zeros(2, np.int64)  # what the loop returns, and room for an exception that it never has
+    table, referenced_arrays = fill(
+        LOOP_ARGUMENTS, arguments._replace(scratch=scratch_for(arguments.shape, arguments.job.ring, real)), real
+    )
+    ended = np.zeros(2, np.int64)  # return value, and unused room for an exception
     result = address(ended)
     if loop.call(result, result + 8, address(table)) or ended[0]:
         raise SimulationError("The machine code of the fast engine was made for another injector; report this.")
-    del kept
+    del referenced_arrays
 
 
-def tabled(figures: Floats, job: Job) -> Floats:
+def tabulate(figures: Floats, job: Job) -> Floats:
     """Figures of lanes as (candidates, points, …), from (blocks, lanes, …)."""
     table = np.empty((len(job.theta), len(job.courses.steps), *figures.shape[2:]))
     table[job.candidates, job.points] = figures  # lanes that only fill a block repeat another one's figures

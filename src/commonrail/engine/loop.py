@@ -25,7 +25,7 @@ from commonrail.physics.variants import DRIVE, Variant, kernel_name, unread_inpu
 class CoursePlan:
     """Inputs that the operating point plans, for any step of `dt` [s], also beyond its horizon.
 
-    `prepared` is that of the point, with a trace of zeros for a drive whose trace the caller gives.
+    `prepared` belongs to the point, with a trace of zeros if the caller supplies the drive's trace.
     """
 
     def __init__(self, injector: Injector, point: OperatingPoint, dt: float) -> None:
@@ -56,16 +56,16 @@ class CoursePlan:
         """Inputs of steps `first` to `first` + `count` − 1: (steps, 6)."""
         last = len(self._table) - 1
         steps = np.arange(first, first + count)
-        found: Floats = self._table[np.minimum(steps, last)]
+        rows: Floats = self._table[np.minimum(steps, last)]
         beyond = steps > last
         if beyond.any():
             dt, begin = self.prepared.dt, self.instants(first, count)[beyond]
             for column, course in enumerate(self._courses):
                 if isinstance(course, Trace):
-                    found[beyond, column] = course.mean(begin, begin + dt)
+                    rows[beyond, column] = course.mean(begin, begin + dt)
             if self.prepared.points[0].pulses:
-                found[beyond, 4:] += (dt * (steps[beyond] - last))[:, None]
-        return found
+                rows[beyond, 4:] += (dt * (steps[beyond] - last))[:, None]
+        return rows
 
 
 class Loop(NamedTuple):
@@ -75,7 +75,7 @@ class Loop(NamedTuple):
     # takes one step for each row of them, the first of them with the number `first`
     march: Callable[..., Any]
     rows: Any
-    # names of the rows of the state, which begin at `rows.state`; behind them are the three waves that leave
+    # names of the rows of the state, which begin at `rows.state`; after them are the three leaving waves
     state: tuple[str, ...]
     parameters: int  # length of `theta`
 

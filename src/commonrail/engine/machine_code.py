@@ -32,9 +32,8 @@ from commonrail.physics.variants import Variant, kernel_name
 
 # Libraries of lane loops that came with the package, compiled for levels of x86-64 where the package was built.
 #
-# A library is used if it was made from the sources that are here, for a level that this processor has, and is whole: a
-# cut one would end the process. A file beside the libraries, `STAMP`, tells from which sources and by which compiler
-# they were made, and their digests.
+# A library is used if it was made from the present sources, for a level that this processor has, and is intact: a
+# truncated one would end the process. The file `STAMP` next to them records their sources, compiler and digests.
 
 FOLDER = Path(__file__).resolve().parents[1] / "kernels"
 STAMP = "stamp.json"
@@ -58,14 +57,14 @@ def file_of(processor: str) -> Path:
 
 
 def find(symbol: str) -> MachineCode | None:
-    """Function of a library by its name; None where there is none that may be used.
+    """Function of a library by its name; None if no library may be used.
 
-    Raises ConfigurationError if ``COMMONRAIL_KERNELS`` is none of its values.
+    Raises ConfigurationError if ``COMMONRAIL_KERNELS`` has an unknown value.
     """
     level = None if objection() else _level()
     if level is None:
         return None
-    holder = _opened(file_of(level))
+    holder = _open_library(file_of(level))
     try:
         function = getattr(holder, symbol)
     except AttributeError:
@@ -76,21 +75,21 @@ def find(symbol: str) -> MachineCode | None:
 
 @functools.cache
 def objection() -> str:
-    """Reason why no library is used; "" where they are."""
+    """Reason why no library is used; "" if they are used."""
     if kernels_switch() == "off":
         return f"{SWITCH}=off"
-    named = [name for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES") if name in os.environ]
-    if named:
-        return f"{named[0]} names another processor"
-    stamp = made_by()
+    overrides = [name for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES") if name in os.environ]
+    if overrides:
+        return f"{overrides[0]} names another processor"
+    stamp = read_stamp()
     if stamp is None:
         return "none came with this package"
     if not _is_of_these_sources(stamp):
         return "the sources were changed since they were built"
     for package in COMPILERS:  # the installed ones are named in results, and may round differently
-        own = package_version(package)
-        if own and own != stamp.get(package):
-            return f"they were compiled by {package} {stamp.get(package)}, and {own} is installed"
+        installed = package_version(package)
+        if installed and installed != stamp.get(package):
+            return f"they were compiled by {package} {stamp.get(package)}, and {installed} is installed"
     if not is_x86():
         return "they are for x86-64 processors"
     try:
@@ -109,13 +108,13 @@ def _is_of_these_sources(stamp: Mapping[str, Any]) -> bool:
 
 
 @functools.cache
-def made_by() -> dict[str, Any] | None:
-    """Stamp of the libraries: sources, versions of compilers, digests; None where there are no libraries."""
+def read_stamp() -> dict[str, Any] | None:
+    """Stamp of the libraries: sources, versions of compilers, digests; None without libraries."""
     try:
-        found = json.loads((FOLDER / STAMP).read_text(encoding="utf-8"))
+        stamp = json.loads((FOLDER / STAMP).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return found if isinstance(found, dict) else None
+    return stamp if isinstance(stamp, dict) else None
 
 
 @functools.cache
@@ -127,18 +126,18 @@ def _level() -> str | None:
     lowest = file_of(LEVEL_3.name)
     if not lowest.exists():
         return None
-    has = int(_opened(lowest).cr_level())
-    wanted = 3 if kernels_switch() == "v3" else 4
-    level = {4: LEVEL_4, 3: LEVEL_3}.get(min(has, wanted))
+    has = int(_open_library(lowest).cr_level())
+    highest_allowed = 3 if kernels_switch() == "v3" else 4
+    level = {4: LEVEL_4, 3: LEVEL_3}.get(min(has, highest_allowed))
     if level is None or not file_of(level.name).exists():
         return None
-    _opened(file_of(level.name))
+    _open_library(file_of(level.name))
     return level.name
 
 
 @functools.cache
-def _opened(path: Path) -> Any:
-    digests = (made_by() or {}).get("libraries")
+def _open_library(path: Path) -> Any:
+    digests = (read_stamp() or {}).get("libraries")
     if not path.is_file() or not isinstance(digests, dict) or digests.get(path.name) != digest(path):
         raise OSError(f"{path} is not the one that was built; build it again, or delete {path.parent}")
     return ctypes.CDLL(str(path))
@@ -153,16 +152,16 @@ def symbol_of(variant: Variant, precision: Precision, exact: bool = False) -> st
 def machine_code(variant: Variant, vector: Vector, same_bits: bool) -> MachineCode:
     """Machine code of a loop.
 
-    `same_bits`: exact, so that its bits are those of any processor: see `compiler.target.exact_processor`. Raises
+    `same_bits`: exact code with equal bits on every processor, see `compiler.target.exact_processor`. Raises
     ConfigurationError if no bits are promised on this machine, or it may not compile.
     """
     symbol = symbol_of(variant, vector.precision, same_bits)
     if (shared := find(symbol)) is not None:
         return shared
     processor = exact_processor() if same_bits else own_processor()
-    found, made = object_of(variant, vector, processor)
-    call, holder = load(found, symbol)
-    return MachineCode(call, "compiled" if made else "cache", processor.name, holder)
+    object_file, was_compiled = object_of(variant, vector, processor)
+    call, holder = load(object_file, symbol)
+    return MachineCode(call, "compiled" if was_compiled else "cache", processor.name, holder)
 
 
 def source_of(variant: Variant, vector: Vector, exact: bool) -> Source:

@@ -22,7 +22,7 @@ OTHER_PRESSURES = Limits(
     10e3, 1e9, (0.05e6, 30e6), ("MPa", "bar")
 )  # cylinder, return line: little below the atmosphere
 ENERGISING_TIMES = Limits(0.0, 0.1, (10e-6, 20e-3), ("us", "ms"))
-SHORTEST = 1e-9  # of an energising that is one [s]; zero stands for none, as where a closed injector leaks
+SHORTEST = 1e-9  # of an energising that is one [s]; zero: no energising, only leakage
 LONGEST = 1.0  # of a simulation [s]
 CUT_OFFS = Limits(1.0, 1e9, (100.0, 20e3), ("Hz", "kHz"))
 
@@ -111,7 +111,7 @@ class Energising(_Pulse):
     Raises
     ------
     ConfigurationError
-        If one is no time, or the duration lies beyond its limits.
+        If a value is not a time, or the duration lies beyond its limits.
     """
 
     __slots__ = ()
@@ -123,7 +123,7 @@ class Energising(_Pulse):
             _energising_time(duration, "duration of an energising"),
         )
 
-    _make = classmethod(lambda cls, values: cls(*values))  # type: ignore[assignment]  # so that `_replace` checks too
+    _make = classmethod(lambda cls, values: cls(*values))  # type: ignore[assignment]  # `_replace` checks too
 
 
 @dataclass(frozen=True)
@@ -148,8 +148,8 @@ class OperatingPoint:
     Raises
     ------
     ConfigurationError
-        If a value is no quantity of its kind or lies beyond its limits, energisings overlap, or more than 1 s would be
-        simulated.
+        If a value is not a quantity of its kind or lies beyond its limits, energisings overlap, or more than 1 s would
+        be simulated.
 
     Examples
     --------
@@ -165,7 +165,7 @@ class OperatingPoint:
     horizon: float | None = None
     start: float = field(default=0.0, kw_only=True)
 
-    if TYPE_CHECKING:  # what is accepted is wider than what is kept
+    if TYPE_CHECKING:  # accepted types are wider than stored ones
 
         def __init__(
             self,
@@ -229,7 +229,7 @@ class OperatingPoint:
 
     @property
     def end_of_energising(self) -> float:
-        """End of the last energising, the start of the simulation if there is none [s]."""
+        """End of the last energising, or the start of the simulation without one [s]."""
         return self.pulses[-1].start + self.pulses[-1].duration if self.pulses else self.start
 
     @property
@@ -252,8 +252,11 @@ class OperatingPoint:
 
 def _refuse_unless_below(rail: Course, name: str, course: Course) -> None:
     """Refuse a pressure that reaches the rail's at any time: fuel would flow back, which no part's law covers."""
-    times = [t for one in (rail, course) if isinstance(one, Trace) for t in one.time] or [0.0]
-    high, low = (one.at(times) if isinstance(one, Trace) else np.full(len(times), one) for one in (rail, course))
+    times = [t for pressure in (rail, course) if isinstance(pressure, Trace) for t in pressure.time] or [0.0]
+    high, low = (
+        pressure.at(times) if isinstance(pressure, Trace) else np.full(len(times), pressure)
+        for pressure in (rail, course)
+    )
     worst = int(np.argmin(high - low))
     if not low[worst] < high[worst]:
         raise ConfigurationError(
@@ -270,12 +273,12 @@ def _course(name: str, course: object, limits: Limits) -> Course:
     return course
 
 
-def _energisings(given: object) -> tuple[Energising, ...] | float:
-    if isinstance(given, Energising):
-        return (given,)
-    if np.ndim(given) if isinstance(given, np.ndarray) else isinstance(given, list | tuple):
-        return read_pulses(given)
-    return _energising_time(given, "energising time")
+def _energisings(value: object) -> tuple[Energising, ...] | float:
+    if isinstance(value, Energising):
+        return (value,)
+    if np.ndim(value) if isinstance(value, np.ndarray) else isinstance(value, list | tuple):
+        return read_pulses(value)
+    return _energising_time(value, "energising time")
 
 
 def _energising_time(value: object, what: str) -> float:
@@ -288,15 +291,15 @@ def _energising_time(value: object, what: str) -> float:
 _PULSES = '[(0.0, "250 us"), ("900 us", "600 us")], pairs of start and duration'
 
 
-def read_pulses(given: object) -> tuple[Energising, ...]:
+def read_pulses(pairs: object) -> tuple[Energising, ...]:
     """Energisings of a list of pairs of start and duration; `ConfigurationError` if it is another thing."""
-    return tuple(_pulse(item) for item in sequence(given, "energisings", _PULSES))
+    return tuple(_pulse(item) for item in sequence(pairs, "energisings", _PULSES))
 
 
-def _pulse(given: object) -> Energising:
-    pair = given if isinstance(given, tuple | list | np.ndarray) else ()
+def _pulse(item: object) -> Energising:
+    pair = item if isinstance(item, tuple | list | np.ndarray) else ()
     if len(pair) != 2:
-        raise ConfigurationError(f"The energisings must be a list, such as {_PULSES}, and {shown(given)} is no pair.")
+        raise ConfigurationError(f"The energisings must be a list, such as {_PULSES}, and {shown(item)} is no pair.")
     return Energising(*pair)
 
 

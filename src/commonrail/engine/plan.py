@@ -50,7 +50,7 @@ def _read_rows(names: Sequence[str], values: Any) -> Floats:
     rows = sequence(values, "values", "[[1e-3], [2e-3]], a row for each candidate")
     if not any(isinstance(row, Sequence | np.ndarray) and not isinstance(row, str) for row in rows):
         rows = [rows]
-    known = parameter_quantities()
+    quantities = parameter_quantities()
     read = []
     for i, row in enumerate(rows, start=1):
         what = f"values of candidate {i}"
@@ -59,7 +59,7 @@ def _read_rows(names: Sequence[str], values: Any) -> Floats:
             raise ConfigurationError(f"{len(names)} names but {len(items)} {what} were given; give one for each name.")
         read.append(
             [
-                float(array(item, known[name].unit, f"{what}, {name}", 0, finite=False))
+                float(array(item, quantities[name].unit, f"{what}, {name}", 0, finite=False))
                 for item, name in zip(items, names, strict=True)
             ]
         )
@@ -107,7 +107,7 @@ def admissible(
     inside = np.isfinite(values)
     if fuel is not None and FUEL_TEMPERATURE in names:
         column = list(names).index(FUEL_TEMPERATURE)
-        inside[:, column] &= fuel.defined_at(values[:, column])
+        inside[:, column] &= fuel.is_defined_at(values[:, column])
     for domain, where in _domains(tuple(names), actuation):
         inside[:, where] &= domain.admits(values[:, where])
     return np.asarray(inside.all(axis=1))
@@ -115,14 +115,14 @@ def admissible(
 
 @functools.lru_cache(maxsize=64)
 def _domains(names: tuple[str, ...], actuation: Actuation | None) -> list[tuple[Domain, list[int] | slice]]:
-    """Domains of parameters, and the places of those that lie in each."""
-    known = parameter_quantities(actuation)
-    found: dict[Domain, list[int]] = {}
+    """Domains of parameters, and the columns in each."""
+    quantities = parameter_quantities(actuation)
+    columns: dict[Domain, list[int]] = {}
     for column, name in enumerate(names):
-        found.setdefault(known[name].domain, []).append(column)
-    if len(found) == 1:
-        return [(domain, slice(None)) for domain in found]
-    return list(found.items())
+        columns.setdefault(quantities[name].domain, []).append(column)
+    if len(columns) == 1:
+        return [(domain, slice(None)) for domain in columns]
+    return list(columns.items())
 
 
 CHECK_INTERVAL = 20e-6  # between checks of health and rest [s]
@@ -174,7 +174,7 @@ def _largest(course: Course) -> float:
 
 
 def coefficients_at(injector: Injector, point: OperatingPoint, dt: float) -> Any:
-    """Coefficients of an injector at a point, those of its actuation."""
+    """Coefficients of an injector at a point."""
     fuel = fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE])
     return wiring(injector.variant).setup(injector.parameters, fuel, Setting(*point.initial_pressures(), dt))
 
@@ -214,17 +214,19 @@ def make_job(
     stop_when_closed: bool,
     width: int = VECTORS[Precision.F64].lanes,
     *,
-    apart: bool = False,
+    separate_points: bool = False,
 ) -> Job:
     """Every candidate at every point, in blocks of lanes.
 
     `theta` (candidates, parameters + fuel coefficients): of `candidate_matrix`; `stop_when_closed`: end a simulation
-    once its needle has closed for good; `width`: lanes of a block; `apart`: as in `fill_lanes`; samples to compare with
-    demand it.
+    once its needle has closed for good; `width`: lanes of a block; `separate_points`: as in `fill_lanes`, required by
+    samples to compare with.
     """
     dt, courses = prepared.dt, prepared.courses
     every = max(round(CHECK_INTERVAL / dt), 1)
-    points, candidates = fill_lanes(courses, len(theta), width, by_earliest_end=stop_when_closed, apart=apart)
+    points, candidates = fill_lanes(
+        courses, len(theta), width, by_earliest_end=stop_when_closed, separate_points=separate_points
+    )
     return Job(
         theta=np.ascontiguousarray(theta),
         courses=courses,
@@ -245,30 +247,30 @@ def _lanes(order: bytes, starts: bytes, candidates: int, width: int) -> tuple[In
     begins, zero included; `width`: lanes of a block.
     """
     filled = []
-    for part in np.split(np.frombuffer(order, np.int64), np.frombuffer(starts, np.int64)[1:]):
-        pairs = np.stack([np.repeat(part, candidates), np.tile(np.arange(candidates), len(part))])
+    for point_group in np.split(np.frombuffer(order, np.int64), np.frombuffer(starts, np.int64)[1:]):
+        pairs = np.stack([np.repeat(point_group, candidates), np.tile(np.arange(candidates), len(point_group))])
         spare = -pairs.shape[1] % width
         filled.append(np.concatenate([pairs, np.repeat(pairs[:, -1:], spare, axis=1)], axis=1))
-    points, own = np.concatenate(filled, axis=1).reshape(2, -1, width)
-    return np.ascontiguousarray(points), np.ascontiguousarray(own)
+    points, lane_candidates = np.concatenate(filled, axis=1).reshape(2, -1, width)
+    return np.ascontiguousarray(points), np.ascontiguousarray(lane_candidates)
 
 
 def fill_lanes(
-    courses: Courses, candidates: int, width: int, *, by_earliest_end: bool = False, apart: bool = False
+    courses: Courses, candidates: int, width: int, *, by_earliest_end: bool = False, separate_points: bool = False
 ) -> tuple[Ints, Ints]:
     """Points and candidates of the lanes of each block, (blocks, width) each: every candidate at every point.
 
-    Points follow one another by the end of their simulation, so that the lanes of a block, and the blocks of each
-    thread, end at about the same time. A last block that is not full repeats its last lane.
+    Points are sorted by the end of their simulation: the lanes of a block, and the blocks of each
+    thread, then end at about the same time. A last block that is not full repeats its last lane.
 
     `width`: lanes of a block; `by_earliest_end`: simulations end once their injection has ended, rather than at their
-    horizon; `apart`: only candidates at the same point share a block.
+    horizon; `separate_points`: only candidates at the same point share a block.
     """
     points = len(courses.steps)
     end = courses.earliest_end if by_earliest_end else courses.steps
     order = np.lexsort((courses.settings[:, 0], -end, courses.clock)) if points > 1 else np.zeros(1, np.int64)
     clock = courses.clock[order]
-    starts = np.arange(points) if apart else np.append(0, 1 + np.flatnonzero(clock[1:] != clock[:-1]))
+    starts = np.arange(points) if separate_points else np.append(0, 1 + np.flatnonzero(clock[1:] != clock[:-1]))
     return _lanes(order.astype(np.int64).tobytes(), starts.astype(np.int64).tobytes(), candidates, width)
 
 
@@ -310,12 +312,14 @@ def _step_too_long(names: Sequence[str], theta: Floats, prepared: Prepared, lift
     `lifts` (candidates, points): [m].
     """
     injector, dt, points = prepared.injector, prepared.dt, lifts.shape[1]
-    # fuel is stiffest at the largest pressure: what bears the step there, at its largest lift, bears it at every point
-    found = np.repeat(too_long(injector, names, theta, prepared.medium, dt, lifts.max(axis=1))[:, None], points, axis=1)
-    asked = np.flatnonzero(found[:, 0])
+    # fuel is stiffest at the largest pressure: a candidate stable there, at its largest lift, is stable at every point
+    step_too_long = np.repeat(
+        too_long(injector, names, theta, prepared.medium, dt, lifts.max(axis=1))[:, None], points, axis=1
+    )
+    asked = np.flatnonzero(step_too_long[:, 0])
     if points > 1 and len(asked):
         modulus, speed, at_return = medium_of(injector, prepared.highest)
         medium = Medium(np.tile(modulus, len(asked)), np.tile(speed, len(asked)), at_return)
         rows = np.repeat(theta[asked], points, axis=0)
-        found[asked] = too_long(injector, names, rows, medium, dt, lifts[asked].ravel()).reshape(-1, points)
-    return found
+        step_too_long[asked] = too_long(injector, names, rows, medium, dt, lifts[asked].ravel()).reshape(-1, points)
+    return step_too_long

@@ -11,14 +11,14 @@ from commonrail.base.arrays import Floats
 # Noise is judged from 5 to 10 kHz: waves of rails and lines have nearly died out there, and most sensors still answer.
 TOP, LOWEST = 10e3, 100.0  # upper end of that octave, and lowest cut-off by default, above pump and control [Hz]
 MARGIN = 4.0  # of a cut-off over the signal: what a corner in the course loses falls with 1/f
-STANDS_OUT = 3.0  # power of a signal over that of the noise, in a band of half an octave
-FEWEST = 32  # samples that tell signal from noise
+STANDS_OUT = 3.0  # power of a signal over the noise power, in a band of half an octave
+FEWEST = 32  # samples needed to separate signal from noise
 CHI = 0.4549  # median of χ² with one degree of freedom over its mean
-NEIGHBOURS = 9  # frequencies whose mean power is compared with that of the noise
+NEIGHBOURS = 9  # frequencies whose mean power is compared with the noise power
 
 
 class Filtered(NamedTuple):
-    """Record (samples,), evenly spaced if something was removed, cut-off [Hz], and rms of what was removed."""
+    """Record (samples,), evenly spaced if something was removed, cut-off [Hz], and rms of the removed part."""
 
     time: Floats
     value: Floats

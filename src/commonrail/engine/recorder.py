@@ -20,7 +20,7 @@ def at(rows: Any, row: int, lane: int) -> int:
 class Sample(NamedTuple):
     """Part of a step at which a sample ends, its width [s], target [m³/s] and weight."""
 
-    part: float
+    fraction: float
     width: float
     target: float
     weight: float
@@ -34,7 +34,7 @@ def crossing(old, new):  # type: ignore[no-untyped-def]
 
 @physics
 def record_crossing(work, rows, lane, count):  # type: ignore[no-untyped-def]
-    """Keep the opening, the first and the last closing, in steps; zero is none.
+    """Keep the opening, the first and the last closing, in steps; zero means absent.
 
     The needle is open once its tip has first risen by `CLEAR_LIFT`, and closes when it first meets the seat after
     that. It has reopened, and closes again, if it rises as far again or injects more than `REOPENED` meanwhile: the
@@ -71,7 +71,7 @@ def take_sample(work, rows, due, first):  # type: ignore[no-untyped-def]
     """Take the `Sample` that ends in the last step, and add up its misfit, by volume as the target."""
     for lane in range(rows.lanes):
         start = work[at(rows, rows.injected_before, lane)]
-        here = start + due.part * (work[at(rows, rows.injected, lane)] - start)
+        here = start + due.fraction * (work[at(rows, rows.injected, lane)] - start)
         # a division: the compiler contracts a product and a difference in some lanes and not in others
         gain, density = here - work[at(rows, rows.injected_at_sample, lane)], work[at(rows, rows.density, lane)]
         error = gain / (due.width * density) - due.target

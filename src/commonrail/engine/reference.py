@@ -1,6 +1,6 @@
 """The reference engine: the same equations by SciPy's LSODA, error-controlled, restarted at every switching.
 
-Slow and obvious; the lanes are judged by it. Where LSODA shrinks its step to nothing behind a kink, DOP853 does the
+Slow and simple; the lanes are checked against it. If LSODA's step becomes too small after a kink, DOP853 repeats the
 segment. Pipes are resolved by `cells` finite volumes. On request the explicit march of `reference_kernels` solves
 instead.
 """
@@ -105,21 +105,21 @@ CRAWL = (2000, 0.5e-6)  # LSODA is stuck if so many evaluations take it no furth
 
 
 @functools.cache
-def _compiled_rates(variant: Variant) -> Kernel:
+def _compile_rates(variant: Variant) -> Kernel:
     """Function (y, outside, constants, cells, friction, dy) of a variant, compiled."""
     source = Source(f"{kernels.__name__}:rates_entries", variant.words, "f64", kernel_name(variant))
     return Kernel(source, "rates", kernels.RATES, make_rates(variant))
 
 
 @functools.cache
-def _compiled_march(variant: Variant) -> Callable[..., int]:
+def _compile_march(variant: Variant) -> Callable[..., int]:
     """Function (plan, fixed, step, start, states, recorded, memory) of a variant, compiled."""
     source = Source(f"{kernels.__name__}:march_entries", variant.words, "f64", kernel_name(variant))
     return Kernel(source, "march", kernels.MARCH, kernels.make_march(variant))
 
 
 class _Crawling(Exception):
-    """LSODA has shrunk its step to nothing, as it sometimes does behind a kink."""
+    """LSODA's step has become too small, as happens after a kink."""
 
 
 def simulate_reference(
@@ -186,7 +186,7 @@ class Model:
         self.friction = np.zeros((9, 2)) if friction is None else np.ascontiguousarray(friction, float)
         self.outside = np.zeros(len(AT))
         self.y, self.dy = np.empty_like(self.start), np.empty_like(self.start)
-        self.evaluate = _compiled_rates(variant).bound(
+        self.evaluate = _compile_rates(variant).bound(
             self.y, self.outside, self.constants, self.cells, self.friction, self.dy
         )
         self.variant = variant
@@ -203,7 +203,7 @@ class Model:
         memory = np.zeros(len(AT)), np.empty((4, len(self.start)))
         step = min(self.resolution.step, self.passage())
         fixed = Fixed(self.constants, self.cells, self.friction)
-        loop = _compiled_march(self.variant)
+        loop = _compile_march(self.variant)
         finished = loop(self._plan(time), fixed, step, self.start, states, recorded, memory)
         return states, Instants(*recorded[:3].tolist()), bool(finished)
 
@@ -222,8 +222,8 @@ class Model:
         stops = stops[np.append(True, np.diff(stops) > SAME)]
         rows = np.full(len(stops), -1)
         rows[np.minimum(np.searchsorted(stops, time - SAME), len(stops) - 1)] = np.arange(len(time))
-        held = np.searchsorted(edges, 0.5 * (stops[1:] + stops[:-1]), side="right") - 1
-        schedule = np.array([(s.on, s.peak) for s in stretches])[held]
+        stretch_index = np.searchsorted(edges, 0.5 * (stops[1:] + stops[:-1]), side="right") - 1
+        schedule = np.array([(s.on, s.peak) for s in stretches])[stretch_index]
         at_stops = np.array([[value_at(course, t) for course in courses(self.point)] for t in stops])
         return Plan(stops, at_stops, schedule, rows)
 
@@ -242,7 +242,7 @@ class Model:
                 if not np.isfinite(y).all():  # SciPy would refuse it with an error of its own
                     return states, instants(crossings), False
                 if self.past_limit(y) > 1e-9:
-                    self.outside[AT.conducting] = drive.turned(self.outside[AT.conducting])
+                    self.outside[AT.conducting] = drive.toggle_conduction(self.outside[AT.conducting])
                 inside = time[(time > now) & (time <= segment.stop)]
                 result = self.solve(now, segment.stop, y, inside)
                 if not result.success:
@@ -255,17 +255,17 @@ class Model:
                 switched = result.status == 1
                 now, y = (result.t_events[-1][-1], result.y_events[-1][-1]) if switched else (segment.stop, self.last)
                 if switched:
-                    self.outside[AT.conducting] = drive.turned(self.outside[AT.conducting])
+                    self.outside[AT.conducting] = drive.toggle_conduction(self.outside[AT.conducting])
         return states, instants(crossings), True
 
     def _note(self, crossings: Crossings, result: Any) -> None:
         """Add what a solve has seen, with the mass injected by then [kg]."""
         injected = self.at.core + self.core.row("nozzle.injected")
-        for kept, times, states in zip(crossings, result.t_events, result.y_events, strict=False):
-            kept.extend((float(t), float(y[injected])) for t, y in zip(times, states, strict=True))
+        for records, times, states in zip(crossings, result.t_events, result.y_events, strict=False):
+            records.extend((float(t), float(y[injected])) for t, y in zip(times, states, strict=True))
 
     def solve(self, start: float, stop: float, y: Floats, inside: Floats) -> Any:
-        """Solve between two switchings, with samples `inside`; a result as of `solve_ivp`, its last state in `last`."""
+        """Solve between two switchings, with samples `inside`; a result of `solve_ivp`; its last state is in `last`."""
         at = np.append(inside, stop) if not len(inside) or inside[-1] < stop else inside
         common = {
             "t_eval": at,
@@ -286,7 +286,7 @@ class Model:
         return result
 
     def events(self) -> list[Callable[[float, Floats], float]]:
-        """Those of `Crossings`; then the PWM's current meets its limit, which ends a solve."""
+        """Events of `Crossings`, then the PWM's current at its limit, which ends a solve."""
         tip = self.at.tip
 
         def closes(t: float, y: Floats) -> float:
@@ -343,12 +343,12 @@ class Model:
         return typical_sizes(self.variant, self.start, self.cells, rail)
 
 
-def solution(model: Model, time: Floats, states: Floats, found: Instants, finished: bool) -> Solution:
+def solution(model: Model, time: Floats, states: Floats, instants: Instants, finished: bool) -> Solution:
     """States as a `Solution`."""
-    named = vector_states(model.variant, states, model.cells)
-    injected = named["nozzle.injected"]
+    state_columns = vector_states(model.variant, states, model.cells)
+    injected = state_columns["nozzle.injected"]
     cylinder = values_at(model.point.cylinder_pressure, time)
-    channels = all_channels(model.c, model.variant, named, _pressures(model, time, states), cylinder)
+    channels = all_channels(model.c, model.variant, state_columns, _pressures(model, time, states), cylinder)
     still = channels["needle_lift"][-1] > 0.0
     status = Status.STILL_INJECTING if still else Status.OK
     if not finished:
@@ -361,8 +361,8 @@ def solution(model: Model, time: Floats, states: Floats, found: Instants, finish
         injected=injected,
         channels=channels,
         injected_mass=float(injected[-1]),
-        returned_mass=float(named["cumulative_flows.returned"][-1]),
-        **found._asdict(),
+        returned_mass=float(state_columns["cumulative_flows.returned"][-1]),
+        **instants._asdict(),
         reference_density=reference_density(model.injector, model.point),
         status=status,
         engine="reference",

@@ -1,7 +1,7 @@
 """Loops of the reference engine that are compiled: the right-hand side, and the explicit march.
 
 The march is the classical Runge–Kutta method of order 4 at small steps, several times faster than LSODA and free of
-Python, so that many truths can be simulated side by side. Steps end at every sample, edge of the schedule and knot of
+Python, to simulate many truths at once. Steps end at every sample, edge of the schedule and knot of
 a trace; the PWM switches inside a step, where its current meets the limit. Between them steps are of one length unless
 the SAC, the stiffest of the volumes, settles sooner. A state that runs away is seen, not raised.
 """
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.choices import Drive
 from commonrail.compiler.table import REAL, floats, wholes
-from commonrail.physics.components.drive import turned
+from commonrail.physics.components.drive import toggle_conduction
 from commonrail.physics.connections import CLEAR_LIFT, REOPENED
 from commonrail.physics.equations import AT, make_air_gap, make_rates, make_sac_rate, past_limit
 from commonrail.physics.law import physics
@@ -48,7 +48,7 @@ TRIES = 40  # to meet it; three suffice
 
 
 class Fixed(NamedTuple):
-    """Arguments of the rates beside the state, in their order."""
+    """Arguments of the rates in addition to the state, in order."""
 
     constants: Floats  # `Coefficients` as one lane of a layout
     cells: Ints  # (2,) int array: of the feed pipe and of the return line
@@ -173,7 +173,7 @@ def make_march(variant: Variant) -> Callable[..., int]:
             outside[AT.on], outside[AT.peak] = plan.schedule[k, 0], plan.schedule[k, 1]
             outside[AT.conducting] = outside[AT.conducting] if outside[AT.on] > 0.5 else 2.0
             if past(c, cells, y, outside) > MET:
-                outside[AT.conducting] = turned(outside[AT.conducting])
+                outside[AT.conducting] = toggle_conduction(outside[AT.conducting])
             now, stop, tries = stops[k], stops[k + 1], 0
             short, gap, long, over = 0.0, past(c, cells, y, outside), 0.0, 0.0
             while now < stop:
@@ -192,7 +192,7 @@ def make_march(variant: Variant) -> Callable[..., int]:
                 now = stop if h >= stop - now else now + h
                 set_all(y, new)
                 if long > 0.0:
-                    outside[AT.conducting] = turned(outside[AT.conducting])
+                    outside[AT.conducting] = toggle_conduction(outside[AT.conducting])
                 short, gap, long, tries = 0.0, past(c, cells, y, outside), 0.0, 0
             if rows[k + 1] >= 0:
                 set_all(states[rows[k + 1]], y)

@@ -11,7 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import Quantity, chosen, flag, instance, instances, known_names, number, thread_count
+from commonrail.base.arguments import (
+    Quantity,
+    enum_member,
+    flag,
+    instance,
+    instances,
+    known_names,
+    number,
+    thread_count,
+)
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Engine, Precision
 from commonrail.base.errors import ConfigurationError, SimulationError
@@ -72,8 +81,8 @@ def simulate(
         Or its fields by keyword: `rail_pressure` with `energising_time` or `energisings`, and where they differ from
         the defaults `cylinder_pressure`, `return_pressure`, `drive` and `horizon`.
     engine : Engine or str
-        "lanes" (fast, fixed step), "cuda" (the same on an NVIDIA GPU; to compare, one injection is no work for it) or
-        "reference" (slow, error-controlled).
+        "lanes" (fast, fixed step), "cuda" (the same on an NVIDIA GPU; useful for comparison only, one injection cannot
+        fill it) or "reference" (slow, error-controlled).
     time_step : float or str
         The fixed step [s], or text such as ``"1 us"``; from 1 ns to 100 us.
     sample_interval : float or str, optional
@@ -96,7 +105,7 @@ def simulate(
     ------
     ConfigurationError
         If an argument is of the wrong kind or beyond its limits, the settings contradict each other, or the engine is
-        not to be had here. A simulation that fails returns a `Solution` whose status says so.
+        not available on this machine. A simulation that fails returns a `Solution` whose status says so.
     SimulationError
         If parameters far from any injector's lead to a division by zero or a number beyond all bounds.
 
@@ -128,7 +137,7 @@ def simulate(
                 f"The sample interval must lie between 1 ns and the simulated {point.duration * 1e3:g} ms, "
                 f"not {sample_interval:g} s."
             )
-    real = chosen(precision, Precision, "precision")
+    real = enum_member(precision, Precision, "precision")
     alike = _alike(same_bits, engine)
     try:
         if engine is Engine.REFERENCE:
@@ -141,24 +150,24 @@ def simulate(
             return simulate_reference(injector, point, sample_interval or 3e-6)
         stride = 1 if sample_interval is None else _stride(sample_interval, time_step)
         return _simulate_course(injector, plan.prepare(injector, [point], time_step), stride, engine, real, alike)
-    except ArithmeticError as error:  # of parameters that are far from any injector's
+    except ArithmeticError as error:  # parameters far from any injector's
         raise SimulationError(_beyond_numbers(injector, error)) from error
 
 
-def _read_point(point: OperatingPoint | None, given: dict[str, Any]) -> OperatingPoint:
+def _read_point(point: OperatingPoint | None, keywords: dict[str, Any]) -> OperatingPoint:
     """Operating point of `simulate`, which is given whole or by its fields."""
     if point is not None:
         instance(point, OperatingPoint, "point")
-        if given:
-            raise ConfigurationError(f"Give either an operating point or {' and '.join(given)}, not both.")
+        if keywords:
+            raise ConfigurationError(f"Give either an operating point or {' and '.join(keywords)}, not both.")
         return point
-    energised = [given.pop(name) for name in ("energising_time", "energisings") if name in given]
-    if "rail_pressure" not in given or len(energised) != 1:
+    energised = [keywords.pop(name) for name in ("energising_time", "energisings") if name in keywords]
+    if "rail_pressure" not in keywords or len(energised) != 1:
         raise ConfigurationError(
             'Give an operating point, or a rail_pressure, such as "160 MPa", and either an energising_time, such as '
             '"700 us", or energisings, a list of pairs of start and duration.'
         )
-    return OperatingPoint(energisings=energised[0], **given)
+    return OperatingPoint(energisings=energised[0], **keywords)
 
 
 def _simulate_course(
@@ -201,7 +210,7 @@ def _simulate_course(
 
 
 def _stride(sample_interval: float, time_step: float) -> int:
-    """Steps of a sample; `ConfigurationError` if they are no whole number."""
+    """Steps of a sample; `ConfigurationError` if not a whole number."""
     steps = sample_interval / time_step
     stride = max(round(steps), 1)
     if abs(steps - stride) > ROUNDING * stride:
@@ -257,28 +266,28 @@ def simulate_batch(
     engine : Engine or str
         "lanes", or "cuda" for one simulation on each thread of an NVIDIA GPU; `threads` is then ignored.
     same_bits : bool
-        Compute with machine code in which nothing is fused or reordered, so that the result has the same bits on every
-        x86-64 processor, and in an exported library; of the lanes alone. docs/performance.md states the cost.
+        Compute with machine code in which nothing is fused or reordered: equal bits on every x86-64 processor and in an
+        exported library. Lanes only. docs/performance.md states the cost.
 
     Raises
     ------
     ConfigurationError
         If an argument is of the wrong kind or beyond its limits, a name is unknown or repeated, the settings contradict
-        each other, or the engine is not to be had here.
+        each other, or the engine is not available on this machine.
     """
     instance(injector, Injector, "injector")
     time_step, threads = check_step(time_step), thread_count(threads)
     points = instances(points, OperatingPoint, "points")
     if not points:
         raise ConfigurationError("At least one operating point is needed among the points.")
-    if prepared is None:  # what is prepared may be data of another drive, which a comparison takes as they are
+    if prepared is None:  # prepared points may hold data of another drive, which a comparison uses unchanged
         for point in points:
             check_inputs(injector, point)
     names = known_names(names, injector.quantities, "names", "nozzle.hole_diameter")
     candidates = read_candidates(names, values)
-    for given, kind, what in ((misfit, Misfit, "misfit"), (prepared, Prepared, "prepared")):
-        if given is not None:
-            instance(given, kind, what)
+    for argument, kind, what in ((misfit, Misfit, "misfit"), (prepared, Prepared, "prepared")):
+        if argument is not None:
+            instance(argument, kind, what)
     prepared = prepared or plan.prepare(injector, points, time_step)
     run = functools.partial(
         _run,
@@ -286,7 +295,7 @@ def simulate_batch(
         variant=injector.wired(names),
         misfit=misfit,
         stop_when_closed=flag(stop_when_closed, "stop_when_closed") and misfit is None,
-        precision=chosen(precision, Precision, "precision"),
+        precision=enum_member(precision, Precision, "precision"),
         engine=(engine := _batch_engine(engine)),
         threads=threads or usable_threads(),
         same_bits=_alike(same_bits, engine),
@@ -297,11 +306,11 @@ def simulate_batch(
     ]
     if len(parts) == 1:
         return parts[0]
-    return Batch(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Batch)})
+    return Batch(**{f.name: np.concatenate([getattr(batch, f.name) for batch in parts]) for f in fields(Batch)})
 
 
 def _engine(name: Engine | str) -> Engine:
-    engine = chosen(name, Engine, "engine")
+    engine = enum_member(name, Engine, "engine")
     if engine is Engine.CUDA:
         from commonrail.engine import cuda
 
@@ -342,14 +351,14 @@ def _run(
     threads: int = 1,
     same_bits: bool = False,
 ) -> tuple[Outcome, Floats]:
-    """Run candidates by a fast engine; arguments as of `plan.make_job` and `lanes.run`."""
-    misfit = misfit and misfit.own_where_open(densities)
+    """Run candidates by a fast engine; arguments as in `plan.make_job` and `lanes.run`."""
+    misfit = misfit and misfit.fill_density(densities)
     if engine is Engine.CUDA:
         from commonrail.engine import cuda
 
         return cuda.run(plan.make_job(prepared, theta, stop_when_closed, 1), variant, misfit, precision, traced)
-    apart = misfit is not None and bool(misfit.bound_count.any())
-    job = plan.make_job(prepared, theta, stop_when_closed, VECTORS[precision].lanes, apart=apart)
+    separate_points = misfit is not None and bool(misfit.bound_count.any())
+    job = plan.make_job(prepared, theta, stop_when_closed, VECTORS[precision].lanes, separate_points=separate_points)
     with naming(f"{variant.label}, {precision.value}"):
         return lanes.run(
             job, variant, misfit, precision, traced, threads, injected_only=injected_only, same_bits=same_bits
@@ -363,8 +372,8 @@ def _simulate(
     injector, points = prepared.injector, prepared.points
     inside = admissible(names, candidates, injector.fuel, injector.variant.actuation)
     if not inside.all():
-        own = np.array([injector.values[name] for name in names])
-        candidates = np.where(inside[:, None], candidates, own)
+        nominal = np.array([injector.values[name] for name in names])
+        candidates = np.where(inside[:, None], candidates, nominal)
     theta = candidate_matrix(injector, names, candidates, prepared.row)
     varies = FUEL_TEMPERATURE in names
     densities = plan.reference_densities(injector, points, names, candidates) if varies else prepared.densities
@@ -428,8 +437,8 @@ def sampled_rates(
     )
     injected = np.moveaxis(trace[:, :, 0, :], 1, 2).reshape(-1, trace.shape[1])[: len(theta)]
     time = point.start + time_step * np.arange(trace.shape[1])
-    whole = np.array_equal(bounds, time)
-    masses = injected if whole else np.array([np.interp(bounds, time, mass) for mass in injected])
+    bounds_are_steps = np.array_equal(bounds, time)
+    masses = injected if bounds_are_steps else np.array([np.interp(bounds, time, mass) for mass in injected])
     rates = np.diff(masses, axis=1) / np.diff(bounds)
     failed = which_failed(statuses_of(names, theta, prepared, outcome))[:, 0]
     return np.where(failed[:, None], np.nan, rates)

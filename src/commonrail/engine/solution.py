@@ -59,16 +59,16 @@ def relative_balance(c: SharedCoefficients, states: Mapping[str, Floats], dt: fl
 
 
 def relative_to_injected(left: float, injected: float) -> float:
-    """Mass that the cumulative flows miss [kg] relative to what was injected, and to `SMALL` where less was [1]."""
+    """Mass missing in the cumulative flows [kg], relative to the injected mass, at least `SMALL` [1]."""
     return float(left / max(injected, SMALL))
 
 
 def _pipe(wave: Floats, delay: float, share: float) -> float:
     """Gain in fuel under way [kg]: the waves that have left but not arrived, less those at the start."""
-    whole = int(min(max(delay, 1.0), len(wave)))  # a wave under way longer than the simulation has not left yet
-    part = max(delay, 1.0) - whole
-    weights = np.concatenate((np.ones(whole), [part]))
-    recent = wave[::-1][: whole + 1]
+    whole_steps = int(min(max(delay, 1.0), len(wave)))  # a wave under way longer than the simulation has not left yet
+    fraction = max(delay, 1.0) - whole_steps
+    weights = np.concatenate((np.ones(whole_steps), [fraction]))
+    recent = wave[::-1][: whole_steps + 1]
     return float(share * np.sum(weights[: len(recent)] * (recent - wave[0])))
 
 
@@ -76,7 +76,7 @@ def _pipe(wave: Floats, delay: float, share: float) -> float:
 
 States = Mapping[str, Floats]
 
-_PRESSURES = {  # names of the states, those that an injector has
+_PRESSURES = {  # channel names and states; absent ones are skipped
     "control_pressure": "control_chamber.fuel.pressure",
     "accumulation_pressure": "accumulation.fuel.pressure",
     "sac_pressure": "sac.pressure",
@@ -91,11 +91,11 @@ def read_channels(c: Any, variant: Variant, point: OperatingPoint, time: Floats,
     `c`: `plan.coefficients_at` the point; `variant`: as wired; `time` (samples,): [s]; `states` (mapping of str to
     (samples,)): state at those times, by the names of `lanes.trace_paths`.
     """
-    held = dict(states)
+    pressure_states = dict(states)
     measured = isinstance(point.rail_pressure, Trace) and variant.boundary is not Boundary.VOLUME
-    if measured or "rail.pressure" not in held:
-        held["rail.pressure"] = values_at(point.rail_pressure, time)
-    pressures = {name: held[path] for name, path in _PRESSURES.items() if path in held}
+    if measured or "rail.pressure" not in pressure_states:
+        pressure_states["rail.pressure"] = values_at(point.rail_pressure, time)
+    pressures = {name: pressure_states[path] for name, path in _PRESSURES.items() if path in pressure_states}
     cylinder = values_at(point.cylinder_pressure, time)
     channels = all_channels(c, variant, states, pressures, cylinder)
     return {name: np.ascontiguousarray(values) for name, values in channels.items()}  # the trace need not be kept
@@ -199,9 +199,9 @@ class Solution(Shown):
 
     @functools.cached_property
     def longest_step(self) -> float:
-        """Longest time step that the fast engines bear for this injector [s]; infinite for the reference.
+        """Longest stable time step of the fast engines for this injector [s]; infinite for the reference.
 
-        It is sought when it is first asked for: that takes about half as long as the simulation.
+        Computed at the first access, which takes about half as long as the simulation.
         """
         return math.inf if self.find_longest_step is None else self.find_longest_step()
 
@@ -250,7 +250,7 @@ class Batch(Shown):
     Attributes
     ----------
     injected_mass, returned_mass : [kg] per stroke, NaN for a failed simulation
-    opening, closing, first_closing : [s], as in `Solution`, NaN where there is none
+    opening, closing, first_closing : [s], as in `Solution`, NaN if absent
     greatest_lift : [m]
     status : int
         Values of `Status`.
@@ -332,7 +332,7 @@ def metered(solution: Solution, meter: Meter, injector: Injector, point: Operati
     solution : Solution
         Of `simulate`, with samples at equal intervals.
     meter : Meter
-        Its values are taken as they are, those that a study fits at their start.
+        Its values are used unchanged; fitted ones have their start values.
     injector : Injector
         The one that was simulated; its fuel gives the density at a temperature of the meter.
     point : OperatingPoint
@@ -355,11 +355,11 @@ def metered(solution: Solution, meter: Meter, injector: Injector, point: Operati
             "A meter shows samples at equal intervals, and those of the solution differ; simulate with another "
             "sample_interval."
         )
-    given = given_values(meter, {}, 1)
+    meter_values = given_values(meter, {}, 1)
     density = _density(solution, meter, injector, point)
     flow = Flow(solution.mass_rate[None] / density, float(solution.time[0]), float(steps.mean()))
-    quantity = shown_quantities(given, np.array([[solution.injected_mass / density]]))
-    return Metered(meter, shown_rates(meter, given, flow, solution.time)[0], float(quantity[0, 0]))
+    quantity = shown_quantities(meter_values, np.array([[solution.injected_mass / density]]))
+    return Metered(meter, shown_rates(meter, meter_values, flow, solution.time)[0], float(quantity[0, 0]))
 
 
 def _density(solution: Solution, meter: Meter, injector: Injector, point: OperatingPoint) -> float:

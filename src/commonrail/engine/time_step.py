@@ -76,7 +76,7 @@ DIRECT_SHORTENS = (
 DIRECT_LENGTHENS = ("armature.mass", "needle.mass", "accumulation.volume", "sac.volume", "feed_pipe.length")
 
 
-_EITHER = (  # of either actuation: which of them an injector has is a matter of its values
+_OF_BOTH_ACTUATIONS = (  # union over both actuations; parameters an injector lacks are ignored
     {*SHORTENS, *DIRECT_SHORTENS},
     {*LENGTHENS, *DIRECT_LENGTHENS},
 )
@@ -111,11 +111,11 @@ def _medium_at(fuel: Fuel, temperature: float, rail_pressure: float) -> Medium:
 
 @functools.lru_cache(maxsize=128)
 def sound_speed(fuel: Fuel, temperature: float, pressure: float) -> float:
-    """Speed of sound [m/s], which takes a millisecond and is asked for again at the same point."""
+    """Speed of sound [m/s], cached: it takes a millisecond."""
     return float(fuel.sound_speed(pressure, temperature))
 
 
-def bears(variant: Variant, values: Values, medium: Medium, dt: float) -> Any:
+def is_stable(variant: Variant, values: Values, medium: Medium, dt: float) -> Any:
     """True where a step is short enough.
 
     Parameters
@@ -133,21 +133,21 @@ def bears(variant: Variant, values: Values, medium: Medium, dt: float) -> Any:
         NaN anywhere counts as too long.
     """
     if variant.actuation is Actuation.DIRECT:
-        return _pair_bears(values, medium, dt)
-    moves = _chain_bears if variant.body is Body.FLEXIBLE else _rigid_bears
-    fluid = _waves_bear(values, medium, dt) & _volumes_bear(variant.boundary, values, medium, dt)
-    return moves(values, medium, dt) & _valve_bears(values, dt) & fluid
+        return _pair_is_stable(values, medium, dt)
+    moves = _chain_is_stable if variant.body is Body.FLEXIBLE else _rigid_is_stable
+    fluid = _waves_are_resolved(values, medium, dt) & _volumes_are_stable(variant.boundary, values, medium, dt)
+    return moves(values, medium, dt) & _valve_is_stable(values, dt) & fluid
 
 
-def _chain_bears(values: Values, medium: Medium, dt: float) -> Any:
+def _chain_is_stable(values: Values, medium: Medium, dt: float) -> Any:
     k, m = ([values[f"plunger_needle.{name}{i}"] for i in range(1, 8)] for name in "km")
     ratio = values["plunger_needle.damping_ratio"]
     links = [
         dt * (dt * stiffness + 8.0 * ratio * (stiffness * mass) ** 0.5) for stiffness, mass in zip(k, m, strict=True)
     ]
     links.insert(5, dt * dt * values["plunger_needle.joint_stiffness"])
-    top, shoulder, tip = _pressed(values, medium)
-    held = {
+    top, shoulder, tip = _enclosed_fuel_stiffness(values, medium)
+    ground_stiffness = {
         0: values["plunger_needle.stop_stiffness"] + top,
         7: shoulder,
         8: values["needle_seat.contact_stiffness"] + tip,
@@ -156,21 +156,21 @@ def _chain_bears(values: Values, medium: Medium, dt: float) -> Any:
     stable: Any = True
     for i, node in enumerate(around(Seven(*m))):
         after = links[i] if i < 8 else 0.0
-        diagonal = 2.0 * node - before - after - dt * dt * held.get(i, 0.0)
+        diagonal = 2.0 * node - before - after - dt * dt * ground_stiffness.get(i, 0.0)
         pivot = diagonal if pivot is None else diagonal - before * before / pivot
         stable = stable & (pivot > 0.0)
-        pivot = abs(pivot) + 1e-300  # what is unstable already stays so; no division by zero
+        pivot = abs(pivot) + 1e-300  # an unstable candidate stays unstable; no division by zero
         before = after
     return stable
 
 
-def _rigid_bears(values: Values, medium: Medium, dt: float) -> Any:
+def _rigid_is_stable(values: Values, medium: Medium, dt: float) -> Any:
     mass = sum(values[f"plunger_needle.m{i}"] for i in range(1, 8))
     contact = values["plunger_needle.stop_stiffness"] + values["needle_seat.contact_stiffness"]
-    return dt * dt * (contact + sum(_pressed(values, medium))) < RIGID * RIGID * mass
+    return dt * dt * (contact + sum(_enclosed_fuel_stiffness(values, medium))) < RIGID * RIGID * mass
 
 
-def _pressed(values: Values, medium: Medium) -> tuple[Any, Any, Any]:
+def _enclosed_fuel_stiffness(values: Values, medium: Medium) -> tuple[Any, Any, Any]:
     """Stiffness [N/m] of the enclosed fuel on the plunger's top, the needle's shoulder and its tip.
 
     Shoulder and tip share the accumulation volume: twice each one's own stiffness bounds the two together.
@@ -186,18 +186,18 @@ def _pressed(values: Values, medium: Medium) -> tuple[Any, Any, Any]:
     )
 
 
-def _valve_bears(values: Values, dt: float) -> Any:
+def _valve_is_stable(values: Values, dt: float) -> Any:
     frequency = (values["valve.contact_stiffness"] / values["valve.mass"]) ** 0.5
     damped = values["valve.contact_damping"] * IMPACT
     return (dt * frequency <= RESOLVED) & (dt * frequency * damped <= 2.0 * RESOLVED)
 
 
-def _waves_bear(values: Values, medium: Medium, dt: float) -> Any:
+def _waves_are_resolved(values: Values, medium: Medium, dt: float) -> Any:
     feed, line = values["feed_pipe.length"], values["return_line.length"]
     return (feed >= medium.speed * dt) & ((line == 0.0) | (2.0 * line >= medium.return_speed * dt))
 
 
-def _volumes_bear(boundary: Boundary, values: Values, medium: Medium, dt: float) -> Any:
+def _volumes_are_stable(boundary: Boundary, values: Values, medium: Medium, dt: float) -> Any:
     way = medium.speed * dt
     seat = way * pipe_area(values["needle_seat.diameter"]) <= DRAWN * values["accumulation.volume"]
     if boundary is not Boundary.VOLUME:
@@ -206,11 +206,11 @@ def _volumes_bear(boundary: Boundary, values: Values, medium: Medium, dt: float)
 
 
 # Of a direct-acting injector armature and needle are judged as two masses with all contacts closed that can be at once:
-# the armature on its stop and on the needle, the needle on its seat and on the fuel enclosed in the SAC. Leapfrog bears
-# the largest eigenvalue λ of that pair as long as dt² λ < 4; `RIGID` is stricter, so that contacts are resolved.
+# the armature on its stop and on the needle, the needle on its seat and on the fuel enclosed in the SAC. Leapfrog is
+# stable for the largest eigenvalue λ of that pair as long as dt² λ < 4; `RIGID` is stricter, to resolve contacts.
 
 
-def _pair_bears(values: Values, medium: Medium, dt: float) -> Any:
+def _pair_is_stable(values: Values, medium: Medium, dt: float) -> Any:
     seat = pipe_area(values["needle_seat.diameter"])
     way = medium.speed * dt
     moves = dt * dt * _stiffest(values, medium.modulus * seat * seat) < RIGID * RIGID
@@ -223,14 +223,14 @@ def _stiffest(values: Values, enclosed: Any) -> Any:
     push = values["armature.contact_stiffness"]
     fuel = enclosed / values["sac.volume"] + enclosed / values["accumulation.volume"]
     a = (2.0 * push + values["armature.spring_stiffness"]) / values["armature.mass"]
-    held = values["needle_seat.contact_stiffness"] + values["needle.spring_stiffness"] + fuel
-    n = (push + held) / values["needle.mass"]
+    needle_stiffness = values["needle_seat.contact_stiffness"] + values["needle.spring_stiffness"] + fuel
+    n = (push + needle_stiffness) / values["needle.mass"]
     coupling = push * push / (values["armature.mass"] * values["needle.mass"])
     return 0.5 * (a + n) + (0.25 * (a - n) * (a - n) + coupling) ** 0.5
 
 
 def limiting(actuation: Actuation) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Parameters that shorten the longest step as they grow, and those that do as they shrink."""
+    """Parameters that shorten the longest step as they grow, and parameters that do so as they shrink."""
     if actuation is Actuation.DIRECT:
         return DIRECT_SHORTENS, DIRECT_LENGTHENS
     return SHORTENS, LENGTHENS
@@ -244,21 +244,21 @@ def _columns(actuation: Actuation) -> dict[str, int]:
     return {name: paths.index(name) for group in (*limiting(actuation), stop) for name in group}
 
 
-def _risen(actuation: Actuation, values: Values, lift: Any) -> Values:
-    """Volumes that a risen plunger has changed; none of a direct-acting injector."""
+def _volumes_at_lift(actuation: Actuation, values: Values, lift: Any) -> Values:
+    """Volumes at plunger lift `lift`; empty for a direct-acting injector."""
     return {} if actuation is Actuation.DIRECT else {"control_chamber.volume": room_left(values, lift)}
 
 
 def room_left(values: Values, lift: Any) -> Any:
     """Control chamber [m³] that a plunger risen by `lift` [m], at most to its stop, leaves; never quite nothing."""
     risen = np.clip(lift, 0.0, values[STOP])
-    with np.errstate(all="ignore"):  # an area beyond all numbers leaves NaN, which no step bears
+    with np.errstate(all="ignore"):  # an infinite area gives NaN, for which no step is stable
         taken = pipe_area(values["plunger_needle.plunger_diameter"]) * risen
         return np.maximum(values["control_chamber.volume"] - taken, 1e-30)
 
 
 def longest_step(injector: Injector, theta: Floats, medium: Medium, lift: float = 0.0) -> float:
-    """Longest step [s] that a candidate bears, 0 if none does.
+    """Longest stable time step of a candidate [s]; 0 if none is stable.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ def longest_step(injector: Injector, theta: Floats, medium: Medium, lift: float 
     """
     acts = injector.variant.actuation
     values = dict(zip(parameter_paths(acts), theta.tolist(), strict=False))
-    risen = {name: float(value) for name, value in _risen(acts, values, lift).items()}
+    risen = {name: float(value) for name, value in _volumes_at_lift(acts, values, lift).items()}
     return longest(injector.variant, values | risen, medium)
 
 
@@ -279,14 +279,14 @@ def longest(variant: Variant, values: Values, medium: Medium) -> float:
     """Longest step [s] for an injector's values by dotted name, 0 if none is short enough."""
     with np.errstate(all="ignore"):
         try:
-            if not bears(variant, values, medium, 1e-15):
+            if not is_stable(variant, values, medium, 1e-15):
                 return 0.0
         except (OverflowError, ZeroDivisionError):
             return 0.0
         low, high = 1e-15, 1.0
         for _ in range(_DIGITS):
             middle = (low * high) ** 0.5
-            low, high = (middle, high) if bears(variant, values, medium, middle) else (low, middle)
+            low, high = (middle, high) if is_stable(variant, values, medium, middle) else (low, middle)
     return low
 
 
@@ -314,21 +314,25 @@ def too_long(
     columns, shortens = _columns(acts), (*limiting(acts)[0], STOP)
     values: dict[str, Any] = {name: theta[0, column] for name, column in columns.items()}
     varied = {name: theta[:, columns[name]] for name in names if name in columns}
-    # if the stiffest combination of what varies bears the step, so does every candidate
-    corner = values | {name: own.max() if name in shortens else own.min() for name, own in varied.items()}
+    # if the stiffest combination is stable, so is every candidate
+    corner = values | {
+        name: varied_values.max() if name in shortens else varied_values.min() for name, varied_values in varied.items()
+    }
     with np.errstate(all="ignore"):
-        if np.all(bears(injector.variant, {**corner, **_risen(acts, corner, np.max(lift))}, medium, dt)):
+        if np.all(is_stable(injector.variant, {**corner, **_volumes_at_lift(acts, corner, np.max(lift))}, medium, dt)):
             return np.zeros(len(theta), bool)
         each = values | varied
-        return ~np.broadcast_to(bears(injector.variant, {**each, **_risen(acts, each, lift)}, medium, dt), len(theta))
+        return ~np.broadcast_to(
+            is_stable(injector.variant, {**each, **_volumes_at_lift(acts, each, lift)}, medium, dt), len(theta)
+        )
 
 
 def stiffest_corner(values: Mapping[str, float], lower: Mapping[str, float], upper: Mapping[str, float]) -> Values:
     """Values with which an injector needs the shortest step of all within bounds, the rest being as they are."""
     return {
         **values,
-        **{name: upper[name] for name in upper if name in _EITHER[0]},
-        **{name: lower[name] for name in lower if name in _EITHER[1]},
+        **{name: upper[name] for name in upper if name in _OF_BOTH_ACTUATIONS[0]},
+        **{name: lower[name] for name in lower if name in _OF_BOTH_ACTUATIONS[1]},
     }
 
 
@@ -348,8 +352,8 @@ def step_advice(longest: float) -> str:
 
 
 def nice_step(longest: float) -> float:
-    """Largest round time step [s] that leaves five per cent to the longest, 0 if there is none."""
+    """Largest round time step [s] at least five per cent below the longest, 0 if there is no such step."""
     if not longest > 0.0:
         return 0.0
     decade = 10.0 ** math.floor(math.log10(0.95 * longest))
-    return max(round(part * decade, 15) for part in ROUND_STEPS if part * decade <= 0.95 * longest)
+    return max(round(multiple * decade, 15) for multiple in ROUND_STEPS if multiple * decade <= 0.95 * longest)

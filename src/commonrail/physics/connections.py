@@ -1,4 +1,4 @@
-"""Laws between the components at one instant, without any time step: the fast step and the equations use them."""
+"""Laws that connect the components at one instant, used by the fast step and by the reference's equations."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from commonrail.physics.flow import (
     Flow,
     Guide,
     Restriction,
-    choked,
+    conductance_growth,
     jet,
     leakage_slope,
+    limit_by_cavitation,
     orifice,
     series,
-    widened,
 )
 from commonrail.physics.law import physics
 from commonrail.physics.model import Coefficients, SharedCoefficients, SharedState, accumulation_volume, control_volume
@@ -42,7 +42,7 @@ class Volumes(NamedTuple):
 
 
 class Drain(NamedTuple):
-    """(c_d A)² Δp of A-hole and valve [m⁴ Pa], its derivative in the pressure before, minus that behind [m⁴]."""
+    """(c_d A)² Δp of A-hole and valve [m⁴ Pa], its derivatives in the pressures before and (negated) after [m⁴]."""
 
     cda2_dp: float
     cda2: float
@@ -71,19 +71,19 @@ def middle(a: float, b: float) -> float:
 
 @physics
 def a_hole(hole: control_chamber.Coefficients, pressure: float, behind: float) -> Hole:
-    """The A-hole of the paper, the same at all pressures; whatever passes or bounds its flow takes it from such a law.
+    """A-hole of the paper, equal at all pressures. Installed packages may replace this law.
 
-    `pressure`, `behind`: in the control chamber and behind the valve [Pa].
+    `pressure`, `behind`: in the control chamber and downstream of the valve [Pa].
     """
     return Hole(hole.a_cda2, hole.a_cda2_choked)
 
 
 @physics
 def seat_pressure(c: Coefficients, hole: Hole, gap_cda2: float, upstream: float, behind: float) -> float:
-    """Pressure difference over the valve's seat [Pa], which opens it: what A-hole and seat in series leave before it.
+    """Pressure difference over the valve's seat [Pa], which opens it, with A-hole and seat in series.
 
     `hole`: the A-hole; `gap_cda2`: (c_d A)² of the valve's gap [m⁴]; `upstream`, `behind`: pressures in the control
-    chamber and behind the valve [Pa].
+    chamber and downstream of the valve [Pa].
     """
     free, both = (upstream - behind) * hole.cda2, hole.cda2 + gap_cda2
     cavitating, gap = hole.choked * (upstream - c.fuel.vapour_pressure), max(gap_cda2, 1e-3 * hole.cda2)
@@ -93,7 +93,7 @@ def seat_pressure(c: Coefficients, hole: Hole, gap_cda2: float, upstream: float,
 
 @physics
 def volumes_of(c: Coefficients, lifts: Motion) -> Volumes:
-    """Volumes that the plunger–needle leaves to the fuel."""
+    """Fuel volumes at the given lifts of plunger and needle."""
     return Volumes(
         control_volume(c, lifts),
         accumulation_volume(c, lifts),
@@ -103,7 +103,7 @@ def volumes_of(c: Coefficients, lifts: Motion) -> Volumes:
 
 @physics
 def seat_cda2(c: SharedCoefficients, upstream: float, sac_pressure: float, tip: float) -> Restriction:
-    """Restriction of the needle seat's gap, and its derivative; of either actuation.
+    """Restriction of the needle seat's gap, with its derivative. Shared by servo and direct-acting injectors.
 
     `upstream`, `sac_pressure`: pressures in front of the seat and in the SAC [Pa]; `tip`: lift of the needle's tip [m].
     """
@@ -118,7 +118,7 @@ def nozzle_cda2(c: SharedCoefficients, pressure: float, cylinder: float, dischar
     `pressure`, `cylinder`: pressures in SAC and cylinder [Pa]; `discharge`: c_d of Eq. (9) [1].
     """
     cda2, cavitating = c.nozzle.area_squared * discharge * discharge, c.nozzle.cda2_choked
-    return choked(
+    return limit_by_cavitation(
         Restriction(cda2 * (pressure - cylinder), cda2),
         Restriction(cavitating * (pressure - c.fuel.vapour_pressure), cavitating),
     )
@@ -140,7 +140,7 @@ def nozzle_flow(c: SharedCoefficients, sac: Contents, cylinder: float, discharge
 def guide_leak(c: Coefficients, guide: Guide, pressure: float, low: float) -> Flow:
     """Leakage through a guide, Eq. (5), at the viscosity of its mean pressure.
 
-    `guide`: whose gap no pressure widens; `pressure`, `low`: at both ends [Pa].
+    `guide`: guide with a rigid gap; `pressure`, `low`: at both ends [Pa].
     """
     slope = leakage_slope(guide.conductance, fuel.fluidity(c.fuel, middle(pressure, low)))
     return Flow(slope * (pressure - low), slope)
@@ -148,12 +148,12 @@ def guide_leak(c: Coefficients, guide: Guide, pressure: float, low: float) -> Fl
 
 @physics
 def widening_leak(c: Coefficients, guide: Guide, pressure: float, low: float) -> Flow:
-    """Leakage through a guide, Eq. (5), with gap and viscosity at its mean pressure; signature as of `guide_leak`.
+    """Leakage through a guide whose gap the pressure widens, Eq. (5), gap and viscosity at the mean pressure.
 
     `pressure`, `low`: at both ends [Pa].
     """
     mean = middle(pressure, low)
-    slope = leakage_slope(guide.conductance * widened(guide.growth, mean), fuel.fluidity(c.fuel, mean))
+    slope = leakage_slope(guide.conductance * conductance_growth(guide.growth, mean), fuel.fluidity(c.fuel, mean))
     return Flow(slope * (pressure - low), slope)
 
 
@@ -180,11 +180,11 @@ def relaxed_share(excess: float) -> float:
 
 @physics
 def remembered_lift(c: SharedCoefficients, s: SharedState, tip: float, cylinder: float) -> float:
-    """Lift that c_d remembers over a step [m]: on the seat the exact decay of `memory_rate`; of either actuation.
+    """Lift that c_d remembers over a step [m]: on the seat the exact decay of `memory_rate`. For both actuations.
 
     `tip`: lift of the needle at the middle of the step [m]; `cylinder`: pressure in the cylinder [Pa].
     """
-    # with the tip last: it comes late, and all of the injection waits for this lift
+    # `tip` enters last: it is on the critical path of the step
     most = s.nozzle.lift_reached
     lost = most * (c.delays.memory_lag_fraction * relaxed_share(s.sac.pressure - cylinder))
     least = most - lost
@@ -193,7 +193,7 @@ def remembered_lift(c: SharedCoefficients, s: SharedState, tip: float, cylinder:
 
 @physics
 def memory_rate(c: SharedCoefficients, lift_reached: float, tip: float, rise: float, excess: float) -> float:
-    """Rate of the lift that c_d remembers [m/s]: it follows a rising needle, and fades at rest; of either actuation.
+    """Rate of the lift that c_d remembers [m/s]: it follows a rising needle and fades at rest. For both actuations.
 
     It fades by no more than a touch of the seat lasts; with a reset the quantity would jump at the first touch.
 
@@ -206,7 +206,7 @@ def memory_rate(c: SharedCoefficients, lift_reached: float, tip: float, rise: fl
 
 @physics
 def plain_gap_cda2(c: Coefficients, hole: Hole, chamber: Contents, behind: float, lift: float) -> float:
-    """(c_d A)² of the valve's gap, for Eq. (4) [m⁴]; signature as of `land_gap_cda2`."""
+    """(c_d A)² of the valve's gap, for Eq. (4) [m⁴]; same signature as `land_gap_cda2`."""
     return valve.gap_cda2(c.valve, lift)
 
 
@@ -217,7 +217,7 @@ def land_gap_cda2(c: Coefficients, hole: Hole, chamber: Contents, behind: float,
     A-hole, gap and film in series pass Δp = q²/(2 ρ g) + R q, 1/g = 1/g_A + 1/g_s, at most what the cavitating A-hole
     passes. The gap that takes the same pressure at this flow is 1/(1/g_s + 2 ρ R/q).
 
-    `hole`: the A-hole; `behind`: pressure behind the valve [Pa]; `lift`: of the valve [m].
+    `hole`: the A-hole; `behind`: pressure downstream of the valve [Pa]; `lift`: of the valve [m].
     """
     gap = valve.gap_cda2(c.valve, lift)
     resistance = valve.land_resistance(c.valve, lift, fuel.fluidity(c.fuel, middle(chamber.pressure, behind)))
@@ -241,7 +241,7 @@ def drain_cda2(c: Coefficients, hole: Hole, pressure: float, behind: float, gap_
     cda2 = series(hole.cda2, gap_cda2)
     free = Restriction(cda2 * (pressure - behind), cda2)
     cavitating = Restriction(hole.choked * (pressure - c.fuel.vapour_pressure), hole.choked)
-    through = choked(free, cavitating)
+    through = limit_by_cavitation(free, cavitating)
     return Drain(through.cda2_dp, through.cda2, cda2 if through.cda2_dp == free.cda2_dp else 0.0)
 
 
@@ -253,4 +253,4 @@ def z_hole_cda2(c: Coefficients, feed: float, pressure: float) -> Restriction:
     """
     hole = c.control_chamber
     free = Restriction(hole.z_cda2 * (feed - pressure), hole.z_cda2)
-    return choked(free, Restriction(hole.z_cda2_choked * (feed - c.fuel.vapour_pressure), 0.0))
+    return limit_by_cavitation(free, Restriction(hole.z_cda2_choked * (feed - c.fuel.vapour_pressure), 0.0))

@@ -1,8 +1,8 @@
 """Injector whose solenoid acts on the needle itself: parameters, coefficients, state at rest, and one time step.
 
 No control chamber, no A- and Z-hole, no control valve and no return: the armature moves the needle. Components that
-both injectors have bear the same names in both, so that the laws between them (`connections`, and those of `step` that
-are "of either actuation") serve both.
+both types of injector contain have the same names in both. The laws of `connections` and the shared laws of `step`
+therefore serve both.
 
 As in `step`, positions, pressures and flux are those of t_n, velocities a little older. Armature and needle move first;
 then the flux follows with the gap of mid-step; then the SAC, the stiffest volume, is filled, and what flows through the
@@ -19,7 +19,7 @@ from commonrail.physics import fuel_kernel as fuel
 from commonrail.physics.components import direct_needle, drive, feed_pipe, needle_seat, nozzle, solenoid
 from commonrail.physics.components.plunger_needle import Motion
 from commonrail.physics.connections import Volumes, middle, nozzle_cda2, remembered_lift, seat_cda2
-from commonrail.physics.flow import Contents, Flow, contents, filled, jet, orifice
+from commonrail.physics.flow import Contents, Flow, contents, contents_at, jet, orifice
 from commonrail.physics.fuel_kernel import FuelCoefficients
 from commonrail.physics.law import physics
 from commonrail.physics.model import (
@@ -148,9 +148,9 @@ def rest(c: Coefficients, at: Setting) -> State:
         feed_pipe=feed_pipe.State(0.0, 0.0),
         solenoid=solenoid.State(0.0, 0.0),
         drive=drive.State(2.0),
-        accumulation=needle_seat.AccumulationState(filled(c.fuel, at.rail, c.accumulation.volume), at.rail),
+        accumulation=needle_seat.AccumulationState(contents_at(c.fuel, at.rail, c.accumulation.volume), at.rail),
         body=body,
-        sac=filled(c.fuel, at.cylinder, needle_seat.sac_volume(c.sac, c.needle_seat.area, body.z.needle)),
+        sac=contents_at(c.fuel, at.cylinder, needle_seat.sac_volume(c.sac, c.needle_seat.area, body.z.needle)),
         nozzle=nozzle.State(0.0, 0.0),
         cumulative_flows=CumulativeFlows(returned=0.0, supplied=0.0),
     )
@@ -184,7 +184,7 @@ def loads(c: Coefficients, s: State) -> direct_needle.Loads:
 
 @physics
 def volumes_of(c: Coefficients, lifts: Motion) -> Volumes:
-    """Volumes that the needle leaves to the fuel; there is no control chamber."""
+    """Fuel volumes at the given lifts of the needle; there is no control chamber."""
     return Volumes(0.0, accumulation_volume(c, lifts.tip), needle_seat.sac_volume(c.sac, c.needle_seat.area, lifts.tip))
 
 

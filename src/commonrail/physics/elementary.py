@@ -25,7 +25,7 @@ _EXPM1 = tuple(1.0 / math.factorial(k + 1) for k in range(19))  # to 1 exact to 
 _LOG = tuple(1.0 / (2 * k + 1) for k in range(13))  # area tangent, for mantissas from √½ to √2
 _SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(12))  # Taylor: to π/2 exact to rounding
 _RANGE = 800.0  # beyond, an exponential is zero or infinite
-_SMALLEST = -708.0  # the exponential below is no normal number
+_SMALLEST = -708.0  # below it the exponential is not a normal number
 
 
 def _series(coefficients: tuple[float, ...], x: Floats) -> Floats:
@@ -60,17 +60,17 @@ def log(x: ArrayLike) -> Floats:
     mantissa, exponent = np.where(low, 2.0 * mantissa, mantissa), exponent - low
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = (mantissa - 1.0) / (mantissa + 1.0)
-        found = exponent * _LN2_HIGH + (2.0 * ratio * _series(_LOG, ratio * ratio) + exponent * _LN2_LOW)
-        found = np.where(at > 0.0, found, np.where(at == 0.0, -np.inf, np.nan))
-    return np.where(at == np.inf, np.inf, found)
+        logarithm = exponent * _LN2_HIGH + (2.0 * ratio * _series(_LOG, ratio * ratio) + exponent * _LN2_LOW)
+        logarithm = np.where(at > 0.0, logarithm, np.where(at == 0.0, -np.inf, np.nan))
+    return np.where(at == np.inf, np.inf, logarithm)
 
 
 def power(base: ArrayLike, exponent: ArrayLike) -> Floats:
     """Return base to an exponent, base ≥ 0; an error of the exponent's product with the logarithm in roundings."""
     b, e = np.asarray(base, dtype=np.float64), np.asarray(exponent, dtype=np.float64)
     with np.errstate(invalid="ignore"):
-        found = exp(e * log(b))
-    return np.where(e == 0.0, 1.0, found)
+        raised = exp(e * log(b))
+    return np.where(e == 0.0, 1.0, raised)
 
 
 @physics
@@ -97,7 +97,7 @@ def cosine(x: Any) -> Any:
 
 @physics
 def exponential(x: float) -> float:
-    """Return exp x of a decay, 0 where it is no normal number; for kernels, which have no `ldexp`.
+    """Return exp x of a decay, 0 where it is not a normal number; for kernels, which have no `ldexp`.
 
     `x`: exponent [1], not above 0; the series takes what ln 2 leaves, halvings the rest.
     """
@@ -135,18 +135,18 @@ def product(left: Floats, right: Floats) -> Floats:
 # columns, or a sum along one, which is rounded the same way everywhere.
 
 
-def least_squares(matrix: Floats, wanted: Floats) -> Floats:
+def least_squares(matrix: Floats, target: Floats) -> Floats:
     """Return x (…, n) of least ‖matrix x − wanted‖, by Householder reflections with column pivoting.
 
     Columns whose part that the others cannot imitate is smaller than machine precision times the larger of m and n are
     left out of the solution: their x is 0.
 
-    `matrix` is (…, m, n) with m ≥ 1, `wanted` (…, m). A system among several has the bits that it has alone.
+    `matrix` is (…, m, n) with m ≥ 1, `target` (…, m). A system among several has the bits that it has alone.
     """
     rows, columns = np.shape(matrix)[-2:]
     many = math.prod(np.shape(matrix)[:-2])
     a = np.array(matrix, dtype=float).reshape(many, rows, columns)
-    b = np.array(wanted, dtype=float).reshape(many, rows)
+    b = np.array(target, dtype=float).reshape(many, rows)
     systems = np.arange(len(a))
     order = np.tile(np.arange(columns), (len(a), 1))
     limit = (np.finfo(float).eps * max(rows, columns)) ** 2
@@ -160,19 +160,19 @@ def least_squares(matrix: Floats, wanted: Floats) -> Floats:
         going &= size > limit * largest
         if not going.any():
             break
-        own = systems[going]
+        active = systems[going]
         best = k + best[going]
-        a[own, :, k], a[own, :, best] = a[own, :, best], a[own, :, k]
-        order[own, k], order[own, best] = order[own, best], order[own, k]
-        a[own, k:, k:], b[own, k:] = _reflected(a[own, k:, k:], b[own, k:])
-        rank[own] = k + 1
+        a[active, :, k], a[active, :, best] = a[active, :, best], a[active, :, k]
+        order[active, k], order[active, best] = order[active, best], order[active, k]
+        a[active, k:, k:], b[active, k:] = _reflect(a[active, k:, k:], b[active, k:])
+        rank[active] = k + 1
     x = np.zeros((len(a), columns))
     for i, r in enumerate(rank.tolist()):
         x[i, order[i, :r]] = solve_upper(a[i, :r, :r], b[i, :r])
     return x.reshape(*np.shape(matrix)[:-2], columns)
 
 
-def _reflected(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+def _reflect(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     """Systems (k, m, n) and (k, m), reflected so that the first column vanishes below its first row."""
     column = a[:, :, 0].copy()
     length = np.sqrt(np.sum(column * column, axis=1))
@@ -194,15 +194,15 @@ def cholesky(matrix: Floats) -> Floats:
     return root
 
 
-def solve_lower(lower: Floats, wanted: Floats) -> Floats:
+def solve_lower(lower: Floats, right_side: Floats) -> Floats:
     """Solve lower x = wanted, of one right side (n,) or several (n, k)."""
-    x = np.array(wanted, dtype=float)
+    x = np.array(right_side, dtype=float)
     for k in range(len(lower)):
         x[k] = x[k] / lower[k, k]
         x[k + 1 :] -= lower[k + 1 :, k].reshape(-1, *[1] * (x.ndim - 1)) * x[k]
     return x
 
 
-def solve_upper(upper: Floats, wanted: Floats) -> Floats:
+def solve_upper(upper: Floats, right_side: Floats) -> Floats:
     """Solve upper x = wanted, of one right side (n,) or several (n, k)."""
-    return solve_lower(upper[::-1, ::-1], wanted[::-1])[::-1]
+    return solve_lower(upper[::-1, ::-1], right_side[::-1])[::-1]

@@ -44,7 +44,7 @@ from commonrail.physics.variants import Variant, connections_of, wiring
 
 # Laws that the reference solves at one instant: boundaries, coil and drives, without any time step.
 
-# The pressure behind the valve follows the line within this time: a thirtieth of what a wave takes through a cell [s].
+# The pressure after the valve follows the line within this time: a thirtieth of a wave's time through a cell [s].
 OUTLET_TIME = 1e-7
 
 
@@ -61,11 +61,11 @@ class Outside(NamedTuple):
 
 
 OUTSIDE = layout_of(Outside)
-AT: Any = OUTSIDE.load(range(len(OUTSIDE.paths)), 0, 1)  # where each stands in an array
+AT: Any = OUTSIDE.load(range(len(OUTSIDE.paths)), 0, 1)  # index of each field in an array
 
 
 class Drain(NamedTuple):
-    """Flow out of the control chamber [kg/s], pressure behind the valve [Pa], flow into the line, rate of `outlet`."""
+    """Flow out of the control chamber [kg/s], pressure after the valve [Pa], flow into the line, rate of `outlet`."""
 
     flow: float
     behind: float
@@ -90,7 +90,7 @@ class Feed(NamedTuple):
 
 @physics
 def pressure_behind(c: Coefficients, outlet: float, wave: float) -> float:
-    """Pressure behind the valve [Pa]; arguments as of `drain_flow`."""
+    """Pressure downstream of the valve [Pa]; same arguments as `drain_flow`."""
     return max(outlet if c.return_line.impedance > 0.0 else wave, c.fuel.vapour_pressure)
 
 
@@ -119,7 +119,7 @@ def drain_flow(
 def coil_rates(
     c: SharedCoefficients, outside: Outside, law: Any, s: solenoid.State, gap: float, lags: tuple[float, float]
 ) -> solenoid.State:
-    """Rates of both fluxes [V]: N dφ/dt = v − R i, Eq. (11), and dφ_f/dt = (φ − φ_f)/τ; of either actuation.
+    """Rates of both fluxes [V]: N dφ/dt = v − R i, Eq. (11), and dφ_f/dt = (φ − φ_f)/τ. For both actuations.
 
     `c`, `outside`: coefficients, and what comes from outside; `gap`: air gap that the armature leaves [m]; `lags`
     (float, float): of a rising and of a falling flux [s]; the first is zero for none.
@@ -140,7 +140,7 @@ def inlet_ideal(c: Coefficients, at: Inlet, z_flow: float) -> float:
 
 @physics
 def inlet_throttled(c: Coefficients, at: Inlet, z_flow: float) -> float:
-    """Pressure at the pipe's inlet behind the rail's throttle, Eq. (4) solved for the pressure."""
+    """Pressure at the pipe's inlet, downstream of the rail's throttle, Eq. (4) solved for the pressure."""
     rail = contents(c.fuel, at.rail_mass, c.rail.volume)
     total = at.flow + c.control_chamber.z_inlet_fraction * z_flow
     return rail.pressure - total * abs(total) / (2.0 * rail.density * c.rail.throttle_cda2)
@@ -182,11 +182,11 @@ def past_limit(c: SharedCoefficients, peak: float, conducting: float, flux: floa
 
 
 @physics
-def switched(c: Coefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
+def pwm_flux_rate(c: Coefficients, outside: Outside, supply: drive.Supply, now: solenoid.Circuit) -> float:
     """PWM whose transistor is set by the solver's events; after the end −boost until the current is gone."""
-    live = drive.applied(c.solenoid, drive.pwm_voltage(c.drive, outside.conducting), now).flux_rate
-    off = drive.switched_off(c.drive, c.solenoid, now).flux_rate
-    return live if outside.on > 0.5 else off
+    live = drive.apply_voltage(c.solenoid, drive.pwm_voltage(c.drive, outside.conducting), now).flux_rate
+    quenching = drive.quench(c.drive, c.solenoid, now).flux_rate
+    return live if outside.on > 0.5 else quenching
 
 
 def inlet_law(variant: Variant) -> Callable[..., float]:
@@ -195,9 +195,9 @@ def inlet_law(variant: Variant) -> Callable[..., float]:
 
 
 def coil_law(variant: Variant) -> Callable[..., float]:
-    """Law of the coil's flux rate: that of the drive for a step of no length, but for the PWM, which events switch."""
+    """Law of the coil's flux rate: the drive's law for a step of zero length; a PWM is switched by events."""
     if variant.drive is Drive.PWM:
-        return switched
+        return pwm_flux_rate
     law = wiring(variant).drive
 
     @physics
@@ -211,7 +211,7 @@ SHORTEST_LAG = 1e-9  # in place of a lag of zero in one direction [s]: the flux 
 
 
 class Hydraulics(NamedTuple):
-    """Lifts, volumes [m³], fuel in accumulation and SAC, and the greatest lift so far [m]; of either actuation."""
+    """Lifts, volumes [m³], fuel in accumulation and SAC, and the greatest lift so far [m]. For both actuations."""
 
     lifts: Motion
     volumes: connections.Volumes
@@ -245,7 +245,7 @@ def return_rates(y: Any, dy: Any, place: tuple[int, int], c: Coefficients, inflo
     """Rates of the return line, Eq. (6), as pressure–flow pairs: cell 0, face 1, …, cell n−1, face n at the tank.
 
     `y`, `dy`: the vector and its rates; `place` (int, int): first place of the line in it, and its cells; `inflow`:
-    behind the valve [kg/s]; `low`: pressure of the tank [Pa].
+    downstream of the valve [kg/s]; `low`: pressure of the tank [Pa].
     """
     z, (first, cells) = c.return_line.impedance, place
     per_cell = 2.0 * cells / c.return_line.round_trip
@@ -291,12 +291,12 @@ def make_needle_flows(variant: Variant) -> Callable[..., tuple[Flow, Flow]]:
 
 
 def make_rates(variant: Variant) -> Callable[..., None]:
-    """Function (y, outside, constants, cells, friction, dy) of a variant of either actuation."""
+    """Make the function (y, outside, constants, cells, friction, dy) that computes the rates of a variant."""
     return _make_direct_rates(variant) if variant.actuation is Actuation.DIRECT else _make_servo_rates(variant)
 
 
 class Flows(NamedTuple):
-    """Flows between the volumes [kg/s], as in the head of this module; `drain` is that of A-hole and valve."""
+    """Flows between the volumes [kg/s], as in the head of this module; `drain` passes A-hole and valve."""
 
     pipe: float
     z_hole: float
@@ -438,7 +438,7 @@ def _make_direct_rates(variant: Variant) -> Callable[..., None]:
 
 @physics
 def store_chain(dy: Any, first: int, c: plunger_needle.Coefficients, a: Nine, v: Nine, friction: Any) -> None:
-    """Write the chain's accelerations, less the guides' friction, behind the velocities.
+    """Write the chain's accelerations, less the guides' friction, after the velocities.
 
     `dy`: rates; `first`: first place of plunger and needle; `a`, `v`: accelerations [m/s²] and velocities [m/s];
     `friction` (9, 2): dry friction [N] and viscous coefficient [N s/m] of the guides on each mass.

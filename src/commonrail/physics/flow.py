@@ -73,7 +73,7 @@ def jet(cda2_dp: float, density: float, offset: float) -> Jet:
 
 @physics
 def orifice(through: Restriction, density: float, offset: float) -> Flow:
-    """Mass flow through an orifice as of `jet`, with its slope.
+    """Mass flow through an orifice, as `jet`, with its slope.
 
     `through`: (c_d A)² Δp and its derivative; `density`: ρ of the upstream fluid [kg/m³], > 0; `offset`: q_h of
     `laminar_offset` [kg/s], > 0.
@@ -83,10 +83,10 @@ def orifice(through: Restriction, density: float, offset: float) -> Flow:
 
 
 @physics
-def choked(free: Restriction, cavitating: Restriction) -> Restriction:
+def limit_by_cavitation(free: Restriction, cavitating: Restriction) -> Restriction:
     """Restriction of an orifice, limited by cavitation in its contraction.
 
-    A cavitating orifice passes q = C_c A sqrt(2 ρ (p₁ − p_v)) whatever the pressure behind it
+    A cavitating orifice passes q = C_c A sqrt(2 ρ (p₁ − p_v)) whatever its downstream pressure
     (Nurick 1976, doi:10.1115/1.3448452). Reverse flow is not limited.
 
     `free`: (c_d A)² Δp without cavitation, and its derivative in the pressure of interest; `cavitating`: (C_c A)² (p₁ −
@@ -98,7 +98,7 @@ def choked(free: Restriction, cavitating: Restriction) -> Restriction:
 
 @physics
 def series(first: float, second: float) -> float:
-    """(c_d A)² of two orifices one behind the other [m⁴]; zero when either is shut.
+    """(c_d A)² of two orifices in series [m⁴]; zero when either is shut.
 
     `first`, `second`: (c_d A)² of each [m⁴], ≥ 0, not both zero.
     """
@@ -150,7 +150,7 @@ def guide_of(diameter: float, gap: float, length: float, eccentricity: float, wi
 
 
 @physics
-def widened(growth: float, pressure: float) -> float:
+def conductance_growth(growth: float, pressure: float) -> float:
     """(g/g₀)³ of a gap that the pressure in it has widened, g = g₀ (1 + p C/g₀) [1].
 
     `growth`: C/g₀ [1/Pa]; `pressure`: mean pressure in the gap [Pa].
@@ -208,7 +208,7 @@ def friction_resistance(friction_factor: float, length: float, diameter: float, 
 #
 # The state is the mass m; density is m/V and pressure follows from it, so dm/dt = Σ q conserves mass to
 # rounding and (K_f/V)(−dV/dt + Σ Q) of Eq. (3) is its consequence. Over one step the flows are taken
-# linear in the pressure, q(p) = q_n + Σ s (p − p_n) with Σ s = −S, and the geometry that of mid-step. The
+# linear in the pressure, q(p) = q_n + Σ s (p − p_n) with Σ s = −S, with the geometry of mid-step. The
 # pressure then relaxes as exp(−y), y = dt · S · (dp/dρ)/V; its mean departure from p_n over the step is
 #
 #     δ = dt · dp/dt · φ2(y),   φ2(y) = (3 + y)/(6 + 4y + y²)
@@ -263,6 +263,6 @@ def contents(f: fuel.FuelCoefficients, mass: float, volume: float) -> Contents:
 
 
 @physics
-def filled(f: fuel.FuelCoefficients, pressure: float, volume: float) -> Contents:
+def contents_at(f: fuel.FuelCoefficients, pressure: float, volume: float) -> Contents:
     """Contents of a volume at a given pressure; `pressure`: p [Pa], above the vapour pressure; `volume`: V [m³]."""
     return contents(f, fuel.density(f, pressure) * volume, volume)

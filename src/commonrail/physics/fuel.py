@@ -1,4 +1,4 @@
-"""A fuel as the host sees it: density, moduli, viscosity, wave speed over pressure, temperature.
+"""Fuel properties for Python code: density, moduli, viscosity, wave speed over pressure, temperature.
 
 Kernels do not call this: `commonrail.physics.fuel_polynomials` fits polynomials to a `Fuel` at one temperature.
 """
@@ -134,7 +134,7 @@ class Origin:
     mark : str
         M measured, C ECU calibration, F fitted or derived, E engineering estimate.
     source : str
-        What was measured, fitted or assumed, and by whom.
+        Origin: measured, fitted or assumed, and by whom.
     error : float
         Largest relative deviation from that source over the declared range; for a law marked E,
         the relative uncertainty that its author expects.
@@ -260,25 +260,25 @@ class Fuel:
         Raises
         ------
         ConfigurationError
-            If one is no finite number, or their shapes do not broadcast (so do all methods of this class).
+            If one is not a finite number, or their shapes do not broadcast (so do all methods of this class).
         InputError
             If a temperature lies outside `temperature_range` (so do all methods of this class).
         """
-        held, tension, at = self._read(p, temperature)
-        stretch = exp(tension / _modulus(self, held, at))
-        return np.asarray(_density(self, held, at) * stretch)
+        p_in_range, tension, at = self._read_arguments(p, temperature)
+        stretch = exp(tension / _modulus(self, p_in_range, at))
+        return np.asarray(_density(self, p_in_range, at) * stretch)
 
     def bulk_modulus(self, p: ArrayLike, temperature: ArrayLike) -> Floats:
         """Return the bulk modulus rho dp/d(rho) [Pa], isothermal unless `adiabatic`; shapes as in `density`."""
-        held, _, at = self._read(p, temperature)
-        return np.asarray(_MPA * _modulus(self, held, at))
+        p_in_range, _, at = self._read_arguments(p, temperature)
+        return np.asarray(_MPA * _modulus(self, p_in_range, at))
 
     def isentropic_bulk_modulus(self, p: ArrayLike, temperature: ArrayLike) -> Floats:
         """Return the isentropic bulk modulus [Pa], the one that waves feel."""
         if self.isentropic_law is None:
             return self.bulk_modulus(p, temperature)
-        held, _, at = self._read(p, temperature)
-        return np.asarray(_MPA * saturating_law(held, *self.isentropic_law.at(at)))
+        p_in_range, _, at = self._read_arguments(p, temperature)
+        return np.asarray(_MPA * saturating_law(p_in_range, *self.isentropic_law.at(at)))
 
     def sound_speed(self, p: ArrayLike, temperature: ArrayLike) -> Floats:
         """Return the speed of sound sqrt(K_S/rho) [m/s]."""
@@ -287,17 +287,17 @@ class Fuel:
 
     def kinematic_viscosity(self, p: ArrayLike, temperature: ArrayLike) -> Floats:
         """Return the kinematic viscosity [m2/s], Eq. (2), or its exponential where the law is logarithmic."""
-        held, _, at = self._read(p, temperature)
-        value = power_law(held, *self.viscosity_law.at(at))
+        p_in_range, _, at = self._read_arguments(p, temperature)
+        value = power_law(p_in_range, *self.viscosity_law.at(at))
         return np.asarray(_MM2_PER_S * (exp(value) if self.viscosity_law.logarithmic else value))
 
     def vapour_pressure(self, temperature: ArrayLike) -> Floats:
         """Return the vapour pressure [Pa], the exponential of a polynomial in temperature."""
-        return np.asarray(exp(self.vapour_law.at(_defined(self, temperature))[0]))
+        return np.asarray(exp(self.vapour_law.at(_check_temperature(self, temperature))[0]))
 
-    def _read(self, p: ArrayLike, temperature: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    def _read_arguments(self, p: ArrayLike, temperature: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Pressure held at the range's lower end, what lies below it, both in MPa, and temperature [K]."""
-        at, pressure = _defined(self, temperature), array(p, "Pa", "pressure") / _MPA
+        at, pressure = _check_temperature(self, temperature), array(p, "Pa", "pressure") / _MPA
         try:
             np.broadcast_shapes(pressure.shape, at.shape)
         except ValueError:
@@ -308,18 +308,18 @@ class Fuel:
         low = self.pressure_range[0] / _MPA
         return np.maximum(pressure, low), np.minimum(pressure - low, 0.0), at
 
-    def defined_at(self, temperature: ArrayLike) -> Bools:
+    def is_defined_at(self, temperature: ArrayLike) -> Bools:
         """Return which temperatures [K] lie in `temperature_range`."""
         asked = np.asarray(temperature, dtype=np.float64)
         low, high = self.temperature_range
         return np.asarray((asked >= low - _TEMPERATURE_TOLERANCE) & (asked <= high + _TEMPERATURE_TOLERANCE))
 
 
-def _defined(fuel: Fuel, temperature: ArrayLike) -> Floats:
+def _check_temperature(fuel: Fuel, temperature: ArrayLike) -> Floats:
     """Temperatures [K] as an array; InputError if one lies outside the fuel's range."""
     asked = array(temperature, "K", "temperature", finite=False)
     low, high = fuel.temperature_range
-    inside = fuel.defined_at(asked)
+    inside = fuel.is_defined_at(asked)
     if not np.all(inside):
         wrong = float(np.atleast_1d(asked)[~np.atleast_1d(inside)][0])
         raise InputError(
@@ -329,17 +329,17 @@ def _defined(fuel: Fuel, temperature: ArrayLike) -> Floats:
     return asked
 
 
-def _density(fuel: Fuel, held: Floats, temperature: ArrayLike) -> Floats:
+def _density(fuel: Fuel, p: Floats, temperature: ArrayLike) -> Floats:
     """Density [kg/m3] at pressures inside the range [MPa]."""
     if fuel.compression_law is None:
-        return saturating_law(held, *fuel.density_law.at(temperature))
-    compression = log_compression(held, *fuel.compression_law.at(temperature))
+        return saturating_law(p, *fuel.density_law.at(temperature))
+    compression = log_compression(p, *fuel.compression_law.at(temperature))
     return np.asarray(fuel.density_law.at(temperature)[0] * exp(compression))
 
 
-def _modulus(fuel: Fuel, held: Floats, temperature: ArrayLike) -> Floats:
+def _modulus(fuel: Fuel, p: Floats, temperature: ArrayLike) -> Floats:
     """Modulus rho dp/d(rho) [MPa] at pressures inside the range [MPa]."""
     if fuel.compression_law is not None:
-        return saturating_law(held, *fuel.compression_law.at(temperature))
+        return saturating_law(p, *fuel.compression_law.at(temperature))
     _, k2, k3, k4 = fuel.density_law.at(temperature)
-    return _density(fuel, held, temperature) / saturating_slope(held, k2, k3, k4)
+    return _density(fuel, p, temperature) / saturating_slope(p, k2, k3, k4)

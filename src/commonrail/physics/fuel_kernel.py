@@ -98,7 +98,7 @@ def pressure_and_stiffness(f: FuelCoefficients, rho: float) -> PressureAndStiffn
     b2 = f.p3 + c * b3
     b1 = f.p2 + c * b2
     slope = b1 + c * (b2 + c * (b3 + c * (b4 + c * (b5 + c * f.p7))))
-    secant = c * b1  # of what is not linear
+    secant = c * b1  # of the non-linear part
     return PressureAndStiffness(f.p1 * x + c * secant, (f.p1 + secant + c * slope) * f.inverse_reference_density)
 
 

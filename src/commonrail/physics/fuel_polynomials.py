@@ -22,7 +22,7 @@ from commonrail.physics.fuel import Fuel
 from commonrail.physics.fuel_kernel import FuelCoefficients
 
 _POINTS = 64
-_BEYOND = 1.4  # fitted this far beyond the range, so that an overshoot meets no surprise
+_BEYOND = 1.4  # fitted this far beyond the range, so an overshoot stays defined
 _OUTSIDE_WEIGHT = 0.3  # and with this weight there
 _DEGREE_PRESSURE, _DEGREE_START, _DEGREE_FLUIDITY, _DEGREE_RATIO = 7, 4, 5, 2
 _TOGETHER = 32  # temperatures whose laws are evaluated at once: some megabytes
@@ -61,9 +61,9 @@ def coefficient_rows(fuel: Fuel, temperatures: tuple[float, ...]) -> Floats:
     """
     with np.errstate(all="ignore"):  # what no polynomial fits is refused in a sentence
         parts = [temperatures[i : i + _TOGETHER] for i in range(0, len(temperatures), _TOGETHER)]
-        found = np.concatenate([_fitted(fuel, np.array(part)) for part in parts])
-    found.flags.writeable = False  # it is cached
-    return found
+        rows = np.concatenate([_fit_coefficients(fuel, np.array(group)) for group in parts])
+    rows.flags.writeable = False  # it is cached
+    return rows
 
 
 class _Values(NamedTuple):
@@ -82,19 +82,19 @@ class _Values(NamedTuple):
         ratio = fuel.isentropic_bulk_modulus(p, at) / modulus
         return cls(fuel.density(p, at), modulus, fuel.kinematic_viscosity(p, at), ratio)
 
-    def part(self, pressures: slice) -> _Values:
+    def at_pressures(self, pressures: slice) -> _Values:
         """Values at some of the pressures."""
         return _Values._make(law[:, pressures] for law in self)
 
 
-def _fitted(fuel: Fuel, temperatures: Floats) -> Floats:
+def _fit_coefficients(fuel: Fuel, temperatures: Floats) -> Floats:
     """Coefficients (k, c) at temperatures (k,), all laws evaluated together: fitted here, checked there."""
     p, inside = _grid(fuel)
     check = np.linspace(*fuel.pressure_range, 101)  # pressures [Pa] that the polynomials are measured at
     every = _Values.of(fuel, np.concatenate(([0.0], p, check)), temperatures)
     weight = np.where(inside, 1.0, _OUTSIDE_WEIGHT)
     reference = every.density[:, :1]
-    values, tested = every.part(slice(1, 1 + len(p))), every.part(slice(1 + len(p), None))
+    values, tested = every.at_pressures(slice(1, 1 + len(p))), every.at_pressures(slice(1 + len(p), None))
     x = values.density / reference - 1.0
     s = np.broadcast_to(p * 1e-8, x.shape)
     fluidity = 1.0 / values.viscosity
@@ -113,8 +113,8 @@ def _fitted(fuel: Fuel, temperatures: Floats) -> Floats:
     )
     rows = np.concatenate((reference, 1.0 / reference, *fitted, vapour), axis=1)
     for i, temperature in enumerate(temperatures.tolist()):
-        own = _Values._make(law[i : i + 1] for law in tested)
-        _refuse_if_poor(fuel, temperature, _errors(own, check, FuelCoefficients._make(rows[i].tolist())))
+        law_values = _Values._make(law[i : i + 1] for law in tested)
+        _refuse_if_poor(fuel, temperature, _errors(law_values, check, FuelCoefficients._make(rows[i].tolist())))
     return rows
 
 
@@ -151,8 +151,8 @@ def _pressure_polynomial(x: Floats, p: Floats, modulus: Floats, weight: Floats) 
     values = powers[..., 1:] / modulus[..., None]
     slopes = power * powers[..., :-1] / scale[..., None] * ((1.0 + x) / modulus)[..., None]
     rows = np.concatenate((values, slopes), axis=1) * np.tile(weight, 2)[:, None]
-    wanted = np.concatenate((p / modulus, np.ones_like(x)), axis=1) * np.tile(weight, 2)
-    return least_squares(rows, wanted) / _powers(scale, _DEGREE_PRESSURE)[:, 0, 1:]
+    target = np.concatenate((p / modulus, np.ones_like(x)), axis=1) * np.tile(weight, 2)
+    return least_squares(rows, target) / _powers(scale, _DEGREE_PRESSURE)[:, 0, 1:]
 
 
 def _polynomial(s: Floats, y: Floats, degree: int, lowest: int, weight: Floats) -> Floats:

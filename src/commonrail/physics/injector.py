@@ -32,15 +32,17 @@ def parameter_quantities(actuation: Actuation | None = None) -> dict[str, Q]:
     Parameters
     ----------
     actuation : Actuation, optional
-        Of the injector; by default the parameters of all injectors, those of the servo injector first.
+        Of the injector; by default all parameters, first those of the servo injector.
     """
     kinds = tuple(Actuation) if actuation is None else (actuation,)
     components: dict[str, Any] = {}
     for kind in kinds:
         components = {**components, **get_type_hints(model_of(kind).Parameters)}
-    named = {f"{component}.{name}": q for component, kind in components.items() for name, q in describe(kind).items()}
-    named[FUEL_TEMPERATURE] = Q("K", "temperature of the fuel", Domain.POSITIVE)
-    return named
+    quantities = {
+        f"{component}.{name}": q for component, kind in components.items() for name, q in describe(kind).items()
+    }
+    quantities[FUEL_TEMPERATURE] = Q("K", "temperature of the fuel", Domain.POSITIVE)
+    return quantities
 
 
 @functools.cache
@@ -65,7 +67,7 @@ class Injector(Shown):
     sources : mapping of str to Source
         Origin of values by dotted name.
     synthetic : str
-        What about it is not measured, empty if nothing.
+        Reason why it is synthetic; empty for measured data.
 
     Raises
     ------
@@ -84,7 +86,7 @@ class Injector(Shown):
     sources: Mapping[str, Source] = field(default_factory=dict)
     synthetic: str = field(default="", kw_only=True)
 
-    if TYPE_CHECKING:  # what is accepted is wider than what is kept
+    if TYPE_CHECKING:  # accepted types are wider than stored ones
 
         def __init__(
             self,
@@ -100,14 +102,16 @@ class Injector(Shown):
 
     def __post_init__(self) -> None:
         instance(self.variant, Variant, "variant")
-        known = self.quantities
+        quantities = self.quantities
         for what in ("name", "title", "synthetic"):
             plain_text(getattr(self, what), f"{what} of an injector")
-        values = {path: _read(self.name, path, value, known) for path, value in _named(self.values).items()}
+        values = {
+            path: _read_value(self.name, path, value, quantities) for path, value in _read_values(self.values).items()
+        }
         sources = mapping(self.sources, "sources", '{"nozzle.holes": Source("M", "drawing")}')
         settle(self, values=values, sources=sources)
         instance(self.fuel, Fuel, "fuel")
-        missing = [path for path in known if path not in self.values]
+        missing = [path for path in quantities if path not in self.values]
         if missing:
             raise ConfigurationError(f"{self.name}: no value for {missing[0]}; give one in the injector's file.")
 
@@ -121,7 +125,7 @@ class Injector(Shown):
         """Values as the NamedTuple that the physics reads."""
         kind, components = _components(self.variant.actuation)
         flat = iter([self.values[path] for path in parameter_paths(self.variant.actuation)])
-        return kind(**{component: _take(one, flat) for component, one in components.items()})
+        return kind(**{component: _take(component_kind, flat) for component, component_kind in components.items()})
 
     def wired(self, names: Iterable[str] = ()) -> Variant:
         """Variant that computes this injector: with the extended laws if a value or a varying name needs them.
@@ -148,7 +152,7 @@ class Injector(Shown):
             If a name is unknown, its parameter is not read by the variant, or a value is of another kind or outside
             its domain.
         """
-        changed = replace(self, values={**self.values, **_named(values)})
+        changed = replace(self, values={**self.values, **_read_values(values)})
         self.check_read(values)
         return changed
 
@@ -175,7 +179,7 @@ class Injector(Shown):
 
 @functools.cache
 def _components(actuation: Actuation) -> tuple[Any, Mapping[str, Any]]:
-    """Class of the parameters and those of its components, whose type hints take as long to look up as all values."""
+    """Class of the parameters and of its components; cached because looking up type hints is slow."""
     kind = model_of(actuation).Parameters
     return kind, get_type_hints(kind)
 
@@ -184,24 +188,24 @@ def _take(kind: Any, flat: Iterator[float]) -> Any:
     return kind._make([next(flat) for _ in kind._fields])
 
 
-def _named(values: object) -> Mapping[str, Any]:
+def _read_values(values: object) -> Mapping[str, Any]:
     return mapping(values, "values of parameters", '{"valve.spring_preload": "75 N"}')
 
 
-def _read(name: str, path: str, value: object, known: Mapping[str, Q]) -> float:
-    if path not in known:
+def _read_value(name: str, path: str, value: object, quantities: Mapping[str, Q]) -> float:
+    if path not in quantities:
         raise ConfigurationError(
-            f"{name}: there is no parameter {path}{nearest(path, known)}; "
+            f"{name}: there is no parameter {path}{nearest(path, quantities)}; "
             "commonrail.models.parameter_quantities() lists them."
         )
-    quantity = known[path]
-    found = value if isinstance(value, float) else number(value, quantity.unit, f"{name}, {path}")
-    if not (abs(found) < float("inf") and quantity.domain.admits(found)):
+    quantity = quantities[path]
+    number_si = value if isinstance(value, float) else number(value, quantity.unit, f"{name}, {path}")
+    if not (abs(number_si) < float("inf") and quantity.domain.admits(number_si)):
         raise ConfigurationError(
             f"{name}: {path} ({quantity.meaning}) must be {quantity.domain.value}, not "
-            f"{found:g} {quantity.unit.removesuffix('1')}".rstrip()
+            f"{number_si:g} {quantity.unit.removesuffix('1')}".rstrip()
             + "."
         )
-    if words := not_whole(path, found):
+    if words := not_whole(path, number_si):
         raise ConfigurationError(f"{name}: {words}.")
-    return float(found)
+    return float(number_si)

@@ -1,10 +1,10 @@
 """Laws of the physics as plain functions, metadata of their parameters, and NamedTuples laid out in rows of an array.
 
 `physics` marks every small scalar law and returns the plain Python function, so debuggers, coverage and dimensional
-tests see ordinary code. Whatever compiles the laws (`commonrail.compiler.laws`, the CUDA kernels) is told of them by
+tests see ordinary code. Whatever compiles the laws (`commonrail.compiler.laws`, the CUDA kernels) receives them from
 `offer_laws`; nothing here needs Numba. In all laws `dt` is the time step [s], `c` the coefficients and `s` the state.
 
-An engine keeps everything behind one base pointer, so the compiler can prove that lanes do not overlap: a nested
+An engine stores everything at one base pointer, so the compiler can prove that lanes do not overlap: a nested
 NamedTuple of numbers lies in one column of a (rows × lanes) array. Physics never sees a row number: `Layout.load` gives
 it the NamedTuple back by name.
 """
@@ -32,7 +32,7 @@ _MACHINES: list[Callable[[Callable[..., Any]], None]] = []
 
 
 def physics(law: _Law) -> _Law:
-    """Let kernels inline a scalar law; from Python it stays the plain function that it is."""
+    """Mark a scalar law that kernels may inline; for Python it stays a plain function."""
     _LAWS.append(law)
     for offer in _MACHINES:
         offer(law)
@@ -85,7 +85,7 @@ class Layout:
     Parameters
     ----------
     kind, choices
-        As of `layout_of`.
+        Arguments of `layout_of`.
 
     Attributes
     ----------
@@ -101,9 +101,9 @@ class Layout:
     def load(self) -> Callable[..., Any]:
         """Function (array, start, stride) -> NamedTuple that reads the fields from index `start` on, `stride` apart."""
         names: dict[str, Any] = {}
-        made = _constructor(self._kind, self._choices, names, iter(range(10_000)))
+        constructor = _constructor(self._kind, self._choices, names, iter(range(10_000)))
         reads = [line for row, _ in enumerate(self.paths) for line in (f"    r{row} = a[i]", _ON)]
-        return self._law("load(a, start, stride)", [*reads[:-1], f"    return {made}"], names)
+        return self._law("load(a, start, stride)", [*reads[:-1], f"    return {constructor}"], names)
 
     @functools.cached_property
     def store(self) -> Callable[..., Any]:
@@ -114,7 +114,7 @@ class Layout:
 
     def row(self, path: str) -> int:
         """Row of a dotted field name, the first one of a group of fields."""
-        return next(i for i, known in enumerate(self.paths) if f"{known}.".startswith(f"{path}."))
+        return next(i for i, row_path in enumerate(self.paths) if f"{row_path}.".startswith(f"{path}."))
 
     def _law(self, head: str, lines: list[str], names: dict[str, Any]) -> Callable[..., Any]:
         """Law of a text, which only what compiles it asks for.
@@ -143,9 +143,9 @@ def field_paths(kind: type, choices: Choices = (), prefix: str = "") -> Iterator
 
 @functools.cache
 def _fields(kind: type, choices: Choices) -> tuple[tuple[str, type], ...]:
-    hints, chosen = get_type_hints(kind), dict(choices)
+    hints, chosen_types = get_type_hints(kind), dict(choices)
     names = kind._fields  # type: ignore[attr-defined]
-    return tuple((name, chosen.get(name, hints[name]) if hints[name] is Any else hints[name]) for name in names)
+    return tuple((name, chosen_types.get(name, hints[name]) if hints[name] is Any else hints[name]) for name in names)
 
 
 @functools.cache

@@ -1,4 +1,4 @@
-"""Meters of a bench, which stand between the injection and what is recorded: their laws, quantities and signals."""
+"""Meters of a bench, between the injection and the recorded signal: laws, quantities and signals."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import Quantity, chosen, mapping, number, plain_text, settle, whole
+from commonrail.base.arguments import Quantity, enum_member, integer, mapping, number, plain_text, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.units import to_text
@@ -98,7 +98,7 @@ def _butterworth(signal: Floats, interval: float, order: int, cutoff: float) -> 
 
 
 def _zero_phase(signal: Floats, interval: float, order: int, cutoff: float) -> Floats:
-    """Product with the amplitude in the frequency domain; zeros behind the signal keep its ends apart."""
+    """Product with the amplitude in the frequency domain; zeros after the signal keep its ends from overlapping."""
     samples = signal.shape[-1]
     tail = math.ceil(_TAIL * _slowest(order, cutoff) / interval)
     padded = 1 << (samples + min(tail, 16 * samples) - 1).bit_length()
@@ -142,7 +142,7 @@ def parameter_name(meter: str, quantity: str) -> str:
 
 
 def is_of_meter(name: str) -> bool:
-    """True for the dotted name of a meter's quantity, False for that of an injector's parameter."""
+    """True for the dotted name of a meter's quantity, False for an injector's parameter."""
     return name.startswith(f"{PREFIX}.")
 
 
@@ -155,7 +155,7 @@ def parts_of(name: str) -> tuple[str, str]:
 def known_quantity(name: str) -> Q:
     """Unit, meaning and domain of a free parameter, of an injector or of a meter.
 
-    Raises KeyError if there is none of that name.
+    Raises KeyError for an unknown name.
     """
     return QUANTITIES[parts_of(name)[1]] if is_of_meter(name) else parameter_quantities()[name]
 
@@ -173,12 +173,12 @@ class Meter:
     name : str
         Letters, digits and underscores; data sets that name the same meter share its quantities.
     values : mapping of str to float
-        Quantities by the names of `QUANTITIES` [SI]; what is not given is neutral. Texts with units are read. Those
+        Quantities by the names of `QUANTITIES` [SI]; absent ones are neutral. Texts with units are read. Quantities
         that a study fits (parameters such as ``meter.bench.delay``) start from here.
     law : LowPass
-        Of the low-pass: "butterworth", "cascade" or "zero-phase".
+        Law of the low-pass: "butterworth", "cascade" or "zero-phase".
     order : int
-        Of the low-pass, 1 to 8.
+        Order of the low-pass, 1 to 8.
     sources : mapping of str to Source
         Mark and source of quantities.
 
@@ -186,7 +186,7 @@ class Meter:
     ------
     ConfigurationError
         If a quantity is unknown or outside its domain, both density and temperature are given, the shares of the echoes
-        leave nothing of the direct signal, a late cut-off is given with a law that delays, or the name is no name.
+        leave nothing of the direct signal, a late cut-off is given with a law that delays, or the name is not valid.
     """
 
     name: str
@@ -195,7 +195,7 @@ class Meter:
     order: int = 2
     sources: Mapping[str, Source] = field(default_factory=dict)
 
-    if TYPE_CHECKING:  # what is accepted is wider than what is kept
+    if TYPE_CHECKING:  # accepted types are wider than stored ones
 
         def __init__(
             self,
@@ -211,8 +211,8 @@ class Meter:
             raise ConfigurationError(
                 f'The name of a meter must be letters, digits and underscores, such as "bench", not "{self.name}".'
             )
-        given = mapping(self.values, f"quantities of the meter {self.name}", '{"delay": "5 us"}')
-        values = {key: self._read(key, value) for key, value in given.items()}
+        stated = mapping(self.values, f"quantities of the meter {self.name}", '{"delay": "5 us"}')
+        values = {key: self._read_quantity(key, value) for key, value in stated.items()}
         if {"density", "temperature"} <= set(values):
             raise ConfigurationError(f"The meter {self.name} has a density and a temperature; keep one of them.")
         echoes = values.get("echo_share", 0.0) + values.get("second_echo_share", 0.0)
@@ -221,7 +221,7 @@ class Meter:
                 f"The shares of the echoes of the meter {self.name} add up to {echoes:g}, which leaves nothing of the "
                 "direct signal; they must add up to less than 1."
             )
-        law = chosen(self.law, LowPass, f"law of the meter {self.name}")
+        law = enum_member(self.law, LowPass, f"law of the meter {self.name}")
         if "late_cutoff" in values and law is not LowPass.ZERO_PHASE:
             raise ConfigurationError(
                 f'The late_cutoff of the meter {self.name} needs the law "zero-phase", not "{law.value}": filters that '
@@ -234,27 +234,27 @@ class Meter:
             values=values,
             sources=sources,
             law=law,
-            order=whole(self.order, f"order of the meter {self.name}", 1, HIGHEST_ORDER),
+            order=integer(self.order, f"order of the meter {self.name}", 1, HIGHEST_ORDER),
         )
 
-    def _read(self, key: str, value: object) -> float:
+    def _read_quantity(self, key: str, value: object) -> float:
         if key not in QUANTITIES:
             raise ConfigurationError(
                 f"The meter {self.name} has no {key}{nearest(key, QUANTITIES)}; its quantities are "
                 f"{', '.join(QUANTITIES)}."
             )
         q = QUANTITIES[key]
-        found = number(value, q.unit, f"{key} of the meter {self.name}")
-        if not q.domain.admits(found):
+        quantity = number(value, q.unit, f"{key} of the meter {self.name}")
+        if not q.domain.admits(quantity):
             raise ConfigurationError(
                 f"The {key} of the meter {self.name} ({q.meaning}) must be {q.domain.value}, not "
-                f"{to_text(found, q.unit)}."
+                f"{to_text(quantity, q.unit)}."
             )
-        return found
+        return quantity
 
     @property
     def neutral(self) -> bool:
-        """True if it shows what it is given."""
+        """True if the meter shows its input unchanged."""
         return all(QUANTITIES[key].default == value for key, value in self.values.items())
 
     @property
@@ -273,26 +273,26 @@ class Meter:
         return is_of_meter(name) and parts_of(name)[0] == self.name
 
     def with_best(self, best: Mapping[str, float], source: Source | None = None) -> Meter:
-        """The same meter with what a fit has found.
+        """The same meter with fitted values.
 
         Parameters
         ----------
         best : mapping of str to float
-            Values [SI] by the names of free parameters; those that are not the meter's are left out.
+            Values [SI] by the names of free parameters; those of other meters are ignored.
         source : Source, optional
             Of these values.
         """
-        found = {parts_of(name)[1]: value for name, value in best.items() if self.owns(name)}
-        if not found:
+        fitted = {parts_of(name)[1]: value for name, value in best.items() if self.owns(name)}
+        if not fitted:
             return self
-        sources = dict(self.sources) | ({} if source is None else dict.fromkeys(found, source))
-        return replace(self, values={**self.values, **found}, sources=sources)
+        sources = dict(self.sources) | ({} if source is None else dict.fromkeys(fitted, source))
+        return replace(self, values={**self.values, **fitted}, sources=sources)
 
 
 # Signal that a meter shows of a simulated flow: filter, echoes, zeroing, then delay, gain and offset.
 
 
-Given = Mapping[str, Floats]  # values of a meter's quantities, (candidates,) each
+QuantityValues = Mapping[str, Floats]  # values of a meter's quantities, (candidates,) each
 
 _ECHOES = ("echo", "second_echo")
 
@@ -307,18 +307,18 @@ class Flow(NamedTuple):
 
 
 def given_values(meter: Meter, columns: Mapping[str, Floats], candidates: int) -> dict[str, Floats]:
-    """Values of a meter's quantities for each candidate; those without value and default are absent.
+    """Values of a meter's quantities for each candidate; absent if a quantity has neither value nor default.
 
     `columns` (mapping of str to (candidates,)): quantities that vary.
     """
-    known = {key: q.default for key, q in QUANTITIES.items() if q.default is not None} | dict(meter.values)
-    return {key: np.full(candidates, value) for key, value in known.items()} | dict(columns)
+    stated = {key: q.default for key, q in QUANTITIES.items() if q.default is not None} | dict(meter.values)
+    return {key: np.full(candidates, value) for key, value in stated.items()} | dict(columns)
 
 
-def shown_rates(meter: Meter, given: Given, flow: Flow, bounds: Floats) -> Floats:
+def shown_rates(meter: Meter, meter_values: QuantityValues, flow: Flow, bounds: Floats) -> Floats:
     """Rates (candidates, samples) that a meter shows, means between the bounds of the samples.
 
-    `given` (mapping of str to (candidates,)): of `given_values`; `bounds` (samples + 1,): [s].
+    `meter_values` (mapping of str to (candidates,)): of `given_values`; `bounds` (samples + 1,): [s].
 
     Between steps the cumulated flow is a cubic with continuous slope (Catmull–Rom), so that a sample is a smooth
     function of the delay; with linear interpolation J has a kink at every step.
@@ -327,43 +327,45 @@ def shown_rates(meter: Meter, given: Given, flow: Flow, bounds: Floats) -> Float
     shown = np.full((len(flow.rates), len(bounds) - 1), np.nan)
     if not sound.any():
         return shown
-    own = {key: values[sound] for key, values in given.items()}
-    rates = _after_zeroing(own, *_with_echoes(own, _direct(meter, own, flow.rates[sound], flow.step), flow.step))
-    places = (bounds - flow.start - own["delay"][:, None]) / flow.step
-    cumulated = _cumulated_at(flow.step * np.cumsum(rates, axis=1), places)
+    sound_values = {key: values[sound] for key, values in meter_values.items()}
+    rates = _after_zeroing(
+        sound_values, *_with_echoes(sound_values, _direct(meter, sound_values, flow.rates[sound], flow.step), flow.step)
+    )
+    places = (bounds - flow.start - sound_values["delay"][:, None]) / flow.step
+    cumulated = _interpolate_cumulated(flow.step * np.cumsum(rates, axis=1), places)
     means = np.diff(cumulated, axis=1) / np.diff(bounds)
-    shown[sound] = own["gain"][:, None] * means + own["offset"][:, None]
+    shown[sound] = sound_values["gain"][:, None] * means + sound_values["offset"][:, None]
     return shown
 
 
-def shown_quantities(given: Given, quantities: Floats) -> Floats:
+def shown_quantities(values: QuantityValues, quantities: Floats) -> Floats:
     """Quantities per stroke (candidates, points) that a meter shows of true ones, by gain and offset.
 
-    `given` (mapping of str to (candidates,)): of `given_values`; `quantities` (candidates, points): [m³].
+    `values` (mapping of str to (candidates,)): of `given_values`; `quantities` (candidates, points): [m³].
     """
-    return np.asarray(given["gain"][:, None] * quantities + given["quantity_offset"][:, None])
+    return np.asarray(values["gain"][:, None] * quantities + values["quantity_offset"][:, None])
 
 
-def _direct(meter: Meter, given: Given, rates: Floats, step: float) -> Floats:
+def _direct(meter: Meter, values: QuantityValues, rates: Floats, step: float) -> Floats:
     """Low-passed signal; with a late cut-off, the two filters blended from the opening peak on."""
-    early = _for_each(lambda signal, f: low_pass(signal, step, meter.law, meter.order, f), rates, given["cutoff"])
-    if "late_cutoff" not in given:
+    early = _for_each(lambda signal, f: low_pass(signal, step, meter.law, meter.order, f), rates, values["cutoff"])
+    if "late_cutoff" not in values:
         return early
-    late = _for_each(lambda signal, f: low_pass(signal, step, meter.law, meter.order, f), rates, given["late_cutoff"])
+    late = _for_each(lambda signal, f: low_pass(signal, step, meter.law, meter.order, f), rates, values["late_cutoff"])
     since = step * (np.arange(rates.shape[1]) - _opening_peaks(early)[:, None])
-    share = np.clip(since / given["blend"][:, None], 0.0, 1.0)
+    share = np.clip(since / values["blend"][:, None], 0.0, 1.0)
     return np.asarray((1.0 - share) * early + share * late)
 
 
 def _opening_peaks(signals: Floats) -> Floats:
     """Index of the first maximum above half of the greatest value of each signal, to a fraction of a step."""
-    found = np.empty(len(signals))
+    peaks = np.empty(len(signals))
     for i, signal in enumerate(signals):
         first = int(np.argmax(signal > 0.5 * signal.max()))
         falls = np.flatnonzero(np.diff(signal[first:]) < 0.0)
         k = first + int(falls[0]) if len(falls) else len(signal) - 1
-        found[i] = k + _vertex(signal, k)
-    return found
+        peaks[i] = k + _vertex(signal, k)
+    return peaks
 
 
 def _vertex(signal: Floats, k: int) -> float:
@@ -375,35 +377,37 @@ def _vertex(signal: Floats, k: int) -> float:
     return float(0.5 * (left - right) / curve) if curve < 0.0 else 0.0
 
 
-def _with_echoes(given: Given, direct: Floats, step: float) -> tuple[Floats, Floats]:
+def _with_echoes(values: QuantityValues, direct: Floats, step: float) -> tuple[Floats, Floats]:
     """The direct signal, and it with its echoes, which take their shares from it: an echo makes no fuel."""
-    left = 1.0 - np.sum([given[f"{echo}_share"] for echo in _ECHOES], axis=0)
+    left = 1.0 - np.sum([values[f"{echo}_share"] for echo in _ECHOES], axis=0)
     total = left[:, None] * direct
     for echo in _ECHOES:
-        share = given[f"{echo}_share"]
+        share = values[f"{echo}_share"]
         if share.any():
-            steps = np.arange(direct.shape[1] + 1) - given[f"{echo}_delay"][:, None] / step
-            late = np.diff(_cumulated_at(np.cumsum(direct, axis=1), steps), axis=1)
+            steps = np.arange(direct.shape[1] + 1) - values[f"{echo}_delay"][:, None] / step
+            late = np.diff(_interpolate_cumulated(np.cumsum(direct, axis=1), steps), axis=1)
             with np.errstate(divide="ignore"):
-                decay = step / given[f"{echo}_lag"]
+                decay = step / values[f"{echo}_lag"]
             total = total + share[:, None] * _for_each(first_order, late, decay)
     return direct, total
 
 
-def _after_zeroing(given: Given, direct: Floats, total: Floats) -> Floats:
+def _after_zeroing(values: QuantityValues, direct: Floats, total: Floats) -> Floats:
     """The signal, zero once the direct part has fallen to a share of its peak for good."""
-    if not given["zeroing"].any():
+    if not values["zeroing"].any():
         return total
-    kept = total.copy()
-    for i, share in enumerate(given["zeroing"]):
+    signal = total.copy()
+    for i, share in enumerate(values["zeroing"]):
         level = share * direct[i].max()
         above = np.flatnonzero(direct[i] > level)
         if share > 0.0 and len(above) and above[-1] + 1 < direct.shape[1]:
             k = int(above[-1])
-            part = (direct[i, k] - level) / (direct[i, k] - direct[i, k + 1])  # of the next step, before the crossing
-            kept[i, k + 1] *= part
-            kept[i, k + 2 :] = 0.0
-    return kept
+            share_of_step = (direct[i, k] - level) / (
+                direct[i, k] - direct[i, k + 1]
+            )  # of the next step, before the crossing
+            signal[i, k + 1] *= share_of_step
+            signal[i, k + 2 :] = 0.0
+    return signal
 
 
 def _for_each(law: Callable[[Floats, float], Floats], signals: Floats, values: Floats) -> Floats:
@@ -413,13 +417,13 @@ def _for_each(law: Callable[[Floats, float], Floats], signals: Floats, values: F
     return np.stack([law(signal, float(value)) for signal, value in zip(signals, values, strict=True)])
 
 
-def _cumulated_at(cumulated: Floats, places: Floats) -> Floats:
+def _interpolate_cumulated(cumulated: Floats, places: Floats) -> Floats:
     """Cumulated signals (candidates, steps), zero before the first step, at places in steps (candidates, places)."""
     ends = np.pad(cumulated, ((0, 0), (3, 3)), mode="edge")
     ends[:, :3] = 0.0
     inside = np.clip(places, -1.0, cumulated.shape[1] + 1.0)
-    whole = np.floor(inside)
-    u, k = inside - whole, whole.astype(np.intp) + 2  # `ends` begins two steps before the first one
+    below = np.floor(inside)
+    u, k = inside - below, below.astype(np.intp) + 2  # `ends` begins two steps before the first one
     p0, p1, p2, p3 = (np.take_along_axis(ends, k + i, axis=1) for i in (-1, 0, 1, 2))
     bend = 2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3 + u * (3.0 * (p1 - p2) + p3 - p0)
     return np.asarray(p1 + 0.5 * u * (p2 - p0 + u * bend))

@@ -101,7 +101,7 @@ class CumulativeFlows(NamedTuple):
 
 
 class State(NamedTuple):
-    """State at t_n. `body` is that of the chain or of the rigid body."""
+    """State at t_n. `body` is the state of the chain or of the rigid body."""
 
     rail: Contents
     feed_pipe: feed_pipe.State
@@ -118,7 +118,7 @@ class State(NamedTuple):
 
 
 class SharedDelays(Protocol):
-    """`Delays` of servo-hydraulic and direct-acting injectors alike."""
+    """Fields of `Delays` that both actuations have."""
 
     @property
     def feed(self) -> float: ...
@@ -134,7 +134,7 @@ class SharedDelays(Protocol):
 
 
 class SharedCoefficients(Protocol):
-    """Coefficients of servo-hydraulic and direct-acting injectors alike, for the laws that both share."""
+    """Coefficients that both actuations have, for the laws that they share."""
 
     @property
     def fuel(self) -> FuelCoefficients: ...
@@ -162,7 +162,7 @@ class SharedCoefficients(Protocol):
 
 
 class SharedState(Protocol):
-    """State of servo-hydraulic and direct-acting injectors alike."""
+    """State that both actuations have."""
 
     @property
     def solenoid(self) -> solenoid.State: ...
@@ -235,10 +235,10 @@ class Body(Protocol):
     def Positions(self) -> Any: ...
 
     def advance(self, c: Any, seat: SeatContact, s: Any, load: Any, dt: float, /) -> Any:
-        """As of `Advance`."""
+        """See `Advance`."""
 
     def accelerations(self, c: Any, seat: SeatContact, z: Any, v: Any, load: Any, /) -> Any:
-        """As of `Accelerations`."""
+        """See `Accelerations`."""
 
     def lifts(self, z: Any, /) -> Motion:
         """Lifts [m] of positions, and speeds [m/s] of velocities."""
@@ -296,13 +296,13 @@ class FilmLaw(Protocol):
 
 
 class HoleLaw(Protocol):
-    """A-hole as `connections.a_hole`: (coefficients of the control chamber, pressures in it and behind the valve)."""
+    """A-hole as `connections.a_hole`: (coefficients of the control chamber, pressures in it and after the valve)."""
 
     def __call__(self, c: Any, pressure: float, behind: float, /) -> Any: ...
 
 
 class GapLaw(Protocol):
-    """(c_d A)² of the valve's gap [m⁴]: (coefficients, A-hole, control chamber, pressure behind [Pa], lift [m])."""
+    """(c_d A)² of the valve's gap [m⁴]: (coefficients, A-hole, control chamber, downstream pressure [Pa], lift [m])."""
 
     def __call__(self, c: Any, hole: Any, chamber: Contents, behind: float, lift: float, /) -> float: ...
 
@@ -310,16 +310,16 @@ class GapLaw(Protocol):
 # From parameters to coefficients, for one candidate at one operating point.
 
 
-# What seat, stop and needle give way by, at most [m]: chosen, far above the some 0.1 mm of the catalogue's injectors.
+# Largest deformation of seat, stop and needle [m]: chosen far above the 0.1 mm of the catalogue's injectors.
 GIVE = 2e-3
 
 
 @physics
 def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coefficients:
-    """Coefficients of every part; wave speeds, laminar offsets and films at the pressures of time zero."""
+    """Coefficients of all components; wave speeds, laminar offsets and films at the pressures of time zero."""
     density = fuel.density(f, at.rail)
     speed = fuel.sound_speed(f, density)
-    viscosity, seat = fuel.dynamic_viscosity(f, at.rail), 0.5 * (at.rail + at.low)
+    viscosity, mean_pressure = fuel.dynamic_viscosity(f, at.rail), 0.5 * (at.rail + at.low)
     low_density = fuel.density(f, at.low)
     feed = feed_pipe.coefficients(p.feed_pipe, density, speed)
     back = return_line.coefficients(p.return_line, fuel.sound_speed(f, low_density), at.dt)
@@ -329,7 +329,7 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
         rail=feed_pipe.rail_coefficients(p.rail),
         feed_pipe=feed,
         control_chamber=control_chamber.coefficients(p.control_chamber, viscosity),
-        valve=valve.coefficients(p.valve, fuel.dynamic_viscosity(f, at.low), fuel.dynamic_viscosity(f, seat)),
+        valve=valve.coefficients(p.valve, fuel.dynamic_viscosity(f, at.low), fuel.dynamic_viscosity(f, mean_pressure)),
         solenoid=solenoid.coefficients(p.solenoid),
         drive=p.drive,
         return_line=back,
@@ -371,7 +371,7 @@ def ambient_density(around: Ambient, pressure: float) -> float:
 
 @physics
 def seat_contact(c: SharedCoefficients) -> plunger_needle.SeatContact:
-    """The needle seat as a contact of the needle; of either actuation."""
+    """Needle seat as a contact of the needle. Shared by both actuations."""
     return plunger_needle.SeatContact(c.needle_seat.contact_stiffness, c.needle_seat.contact_damping)
 
 

@@ -30,7 +30,7 @@ from commonrail.physics.components import (
 )
 from commonrail.physics.components.plunger_needle import loads
 from commonrail.physics.connections import volumes_of
-from commonrail.physics.flow import filled
+from commonrail.physics.flow import contents_at
 from commonrail.physics.law import physics
 from commonrail.physics.model import (
     Body,
@@ -70,11 +70,11 @@ def make_leaking(leak: LeakLaw, boundary: Boundary) -> Callable[[Coefficients, S
 
     @physics
     def closer(c: Coefficients, at: Setting, s: Leaking) -> Leaking:
-        """Pressures and flows by the leakage at the pressures `s`; the error shrinks to some 1 % of it."""
+        """Pressures and flows by the leakage at the pressures `s`; one pass reduces the error to about 1 %."""
         guides, hole, x = c.plunger_needle.guides, c.control_chamber, c.control_chamber.z_inlet_fraction
         needle = leak(c, guides.needle_gap, s.accumulation, at.low).mass_flow
         total = s.z_hole + needle
-        # a loss of more than all pressure is that of a guide far too wide, whose needle does not stay closed
+        # a loss above the full pressure means a guide far too wide, whose needle does not stay closed
         loss = throttled * total * abs(total) / (2.0 * c.source.density * c.rail.throttle_cda2)
         inlet = max(at.rail - loss, at.low)
         pipe = needle + (1.0 - x) * s.z_hole
@@ -109,18 +109,18 @@ def make_rest(body: Body, leak: LeakLaw, boundary: Boundary) -> Callable[[Coeffi
         load = loads(c.plunger_needle.guides, c.needle_seat.area, s.control, s.accumulation, at.cylinder, at.low)
         body = at_rest(c.plunger_needle, seat_contact(c), load)
         volumes = volumes_of(c, lifts_of(body.z))
-        store = filled(c.fuel, s.accumulation, volumes.accumulation)
+        store = contents_at(c.fuel, s.accumulation, volumes.accumulation)
         return State(
-            rail=filled(c.fuel, at.rail, c.rail.volume),
+            rail=contents_at(c.fuel, at.rail, c.rail.volume),
             feed_pipe=feed_pipe.State(s.pipe, s.pipe),
-            control_chamber=control_chamber.State(filled(c.fuel, s.control, volumes.control), s.z_hole),
+            control_chamber=control_chamber.State(contents_at(c.fuel, s.control, volumes.control), s.z_hole),
             valve=valve.at_rest(c.valve, s.control - at.low),
             solenoid=solenoid.State(0.0, 0.0),
             drive=drive.State(2.0),
             return_line=return_line.State(at.low, 0.0),
             accumulation=needle_seat.AccumulationState(store, s.accumulation),
             body=body,
-            sac=filled(c.fuel, at.cylinder, volumes.sac),
+            sac=contents_at(c.fuel, at.cylinder, volumes.sac),
             nozzle=nozzle.State(0.0, 0.0),
             cumulative_flows=CumulativeFlows(returned=0.0, supplied=0.0),
         )

@@ -40,8 +40,8 @@ class NeedleMasses(NamedTuple):
 class Core(NamedTuple):
     """State of the servo injector between the pipes, all at one time, without plunger and needle; or its rates.
 
-    `outlet` is the pressure behind the valve [Pa] as if the liquid there could be stretched: what it lacks to the
-    vapour pressure stands for the liquid missing in a cavity.
+    `outlet` is the pressure downstream of the valve [Pa] as if the liquid there could be stretched: what it lacks to
+    the vapour pressure represents the liquid missing in a cavity.
     """
 
     solenoid: solenoid.State
@@ -54,7 +54,7 @@ class Core(NamedTuple):
 
 
 class DirectCore(NamedTuple):
-    """State of the direct-acting injector behind the pipe, without armature and needle; or its rates."""
+    """State of the direct-acting injector downstream of the pipe, without armature and needle; or its rates."""
 
     solenoid: solenoid.State
     fuel: NeedleMasses
@@ -115,23 +115,23 @@ def start_vector(variant: Variant, c: SharedCoefficients, s: Any, cells: Ints, a
         )
     flow, behind = s.feed_pipe.end_flow, 1.0 - (np.arange(cells[0]) + 0.5) / cells[0]  # share of the pipe
     along = s.accumulation.fuel.pressure + behind * feed_pipe.loss(c.feed_pipe, flow)
-    return _joined(variant, core, (s.body.z, 0.0), cells, ((flow, along), (at.low, 0.0)))
+    return _join_vector(variant, core, (s.body.z, 0.0), cells, ((flow, along), (at.low, 0.0)))
 
 
 def typical_sizes(variant: Variant, start: Floats, cells: Ints, rail: float) -> Floats:
     """Typical size of each entry, for a solver's absolute tolerances.
 
-    `start`: the vector at rest, which gives those of the masses of fuel; `cells`: (2,) int; `rail`: rail pressure [Pa].
+    `start`: the vector at rest, which sets the sizes of the masses; `cells`: (2,) int; `rail`: rail pressure [Pa].
     """
     core: Any = core_of(variant).load(np.abs(start), make_frame(variant)(cells).core, 1)
     typical, flows = INJECTED
     core = core._replace(solenoid=solenoid.TYPICAL, nozzle=typical, cumulative_flows=flows)
     if variant.actuation is Actuation.SERVO:
         core = core._replace(valve=valve.TYPICAL, outlet=LINE)
-    return _joined(variant, core, (1e-4, 1.0), cells, ((1e-1, rail), (LINE, 1e-1)))
+    return _join_vector(variant, core, (1e-4, 1.0), cells, ((1e-1, rail), (LINE, 1e-1)))
 
 
-def _joined(variant: Variant, core: Any, body: Any, cells: Any, pipes: Any) -> Floats:
+def _join_vector(variant: Variant, core: Any, body: Any, cells: Any, pipes: Any) -> Floats:
     """Vector of a core, of positions and velocities, and of pairs that repeat along the pipes."""
     at = make_frame(variant)(cells)
     y = np.empty(at.line + 2 * cells[1])
@@ -147,7 +147,7 @@ def vector_states(variant: Variant, y: Floats, cells: Ints) -> dict[str, Floats]
     `y`: (…, entries); `cells`: (2,) int.
     """
     at, positions = make_frame(variant)(cells), wiring(variant).positions.paths
-    named = {path: y[..., at.core + row] for row, path in enumerate(core_of(variant).paths)}
+    states = {path: y[..., at.core + row] for row, path in enumerate(core_of(variant).paths)}
     for row, path in enumerate(positions):
-        named[".".join(filter(None, ("body.z", path)))] = y[..., at.body + 2 * row]
-    return named
+        states[".".join(filter(None, ("body.z", path)))] = y[..., at.body + 2 * row]
+    return states

@@ -64,7 +64,7 @@ from commonrail.physics.model import (
     seat_contact,
 )
 
-# Sources of the feed pipe: an ideal rail that holds the measured pressure, or a rail volume behind a throttle.
+# Sources of the feed pipe: an ideal rail that holds the measured pressure, or a rail volume with a throttle.
 
 
 class Inlet(NamedTuple):
@@ -82,7 +82,7 @@ def ideal_rail(c: SharedCoefficients, s: SharedState, u: Inputs, wave: float) ->
 
 @physics
 def rail_volume(c: Coefficients, s: State, u: Inputs, wave: float) -> Inlet:
-    """Rail volume behind a throttle, then the pipe: throttle loss and pipe impedance solved together.
+    """Rail volume, throttle and pipe: throttle loss and pipe impedance solved together.
 
     p_rail − p_inlet = q²/(2 ρ (c_d A)²) with p_inlet = wave + Z (q − q_Z) is a quadratic in q: the law
     of `orifice` with an offset of ρ (c_d A)² Z.
@@ -197,7 +197,7 @@ def move_valve(c: Coefficients, s: State, hole: Hole, gap_cda2: float, film: flo
 def magnetise(
     c: SharedCoefficients, s: SharedState, u: Inputs, gap: AirGap, drive_law: DriveLaw, dt: float
 ) -> tuple[solenoid.State, float]:
-    """Fluxes after the step and the PWM's transistor; of either actuation.
+    """Fluxes after the step and the PWM's transistor. For both actuations.
 
     Eq. (11), N dφ/dt = v − R i, by the mean of dφ/dt over the step, implicit in φ; dφ_f/dt = (φ − φ_f)/τ exactly.
     """
@@ -206,7 +206,7 @@ def magnetise(
     change = drive_law(c.drive, c.solenoid, s.drive, supply, now, dt)
     flux = s.solenoid.flux + dt * change.flux_rate
     rising, falling = c.delays.rising_lag_fraction, c.delays.falling_lag_fraction
-    pulling = solenoid.lagged(s.solenoid.flux, flux, s.solenoid.pulling_flux, rising, falling)
+    pulling = solenoid.follow_flux(s.solenoid.flux, flux, s.solenoid.pulling_flux, rising, falling)
     return solenoid.State(flux, pulling), change.conducting
 
 
@@ -262,7 +262,7 @@ def fill_sac(
 def limit_sac(
     c: SharedCoefficients, s: SharedState, u: Inputs, upstream: float, flows: SacFlows, geometry: StepGeometry
 ) -> SacFlows:
-    """SAC within the limit of the linearisation: what is cut off is taken from the flow through the seat.
+    """SAC within the limit of the linearisation; the excess is taken from the flow through the seat.
 
     `upstream`: pressure in the accumulation volume [Pa]; `flows`: not yet limited; the nozzle's is what remains.
     """
@@ -298,8 +298,8 @@ def hole_flows(
     The return line answers the A-hole's flow q with the pressure `filling` + Z q, or with the vapour pressure where
     that is higher; q is taken linear in it.
 
-    `feed`: pressure in front of the Z-hole [Pa]; `filling`: pressure behind the valve without flow [Pa]; `gap_cda2`:
-    (c_d A)² of the valve's gap [m⁴].
+    `feed`: pressure in front of the Z-hole [Pa]; `filling`: pressure downstream of the valve without flow [Pa];
+    `gap_cda2`: (c_d A)² of the valve's gap [m⁴].
     """
     here, hole, behind = s.control_chamber.fuel, c.control_chamber, s.return_line.pressure
     density = ambient_density(c.source, feed)
@@ -338,7 +338,7 @@ def fill_control_chamber(s: State, holes: tuple[Flow, Flow], leak: Flow, geometr
 def fill_accumulation(
     c: SharedCoefficients, s: SharedState, wave: float, outflow: float, leak: Flow, geometry: StepGeometry
 ) -> AccumulationFlows:
-    """Accumulation volume, Eq. (3) in mass: dm/dt = q_pipe − q_out − q_leak; of either actuation.
+    """Accumulation volume, Eq. (3) in mass: dm/dt = q_pipe − q_out − q_leak. For both actuations.
 
     The pipe's end follows Eq. (6) by characteristics: q_pipe = (wave − p)/Z.
 

@@ -11,7 +11,7 @@ from enum import Enum
 from typing import Any, NamedTuple
 
 from commonrail.base import registry
-from commonrail.base.arguments import chosen, plain_text
+from commonrail.base.arguments import enum_member, plain_text
 from commonrail.base.choices import Actuation, Body, Boundary, Drive, Laws
 from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.physics import model
@@ -53,7 +53,7 @@ class Variant(_Wired):
     Raises
     ------
     ConfigurationError
-        If one is no such word, or a direct-acting injector is to be fed from a rail volume, or to have an A-hole.
+        If a word is unknown, or a direct-acting injector has a rail volume or a law of the A-hole.
     """
 
     __slots__ = ()
@@ -68,8 +68,8 @@ class Variant(_Wired):
         nozzle_law: str = "",
         a_hole_law: str = "",
     ) -> Variant:
-        acts, fed = chosen(actuation, Actuation, "actuation"), chosen(boundary, Boundary, "boundary")
-        given = chosen(body, Body, "body")
+        acts, fed = enum_member(actuation, Actuation, "actuation"), enum_member(boundary, Boundary, "boundary")
+        stated_body = enum_member(body, Body, "body")
         if acts is Actuation.DIRECT and fed is Boundary.VOLUME:
             raise ConfigurationError(
                 'A direct-acting injector is fed from an ideal rail; set rail_boundary to "ideal", and give a measured '
@@ -86,16 +86,16 @@ class Variant(_Wired):
                 )
         return super().__new__(
             cls,
-            Body.RIGID if acts is Actuation.DIRECT else given,
+            Body.RIGID if acts is Actuation.DIRECT else stated_body,
             fed,
-            chosen(drive, Drive, "drive"),
-            chosen(laws, Laws, "laws"),
+            enum_member(drive, Drive, "drive"),
+            enum_member(laws, Laws, "laws"),
             acts,
             nozzle_law,
             a_hole_law,
         )
 
-    _make = classmethod(lambda cls, values: cls(*values))  # type: ignore[assignment]  # so that `_replace` checks too
+    _make = classmethod(lambda cls, values: cls(*values))  # type: ignore[assignment]  # `_replace` checks too
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -108,8 +108,8 @@ class Variant(_Wired):
         body = "direct-acting needle" if self.actuation is Actuation.DIRECT else f"{self.body.value} body"
         words = f"{body}, {self.boundary.value} rail, {self.drive.value} drive"
         words += "" if self.laws is Laws.PAPER else f", {self.laws.value} laws"
-        named = {what: getattr(self, field) for field, (_, what) in INSTALLED_LAWS.items()}
-        return ", ".join((words, *(f"{what} {name}" for what, name in named.items() if name)))
+        installed_laws = {what: getattr(self, field) for field, (_, what) in INSTALLED_LAWS.items()}
+        return ", ".join((words, *(f"{what} {name}" for what, name in installed_laws.items() if name)))
 
 
 class Wiring(NamedTuple):
@@ -129,7 +129,7 @@ class Wiring(NamedTuple):
 
 
 _DRIVES: dict[Drive, model.DriveLaw] = {
-    Drive.REGULATED: drive.regulated,
+    Drive.REGULATED: drive.current_regulator,
     Drive.PWM: drive.pwm,
     Drive.VOLTAGE: drive.voltage_trace,
     Drive.CURRENT: drive.current_trace,
@@ -148,11 +148,11 @@ EXTENDING = (
     "valve.seat_disc",
 )
 
-# Laws of other packages, by the field of a variant that names one: the group of the registry, and what it is.
+# Laws of other packages by the field of a variant that names them: group of the registry and description.
 INSTALLED_LAWS = {"nozzle_law": ("nozzle_laws", "nozzle law"), "a_hole_law": ("a_hole_laws", "law of the A-hole")}
 
 
-# What one variant alone needs is imported with it.
+# Modules that only one variant needs are imported with it.
 
 
 def model_of(actuation: Actuation) -> Any:
@@ -181,7 +181,7 @@ def _body_of(variant: Variant) -> tuple[model.Body, model.Advance, model.Acceler
 
 
 @functools.cache
-def _installed_law(field: str, name: str) -> Any:
+def _load_law(field: str, name: str) -> Any:
     """Law of another package, which kernels may inline from now on; `field`: of `INSTALLED_LAWS`."""
     group, what = INSTALLED_LAWS[field]
     entry = registry.find(group, name)
@@ -193,13 +193,13 @@ def _installed_law(field: str, name: str) -> Any:
 
 def _discharge(variant: Variant) -> model.DischargeLaw:
     if variant.nozzle_law:
-        return _installed_law("nozzle_law", variant.nozzle_law)  # type: ignore[no-any-return]
+        return _load_law("nozzle_law", variant.nozzle_law)  # type: ignore[no-any-return]
     return _DISCHARGES[variant.laws]
 
 
 def kernel_name(variant: Variant) -> str:
     """Text by which kernels of variants differ: the label, and a digest of each module of a law from elsewhere."""
-    laws = [_installed_law(field, name) for field in INSTALLED_LAWS if (name := getattr(variant, field))]
+    laws = [_load_law(field, name) for field in INSTALLED_LAWS if (name := getattr(variant, field))]
     sources = [inspect.getsource(sys.modules[law.__module__]) for law in laws]
     return " ".join((variant.label, *(hashlib.sha256(source.encode()).hexdigest() for source in sources)))
 
@@ -257,7 +257,7 @@ class Connections(NamedTuple):
 
 @functools.cache
 def connections_of(variant: Variant) -> Connections:
-    """Laws between the components of a variant, imported for the compiler: who runs a compiled kernel needs none."""
+    """Laws between the components of a variant; imported on demand: a compiled kernel needs none of them."""
     from commonrail.physics import connections, rest, step
 
     wired = wiring(variant)
@@ -282,13 +282,13 @@ def connections_of(variant: Variant) -> Connections:
         gap_cda2=gap_cda2,
         leak=leak,
         film=film,
-        a_hole=_installed_law("a_hole_law", variant.a_hole_law) if variant.a_hole_law else connections.a_hole,
+        a_hole=_load_law("a_hole_law", variant.a_hole_law) if variant.a_hole_law else connections.a_hole,
     )
     at_rest = rest.make_rest(wired.body, leak, variant.boundary)
     return Connections(step.make_step(laws), at_rest, connections.volumes_of, laws)
 
 
-# Inputs and parameters that a variant does not read, so that none is ignored in silence.
+# Inputs and parameters that a variant does not read; they are refused instead of being ignored.
 
 # Inputs of a step; cylinder pressure is read by all variants.
 RAIL, RETURN, DRIVE, COMMAND = "rail_pressure", "return_pressure", "drive", "command"
@@ -338,7 +338,7 @@ def unread_parameters(variant: Variant) -> frozenset[str]:
         unread["rail"] = {*feed_pipe.RailParameters._fields}
     if servo and variant.body is Body.RIGID:
         unread["plunger_needle"] = {*_CHAIN}
-    return frozenset(f"{part}.{name}" for part, names in unread.items() for name in names)
+    return frozenset(f"{component}.{name}" for component, names in unread.items() for name in names)
 
 
 def reader_of(name: str) -> str:
@@ -348,11 +348,11 @@ def reader_of(name: str) -> str:
     """
     if name in _READERS:
         return _READERS[name]
-    part, _, key = name.partition(".")
-    if part == "drive":
+    component, _, key = name.partition(".")
+    if component == "drive":
         kinds = [kind for kind, names in _READ_OF_DRIVE.items() if key in names]
         return " or ".join(f'drive_kind = "{kind.value}" (@{kind.value.replace(" ", "-")})' for kind in kinds)
-    return _READERS[RAIL_TABLE] if part == "rail" else _READERS[CHAIN]
+    return _READERS[RAIL_TABLE] if component == "rail" else _READERS[CHAIN]
 
 
 # Words that change a variant, as in "cri2-16@rigid,pwm".
@@ -361,10 +361,10 @@ _CHANGED: dict[str, type[Enum]] = {"body": Body, "boundary": Boundary, "drive": 
 _WORDS = {str(word.value).replace(" ", "-"): (field, word) for field, kind in _CHANGED.items() for word in kind}
 
 
-def varied(variant: Variant, words: str) -> Variant:
+def apply_words(variant: Variant, words: str) -> Variant:
     """Variant changed by words that commas separate; `InputError` if one is unknown or contradicts the rest."""
     changes: dict[str, Enum] = {}
-    for word in (part.strip().replace(" ", "-") for part in words.split(",")):
+    for word in (item.strip().replace(" ", "-") for item in words.split(",")):
         if word not in _WORDS:
             raise InputError(f'"{word}" is no variant{nearest(word, _WORDS)}; choose from {", ".join(_WORDS)}.')
         field, member = _WORDS[word]

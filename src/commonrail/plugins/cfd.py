@@ -48,7 +48,7 @@ def write_foam(path: Path, run: Run, fitted: Path | None) -> list[Path]:
 
 
 def write_dat(path: Path, run: Run, fitted: Path | None) -> list[Path]:
-    """Write the rate of one hole, and beside it both edges of its band where the run folder of a fit tells one.
+    """Write the rate of one hole, and both edges of its band if the run folder of a fit gives one.
 
     Parameters
     ----------
@@ -93,23 +93,23 @@ def _write(path: Path, run: Run, fitted: Path | None, lines: _Lines) -> list[Pat
 
 
 def course_of(run: Run) -> Course:
-    """Mass flow of one hole, exact in mass; errors are those of `write_dat`."""
+    """Mass flow of one hole, exact in mass; errors as in `write_dat`."""
     s = run.solution
     if s.status is Status.STILL_INJECTING:
         raise InputError(f"--out: {s.sentence} A file of CFD needs the whole injection; give a longer --horizon.")
     holes, time = run.injector.values[HOLES], s.time
     mass = float(s.injected[-1] - s.injected[0]) / holes
     rate = np.maximum(_at_bounds(time, s.mass_rate / holes), 0.0)  # no flow back into the nozzle
-    found = Course(time, rate, f"{mass:.12g} kg flow, the injected mass over the number of holes")
+    course = Course(time, rate, f"{mass:.12g} kg flow, the injected mass over the number of holes")
     if not mass > 0.0:
         raise InputError(f"--out: {run.injector.name} injects nothing at this operating point, so there is no rate.")
-    return found._replace(rate=rate * (mass / found.mass))
+    return course._replace(rate=rate * (mass / course.mass))
 
 
 def band_of(run: Run, fitted: Path) -> tuple[Course, Course]:
     """Edges of the band of the rate of one hole by what the fit leaves open of its parameters.
 
-    Raises `ConfigurationError` or `SimulationError` if it tells none, as where no injection curve was fitted.
+    Raises `ConfigurationError` or `SimulationError` if it gives none, for instance without a fitted injection curve.
     """
     from commonrail.plugins.prediction.run import predict_rate
     from commonrail.runs.folder import read_fit
@@ -145,8 +145,8 @@ def _notes(run: Run, course: Course) -> list[str]:
 def _rows(course: Course) -> Iterator[tuple[str, str]]:
     """Points as texts, without those within a time of no flow."""
     flows = course.rate > 0.0
-    wanted = flows | np.append(flows[1:], True) | np.insert(flows[:-1], 0, True)
-    for time, rate in zip(course.time[wanted].tolist(), course.rate[wanted].tolist(), strict=True):
+    rows_to_write = flows | np.append(flows[1:], True) | np.insert(flows[:-1], 0, True)
+    for time, rate in zip(course.time[rows_to_write].tolist(), course.rate[rows_to_write].tolist(), strict=True):
         yield f"{time:.12g}", f"{rate:.15g}"
 
 

@@ -23,7 +23,7 @@ from commonrail.workers.task import Answer, Lost, Outcome, Package, Task, failur
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-# Deadlines for calls that have none of their own.
+# Deadlines for calls without their own.
 
 T = TypeVar("T")
 
@@ -62,21 +62,21 @@ class Missing(NamedTuple):
     """Answer of a worker that does not have the work."""
 
 
-_HELD: dict[str, Package] = {}  # on a worker; two, so that two studies on one cluster can take turns
+_HELD: dict[str, Package] = {}  # on a worker; two, for two studies that take turns on one cluster
 
 
 def perform_held(key: str, package: Package | None, argument: Any) -> Answer | Lost | Refused | Missing:
     """Answer of a task, on its worker, by the work that is given, or that was given before under its package's key.
 
-    Data of Dask's own would be lost with the workers that have them, and out of reach behind one that hangs. An error
+    Data of Dask's own would be lost with the workers that have them, and out of reach if one hangs. An error
     is returned: of those that Dask passes on, some do not arrive.
     """
     if package is not None:
         while key not in _HELD and len(_HELD) > 1:
             _HELD.pop(next(iter(_HELD)), None)
         _HELD[key] = package
-    held = _HELD.get(key)
-    return Missing() if held is None else reply(held, argument)
+    package_held = _HELD.get(key)
+    return Missing() if package_held is None else reply(package_held, argument)
 
 
 # Link to the scheduler of a Dask cluster: opened, asked with a deadline, closed; nothing else imports `distributed`.
@@ -109,7 +109,7 @@ class Link:
 
     def __init__(self, address: str, count: int) -> None:
         self.address = address
-        with _uncollected(), ExitStack() as opened:
+        with _pause_collection(), ExitStack() as opened:
             self.client: Client = _local(count, opened) if address == LOCAL else _connect(address)
             opened.callback(lambda: self.tell(lambda client: client.close()))
             self._opened = opened.pop_all()
@@ -150,11 +150,11 @@ class Link:
 
     def close(self) -> None:
         """Leave the cluster; end it if it is "local"."""
-        with quiet(), _uncollected():
+        with quiet(), _pause_collection():
             self._opened.close()
 
 
-def _distributed() -> Any:
+def _load_distributed() -> Any:
     try:
         import distributed
     except ImportError:
@@ -163,7 +163,7 @@ def _distributed() -> Any:
 
 
 def _connect(address: str) -> Client:
-    distributed = _distributed()
+    distributed = _load_distributed()
     if not _ADDRESS.fullmatch(address):
         raise InputError(
             f'"{address}" is no address of a scheduler; give one as "tcp://host:port" or "tls://host:port", or "local".'
@@ -179,7 +179,7 @@ def _connect(address: str) -> Client:
             "scheduler and whether it hangs."
         ) from None
     except Exception as error:  # no such host, no certificate, other versions of Dask
-        raise InputError(_unreached(address, error)) from None
+        raise InputError(_explain_unreachable(address, error)) from None
     if not _HERE.fullmatch(address):
         note(
             f"The connection to {address} is not encrypted: everybody on the network can read and change the tasks and "
@@ -188,7 +188,7 @@ def _connect(address: str) -> Client:
     return client
 
 
-def _unreached(address: str, error: Exception) -> str:
+def _explain_unreachable(address: str, error: Exception) -> str:
     cure = f'start one with `dask scheduler` and give its address as "{address.partition("://")[0]}://host:port"'
     if address.startswith("tls://"):
         cure += ", with the certificates in Dask's configuration (distributed.comm.tls)"
@@ -197,7 +197,7 @@ def _unreached(address: str, error: Exception) -> str:
 
 def _local(count: int, opened: ExitStack) -> Client:
     """Client of a cluster on this machine that no other user can enter."""
-    distributed = _distributed()
+    distributed = _load_distributed()
     from dask import config
 
     check_count(count)
@@ -228,7 +228,7 @@ def _local(count: int, opened: ExitStack) -> Client:
 
 
 @contextmanager
-def _uncollected() -> Iterator[None]:
+def _pause_collection() -> Iterator[None]:
     """Keep the garbage collector away from Dask's lock: an abandoned client that it met there would wait for that lock.
 
     Dask holds it while a loop is started or stopped, and a client closes itself when it is collected: one whose
@@ -250,7 +250,7 @@ _LEVELS: list[int] = []  # of the log, before each block that some thread is ins
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Silence of Dask's log: what went wrong is told in our own words."""
+    """Silence Dask's log: errors are reported in our own messages."""
     log = logging.getLogger("distributed")
     with _TURN:
         _LEVELS.append(log.level)
@@ -266,7 +266,7 @@ FETCH = 10.0  # how long to wait for a result that is said to be there [s]
 APPEAR = 30.0  # how long to wait for its first worker [s]
 REAPPEAR = 300.0  # how long to wait for another one when all are lost [s]
 FRESH = 1.0  # how long the workers are taken to be as they were [s]
-AHEAD = 2  # tasks submitted for each thread, so that none waits for the next one
+AHEAD = 2  # tasks submitted per thread, to keep it busy
 
 
 class Sent(NamedTuple):
@@ -284,10 +284,10 @@ class Cluster:
     """Workers of a Dask cluster.
 
     A worker that dies is Dask's to replace, and its tasks Dask's to repeat: a task is lost here once Dask gives it up.
-    A task that only certain workers may do is sent anew once these have gone: those that replace them have other
+    A task that only certain workers may do is sent again once these have gone: those that replace them have other
     addresses, and Dask would keep the task for ever.
     A worker that hangs is not noticed by Dask: if nothing at all has come back for as long as a task may take, the
-    workers that still have tasks are started anew, or dropped if they cannot be started.
+    workers that still have tasks are restarted, or dropped if that fails.
 
     Parameters, errors: see `Workers.cluster`.
     """
@@ -305,7 +305,7 @@ class Cluster:
         self._looked = -FRESH
         self._link = Link(address, count)
         try:
-            if not (self._link.ask(_has_workers, APPEAR + ANSWER) and self._known()):
+            if not (self._link.ask(_has_workers, APPEAR + ANSWER) and self._fetch_threads()):
                 raise _without_workers(address, len(self._left_out), APPEAR)
         except BaseException:
             self.close()
@@ -314,7 +314,7 @@ class Cluster:
     @property
     def count(self) -> int:
         """Threads of all workers that are used."""
-        return max(sum(self._known().values()), 1)
+        return max(sum(self._fetch_threads().values()), 1)
 
     @property
     def busy(self) -> bool:
@@ -341,7 +341,7 @@ class Cluster:
             yield from self._after_silence(waited(start))
             return
         sent = self._open.pop(future, None)
-        if sent is None:  # withdrawn, and sent anew
+        if sent is None:  # cancelled, and sent again
             return
         self._silence = 0.0
         with quiet():  # Dask says what it could not gather, and has it done again
@@ -354,17 +354,17 @@ class Cluster:
             self._send(sent.task, complete=True)
 
     def _after_silence(self, passed: float) -> Iterator[tuple[Task, Outcome]]:
-        known = self._known()
+        workers = self._fetch_threads()
         self._silence += passed
-        self._alone = 0.0 if known else self._alone + passed
+        self._alone = 0.0 if workers else self._alone + passed
         if self._alone > REAPPEAR:
             raise _without_workers(self.address, len(self._left_out), REAPPEAR)
-        if known and self._unsent:
+        if workers and self._unsent:
             tasks, self._unsent = self._unsent, []
             for task in tasks:
                 self._send(task)
         # those whose workers have all gone
-        stranded = [future for future, sent in self._open.items() if sent.bound and sent.bound.isdisjoint(known)]
+        stranded = [future for future, sent in self._open.items() if sent.bound and sent.bound.isdisjoint(workers)]
         if stranded:
             self._link.tell(lambda client: client.cancel(stranded))
         for future in stranded:
@@ -382,12 +382,12 @@ class Cluster:
         self._silence = self._alone = 0.0
 
     def _send(self, task: Task, *, complete: bool = False) -> None:
-        known = self._lately()
-        if not known:
+        workers = self._lately()
+        if not workers:
             self._unsent.append(task)
             return
         package = task.package if complete else None
-        bound = frozenset(known if self._left_out else ())
+        bound = frozenset(workers if self._left_out else ())
         future: Future[Any] = self._link.ask(
             lambda client: client.submit(
                 perform_held, task.package.key, package, task.argument, pure=False, workers=sorted(bound) or None
@@ -398,23 +398,23 @@ class Cluster:
         future.add_done_callback(self._done.put)
 
     def _shake(self) -> list[Task]:
-        """Start the workers anew that have our tasks; the tasks that they were at are lost, all others sent again."""
+        """Restart the workers that have our tasks; running tasks are lost, all others sent again."""
         threads = self._link.ask(lambda client: client.nthreads())
-        held = self._link.ask(lambda client: client.processing())
+        keys_by_worker = self._link.ask(lambda client: client.processing())
         lost: set[Future[Any]] = set()
         stuck = []
-        for name, keys in held.items():
-            own = [future for future in self._open if future.key in set(keys)]
-            if own:
+        for name, keys in keys_by_worker.items():
+            futures = [future for future in self._open if future.key in set(keys)]
+            if futures:
                 stuck.append(name)
-                lost.update(own[: threads.get(name, 1)])  # the others had not begun
+                lost.update(futures[: threads.get(name, 1)])  # the others had not begun
         out = self._open
         self.drop()
         for name in stuck:
             if not self._link.tell(partial(_restart, name), 2.0 * CONNECT):
                 note(f"The worker {name} of the cluster {self.address} gives no answer: it is used no more.")
                 self._left_out.add(name)  # not started by a nanny, or too stuck
-        self._known()
+        self._fetch_threads()
         for future, sent in out.items():
             if future not in lost:
                 self._send(sent.task)
@@ -422,9 +422,9 @@ class Cluster:
 
     def _lately(self) -> dict[str, int]:
         """Threads of each worker that is used, as they were when last looked."""
-        return self._threads if time.monotonic() < self._looked + FRESH else self._known()
+        return self._threads if time.monotonic() < self._looked + FRESH else self._fetch_threads()
 
-    def _known(self) -> dict[str, int]:
+    def _fetch_threads(self) -> dict[str, int]:
         """Threads of each worker that is used."""
         threads: dict[str, int] = dict(self._link.ask(lambda client: client.nthreads()))
         self._threads = {name: n for name, n in threads.items() if name not in self._left_out}
@@ -456,11 +456,11 @@ def _restart(name: str, client: Client) -> None:
 
 def _outcome(future: Future[Any]) -> Outcome | Missing:
     try:
-        found = future.result(timeout=FETCH)
+        outcome = future.result(timeout=FETCH)
     except TimeoutError:
         return Lost(f"did not hand over what it had found within {FETCH:.0f} s")
-    except Exception as error:  # told in a sentence after some attempts
+    except Exception as error:  # reported after some attempts
         return failure(error)
-    if isinstance(found, Refused):
-        raise found.error
-    return found if isinstance(found, Answer | Lost | Missing) else Lost("gave no answer but something else")
+    if isinstance(outcome, Refused):
+        raise outcome.error
+    return outcome if isinstance(outcome, Answer | Lost | Missing) else Lost("gave no answer but something else")

@@ -1,4 +1,4 @@
-"""Temperatures of the fuel along its way, and their effect on the quantities: an estimate beside a simulation.
+"""Temperatures of the fuel along its way, and their effect on the quantities: an estimate in addition to a simulation.
 
 A simulation has one temperature. The slopes along a change of pressure without exchange of heat are those of
 thermodynamics,
@@ -29,12 +29,12 @@ from commonrail.engine.plan import coefficients_at
 from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Solution
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
-from commonrail.physics.flow import widened
+from commonrail.physics.flow import conductance_growth
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.variants import Variant, connections_of
 
-_INTERVALS = 16  # of the way from rail pressure to zero: temperatures are exact to some 0.01 K
+_INTERVALS = 16  # of the way from rail pressure to zero: temperatures are exact to about 0.01 K
 _LENGTHS = ("plunger_needle.plunger_guide_length", "plunger_needle.needle_guide_length")
 _HALF_DIFFERENCE = 0.5  # K: of temperatures for the slope of density; third derivatives are negligible over it
 
@@ -65,7 +65,7 @@ def heat_capacity(fuel: Fuel, temperature: float) -> float:
     return float(fuel.heat_capacity_law.at(min(max(temperature, low), high))[0])
 
 
-def throttled(fuel: Fuel, temperature: float, pressures: Floats) -> Floats:
+def throttle(fuel: Fuel, temperature: float, pressures: Floats) -> Floats:
     """Temperatures (n,) [K] at pressures (n,) [Pa] that a fuel passes at constant enthalpy.
 
     As in a hole or a guide whose outflow has lost its motion, without heat to the walls. The midpoint rule between the
@@ -76,8 +76,8 @@ def throttled(fuel: Fuel, temperature: float, pressures: Floats) -> Floats:
     return _along(fuel, temperature, pressures, 1.0)
 
 
-def compressed(fuel: Fuel, temperature: float, pressures: Floats) -> Floats:
-    """Temperatures (n,) [K] at pressures (n,) [Pa] that a fuel passes at constant entropy; as `throttled`."""
+def compress(fuel: Fuel, temperature: float, pressures: Floats) -> Floats:
+    """Temperatures (n,) [K] at pressures (n,) [Pa] that a fuel passes at constant entropy; as `throttle`."""
     return _along(fuel, temperature, pressures, 0.0)
 
 
@@ -88,11 +88,11 @@ def _along(fuel: Fuel, temperature: float, pressures: Floats, dissipated: float)
         rho, alpha = density_and_expansivity(fuel, p, t)
         return (alpha * t - dissipated) / (rho * heat_capacity(fuel, t))
 
-    found = [temperature]
+    temperatures = [temperature]
     for p, step in zip(pressures[:-1].tolist(), np.diff(pressures).tolist(), strict=True):
-        half = found[-1] + 0.5 * step * slope(p, found[-1])
-        found.append(found[-1] + step * slope(p + 0.5 * step, half))
-    return np.array(found)
+        half = temperatures[-1] + 0.5 * step * slope(p, temperatures[-1])
+        temperatures.append(temperatures[-1] + step * slope(p + 0.5 * step, half))
+    return np.array(temperatures)
 
 
 class Effect(NamedTuple):
@@ -119,14 +119,14 @@ class Heating:
     Attributes
     ----------
     rail : float
-        In the rail: that of the simulation, with adiabatic compression that behind the pump.
+        In the rail: the simulation's temperature; with adiabatic compression the one after the pump.
     control_chamber : float
-        Behind the Z-hole, mean of what leaves through the valve; NaN too where the solution has no return pressure,
-        as of the reference engine.
+        After the Z-hole, mean of the fuel that leaves through the valve; NaN also without a return pressure, as from
+        the reference engine.
     returned : float
-        Behind valve and guides, at the return pressure.
+        After valve and guides, at the return pressure.
     sac : float
-        Behind the needle's seat, mean of the injected mass.
+        After the needle's seat, mean of the injected mass.
     jet : float
         At the end of the nozzle's holes, where (c_d)² of the pressure drop is motion: a jet without contraction.
     injected : float
@@ -138,7 +138,7 @@ class Heating:
     limits : tuple of str
         Where the fuel would boil, and which holes cavitate, in words.
     effect : Effect or None
-        None where it is not asked for, or the control chamber's temperature is not known or above the fuel's range.
+        None if not requested, or if the control chamber's temperature is unknown or above the fuel's range.
     """
 
     rail: float
@@ -172,7 +172,7 @@ def heating(
     Parameters
     ----------
     injector, point, solution
-        What was simulated, and what came out of it.
+        Simulated injector and point, and their solution.
     effect : bool
         Simulate again, with the heat (`Effect`).
     time_step : float or str
@@ -200,23 +200,23 @@ def heating(
         limits += cavitation + _boiling(injector.fuel, "returned fuel", returned, low, "return")
     rail, highest = float(way.temperatures[0]), injector.fuel.temperature_range[1]
     beyond = bool(np.nanmax([rail, injected, returned]) > highest)
-    found = Heating(rail, control, returned, sac, jet, injected, factor, beyond, limits)
+    estimate = Heating(rail, control, returned, sac, jet, injected, factor, beyond, limits)
     if not flag(effect, "effect") or np.isnan(control) or max(control, rail) > highest:
-        return found
-    return replace(found, effect=_effect(injector, point, found, step))
+        return estimate
+    return replace(estimate, effect=_effect(injector, point, estimate, step))
 
 
 def _refuse_other(point: OperatingPoint, solution: Solution) -> None:
-    """Refuse a solution whose length or rail pressure at rest is not that of the point."""
+    """Refuse a solution whose length or rail pressure at rest differs from the point's."""
     rail = solution.channels.get("rail_pressure", np.array([point.initial_pressures()[0]]))[0]
-    for words, unit, own, found, slack in (
+    for words, unit, stated, simulated, slack in (
         ("duration", "s", point.duration, float(np.ptp(solution.time)), 2.0 * float(np.diff(solution.time[:2])[0])),
         ("rail pressure", "Pa", point.initial_pressures()[0], float(rail), 1e-6 * float(rail)),
     ):
-        if abs(own - found) > slack:
+        if abs(stated - simulated) > slack:
             raise ConfigurationError(
-                f"The solution is of another point: its {words} is {to_text(found, unit)}, and the point's "
-                f"{to_text(own, unit)}; give the point that was simulated."
+                f"The solution is of another point: its {words} is {to_text(simulated, unit)}, and the point's "
+                f"{to_text(stated, unit)}; give the point that was simulated."
             )
 
 
@@ -227,7 +227,7 @@ class _Way(NamedTuple):
     temperatures: Floats
 
     def at(self, p: float) -> float:
-        """Temperature at a pressure [Pa]; above the rail's, in a wave, that of the rail; NaN for NaN."""
+        """Temperature at a pressure [Pa]; above rail pressure, in a wave, the rail's temperature; NaN for NaN."""
         return float(np.interp(p, self.pressures[::-1], self.temperatures[::-1])) if np.isfinite(p) else np.nan
 
 
@@ -236,15 +236,15 @@ def _way(injector: Injector, point: OperatingPoint) -> _Way:
     fuel, start = injector.fuel, injector.values[FUEL_TEMPERATURE]
     rail, _, low = point.initial_pressures()
     if fuel.adiabatic:  # the stated temperature is that before the pump
-        start = float(compressed(fuel, start, np.linspace(low, rail, _INTERVALS + 1))[-1])
+        start = float(compress(fuel, start, np.linspace(low, rail, _INTERVALS + 1))[-1])
     pressures = np.linspace(rail, 0.0, _INTERVALS + 1)
-    return _Way(pressures, throttled(fuel, start, pressures))
+    return _Way(pressures, throttle(fuel, start, pressures))
 
 
 def _nozzle(
     fuel: Fuel, c: Any, point: OperatingPoint, solution: Solution, way: _Way
 ) -> tuple[float, float, float, tuple[str, ...]]:
-    """Temperatures behind seat, holes, and motion, means of the injected mass, and the limits that it meets."""
+    """Temperatures after seat, holes and the end of motion, means of the injected mass, and limits reached."""
     weight, channels = np.maximum(solution.mass_rate, 0.0), solution.channels
     sac, discharge = _middles(channels["sac_pressure"]), _middles(channels["discharge_coefficient"])
     cylinder = _middles(values_at(point.cylinder_pressure, solution.time))
@@ -286,7 +286,7 @@ def _leak_factor(fuel: Fuel, guides: Any, way: _Way, low: float) -> float:
     warm = np.minimum(np.append(way.temperatures[inside], way.at(low)), fuel.temperature_range[1])
     leaks = np.zeros(2)
     for guide in (guides.plunger_gap, guides.needle_gap):
-        widths = guide.conductance * np.asarray(widened(guide.growth, p))  # type: ignore[arg-type]
+        widths = guide.conductance * np.asarray(conductance_growth(guide.growth, p))  # type: ignore[arg-type]
         for i, t in enumerate((np.full_like(warm, warm[0]), warm)):
             leaks[i] -= np.trapezoid(widths / fuel.kinematic_viscosity(p, t), p)
     return float(leaks[1] / leaks[0]) if leaks[0] > 0.0 else np.nan
@@ -316,12 +316,12 @@ def _boiling(fuel: Fuel, what: str, temperature: float, behind: float, place: st
     )
 
 
-def _effect(injector: Injector, point: OperatingPoint, found: Heating, step: float) -> Effect:
+def _effect(injector: Injector, point: OperatingPoint, estimate: Heating, step: float) -> Effect:
     """Changes by the heat, of three candidates of one batch."""
     fuel, start = injector.fuel, injector.values[FUEL_TEMPERATURE]
     rail, _, low = point.initial_pressures()
-    hot = start + found.control_chamber - found.rail
-    leak = float(np.nan_to_num(found.leak_factor, nan=1.0))
+    hot = start + estimate.control_chamber - estimate.rail
+    leak = float(np.nan_to_num(estimate.leak_factor, nan=1.0))
     cold_film, hot_film = fuel.kinematic_viscosity(0.5 * (rail + low), np.array([start, hot])).tolist()
     lengths = np.array([injector.values[name] for name in _LENGTHS])
     rows = [[start, *lengths], [hot, *lengths * cold_film / hot_film / leak], [start, *lengths / leak]]
@@ -333,7 +333,7 @@ def _effect(injector: Injector, point: OperatingPoint, found: Heating, step: flo
 
 
 def beside(injector: Injector, point: OperatingPoint, solution: Solution, step: float | None) -> Beside:
-    """Figures and record beside a simulation; the figure says why where there is no estimate, whatever it fails by.
+    """Figures and record in addition to a simulation; without an estimate the figure says why, for any error.
 
     `step`: time step [s] of the simulations that give the effect; None for none.
     """
@@ -341,29 +341,37 @@ def beside(injector: Injector, point: OperatingPoint, solution: Solution, step: 
         text = f"not estimated: {injector.fuel.name} states no heat capacity (table [heat_capacity] of its file)"
         return Beside((("fuel temperatures", text),), {"heating": None})
     try:
-        found = heating(injector, point, solution, effect=step is not None, time_step=step or DEFAULT_STEP)
-    except Exception as error:  # an estimate beside a simulation never costs the simulation
+        estimate = heating(injector, point, solution, effect=step is not None, time_step=step or DEFAULT_STEP)
+    except Exception as error:  # a failed estimate must not cost the simulation
         text = f"not estimated: {error if isinstance(error, CommonrailError) else repr(error)}"
         return Beside((("fuel temperatures", text),), {"heating": None})
-    return Beside(tuple(_figures(found)), {"heating": found.record()})
+    return Beside(tuple(_figures(estimate)), {"heating": estimate.record()})
 
 
-def _figures(found: Heating) -> Iterator[tuple[str, str]]:
+def _figures(estimate: Heating) -> Iterator[tuple[str, str]]:
     """Names and texts of the estimate."""
-    parts = {"in the rail": found.rail, "in the control chamber": found.control_chamber, "returned": found.returned}
+    parts = {
+        "in the rail": estimate.rail,
+        "in the control chamber": estimate.control_chamber,
+        "returned": estimate.returned,
+    }
     texts = [f"{_celsius(value)} {name}" for name, value in parts.items() if np.isfinite(value)]
-    if np.isfinite(found.jet):
-        texts.append(f"{_celsius(found.jet)} in the jet, {_celsius(found.injected)} once its motion is heat")
-    held = "; above the fuel's range, whose properties are held" if found.beyond else ""
-    yield "fuel temperatures", ", ".join(texts) + held
-    if found.effect is not None:
-        injected, returned = (signed(100.0 * value, 1) for value in found.effect[:2])
-        leak = f" and the guides leaked {found.leak_factor:.2g} times as much" if np.isfinite(found.leak_factor) else ""
+    if np.isfinite(estimate.jet):
+        texts.append(f"{_celsius(estimate.jet)} in the jet, {_celsius(estimate.injected)} after the jet has stopped")
+    note = "; above the fuel data, held constant" if estimate.beyond else ""
+    yield "fuel temperatures", ", ".join(texts) + note
+    if estimate.effect is not None:
+        injected, returned = (signed(100.0 * value, 1) for value in estimate.effect[:2])
+        leak = (
+            f" and the guides leaked {estimate.leak_factor:.2g} times as much"
+            if np.isfinite(estimate.leak_factor)
+            else ""
+        )
         yield (
             "their effect, estimated",
             f"injected {injected} %, returned {returned} %, if all were as hot as in the control chamber{leak}",
         )
-    for limit in found.limits:
+    for limit in estimate.limits:
         yield "limit", limit
 
 

@@ -55,10 +55,10 @@ def check_encoding(name: str, at: str) -> str:
 
 def _known_encoding(name: str) -> str:
     try:
-        found = codecs.lookup(name)
+        codec = codecs.lookup(name)
     except (LookupError, ValueError):  # a null character
         raise fault(f'there is no encoding "{name}"; write utf-8, utf-16 or cp1252') from None
-    if not getattr(found, "_is_text_encoding", True) or found.name in _NOT_OF_FILES:
+    if not getattr(codec, "_is_text_encoding", True) or codec.name in _NOT_OF_FILES:
         raise fault(f'"{name}" is no encoding of texts; write utf-8, utf-16 or cp1252')
     return name
 
@@ -106,7 +106,7 @@ class Table:
     path: Path
     columns: dict[str, Floats]  # numbers (rows,): in the units of the file from a `Sheet`, in SI from `read_columns`
     texts: dict[str, list[str]]  # columns without a unit
-    given: dict[str, str]  # unit of each column as the file or whoever reads it states it, empty if nobody does
+    written_units: dict[str, str]  # unit of each column as the file or whoever reads it states it, empty if nobody does
     rows: IndexArray  # (rows,): line in the file
     comments: tuple[str, ...] = ()  # without their sign
     row: str = "line"  # word for a row in messages
@@ -122,14 +122,16 @@ class Sheet(Protocol):
     """File with named columns, of whatever format."""
 
     path: Path
-    apart: bool  # whether columns have times of their own: each is taken with the time alone, any number of times
+    independent_columns: (
+        bool  # whether columns have times of their own: each is taken with the time alone, any number of times
+    )
 
     @property
     def names(self) -> Sequence[str]:
         """Names of the columns, without their units."""
 
     def take(self, columns: Sequence[Column]) -> Table:
-        """Content of columns in the units of the file; once only, unless `apart`."""
+        """Content of columns in the units of the file; once only, unless `independent_columns`."""
 
 
 def unit_of(sheet: Sheet, name: str) -> str:
@@ -146,12 +148,12 @@ def cell_place(path: Path, row: int, column: str, word: str = "line") -> Place:
 LARGEST = 1e100  # number that is read from a file; the squares of larger numbers overflow
 
 
-def finite(table: Table, wanted: Sequence[Column], sentence: str) -> Table:
+def finite(table: Table, columns: Sequence[Column], sentence: str) -> Table:
     """The table, refused with a sentence at the first number that is not finite or beyond `LARGEST`.
 
     NaN passes where no number is required.
     """
-    for column in wanted:
+    for column in columns:
         if column.unit:
             values = table.columns[column.name]
             sound = np.abs(values) <= LARGEST
@@ -203,9 +205,9 @@ def find_column(path: Path, names: Sequence[str], column: str, what: str = "") -
         return names.index(column)
     if count > 1:
         raise InputError(f'{path}: the header has {count} columns "{column}"; rename one.')
-    known = ", ".join(f'"{name}"' for name in names[:MOST_SHOWN]) + (", …" if len(names) > MOST_SHOWN else "")
+    shown = ", ".join(f'"{name}"' for name in names[:MOST_SHOWN]) + (", …" if len(names) > MOST_SHOWN else "")
     raise InputError(
-        f'{path}: there is no column "{column}"{what and f", {what}"}{nearest(column, names)}; the header has {known}.'
+        f'{path}: there is no column "{column}"{what and f", {what}"}{nearest(column, names)}; the header has {shown}.'
     )
 
 
@@ -255,26 +257,28 @@ def _plain(heading: str) -> str:
     return re.sub(r"[\W_]", "", heading.lower().translate(_UMLAUTS))
 
 
-def find_headings(sheet: Sheet, wanted: Sequence[Column]) -> dict[str, str]:
+def find_headings(sheet: Sheet, columns: Sequence[Column]) -> dict[str, str]:
     """Names in a file of the wanted columns that it has, by the names that the program knows.
 
     A name as it is counts before a usual heading for it, and that before the only column with such a unit.
     """
     exact = {name: name for name in sheet.names}
     exact |= {f"{name} [{unit}]": name for name in sheet.names if (unit := unit_of(sheet, name))}
-    found = {column.name: exact[column.name] for column in wanted if column.name in exact}
-    wanted = [column for column in wanted if column.name in found or not (sheet.apart and column.increasing)]
-    for column in wanted:
-        usual = [name for name in sheet.names if name not in found.values() and is_heading(name, column.name)]
-        if column.name not in found and column.name in HEADINGS and len(usual) == 1:
-            found[column.name] = usual[0]
-    for column in wanted:
-        if column.name not in found and column.name in BY_UNIT:
-            free = [name for name in sheet.names if name not in found.values() and BAND not in name]
-            fitting = [name for name in free if any(fits(unit_of(sheet, name), one) for one in column.units)]
+    headings = {column.name: exact[column.name] for column in columns if column.name in exact}
+    columns = [
+        column for column in columns if column.name in headings or not (sheet.independent_columns and column.increasing)
+    ]
+    for column in columns:
+        usual = [name for name in sheet.names if name not in headings.values() and is_heading(name, column.name)]
+        if column.name not in headings and column.name in HEADINGS and len(usual) == 1:
+            headings[column.name] = usual[0]
+    for column in columns:
+        if column.name not in headings and column.name in BY_UNIT:
+            free = [name for name in sheet.names if name not in headings.values() and BAND not in name]
+            fitting = [name for name in free if any(fits(unit_of(sheet, name), kind) for kind in column.units)]
             if len(fitting) == 1:
-                found[column.name] = fitting[0]
-    return {column.name: found[column.name] for column in wanted if column.name in found}
+                headings[column.name] = fitting[0]
+    return {column.name: headings[column.name] for column in columns if column.name in headings}
 
 
 # Channels of a record, each with times of its own: what the formats of records have in common.
@@ -297,20 +301,20 @@ class Channel(NamedTuple):
 
 
 class ChannelSheet:
-    """Channels as a `Sheet` whose columns are apart.
+    """Channels as a `Sheet` with independent columns.
 
     A channel whose name occurs several times is named with its group.
     """
 
-    apart = True
+    independent_columns = True
 
     def __init__(self, path: Path, channels: Sequence[Channel]) -> None:
         self.path = path
         counts = Counter(channel.name for channel in channels)
         self._channels: dict[str, Channel] = {}
         for number, channel in enumerate(channels, start=1):
-            whole = channel.name if counts[channel.name] == 1 else f"{channel.group}/{channel.name}"
-            self._channels[whole if whole not in self._channels else f"{whole}, channel {number}"] = channel
+            full_name = channel.name if counts[channel.name] == 1 else f"{channel.group}/{channel.name}"
+            self._channels[full_name if full_name not in self._channels else f"{full_name}, channel {number}"] = channel
         self.names = list(self._channels)
 
     def unit(self, name: str) -> str:
@@ -337,6 +341,6 @@ class ChannelSheet:
         if channel.fault:
             raise Place(str(self.path), f'channel "{name}"').error(channel.fault)
         numbers = {c.name: channel.time if c.increasing else channel.values for c in columns}
-        given = {c.name: "s" if c.increasing else channel.unit for c in columns}
-        table = Table(self.path, numbers, {}, given, np.arange(1, len(channel.time) + 1), row="sample")
+        written_units = {c.name: "s" if c.increasing else channel.unit for c in columns}
+        table = Table(self.path, numbers, {}, written_units, np.arange(1, len(channel.time) + 1), row="sample")
         return finite(table, [column._replace(required=True) for column in columns], "the value is not a finite number")

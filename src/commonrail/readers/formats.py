@@ -55,10 +55,10 @@ def format_of(path: Path) -> str:
     """
     ending = path.suffix.lower().removeprefix(".")
     first = _first_bytes(path)
-    known = next((name for start, name in _READABLE.items() if first.startswith(start)), "")
-    known = known or next((name for inside, name in _READABLE_INSIDE.items() if inside in first), "")
-    if known or (first.startswith(_ZIP) and "xl/workbook.xml" in _members(path)):
-        return known or "xlsx"
+    recognised = next((name for start, name in _READABLE.items() if first.startswith(start)), "")
+    recognised = recognised or next((name for inside, name in _READABLE_INSIDE.items() if inside in first), "")
+    if recognised or (first.startswith(_ZIP) and "xl/workbook.xml" in _members(path)):
+        return recognised or "xlsx"
     if first.startswith(_HDF5, 512) and ending == "mat":
         return "mat"
     return _ALIASES.get(ending, ending)

@@ -101,20 +101,20 @@ def read_grid(path: Path, form: FileForm = PLAIN) -> Grid:
     each = _kept(each) if len(data) <= KEPT else each
     comma = find_decimal_comma(path, each(), form.decimal, separator)
     said = f"encoding {encoding}", f"separated by {_SIGNS[separator]}", f"decimal {'comma' if comma else 'point'}"
-    comments = tuple(found[1].strip() for found in islice(_COMMENT.finditer(data.decode("utf-8")), MOST_COMMENTS))
+    comments = tuple(comment[1].strip() for comment in islice(_COMMENT.finditer(data.decode("utf-8")), MOST_COMMENTS))
     return Grid(path, each, said, comma, comments)
 
 
 def _kept(each: Callable[[], NumberedRows]) -> Callable[[], NumberedRows]:
     """Function that goes through rows as another one does, which it calls no more once it has come to the end."""
-    whole: list[list[tuple[int, Sequence[Cell]]]] = []
+    cached: list[list[tuple[int, Sequence[Cell]]]] = []
 
     def rows() -> NumberedRows:
         passed = []
-        for row in whole[0] if whole else each():
+        for row in cached[0] if cached else each():
             passed.append(row)
             yield row
-        whole[:] = [passed]
+        cached[:] = [passed]
 
     return rows
 

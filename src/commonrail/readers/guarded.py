@@ -146,8 +146,8 @@ def write(stream: IO[bytes], module: Any, data: bytes, options: Any, most: int) 
             left -= array.nbytes
             if left < 0:
                 raise MemoryError
-            with archive.open(f"{name}.npy", "w", force_zip64=True) as part:
-                np.lib.format.write_array(part, array, allow_pickle=False)
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, array, allow_pickle=False)
 
         try:
             about = module.read(Path(NAME), data, save, **options)

@@ -23,7 +23,7 @@ from commonrail.physics.components.plunger_needle import cylinder_mass, cylinder
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, parameter_quantities
 from commonrail.physics.law import Q
-from commonrail.physics.variants import INSTALLED_LAWS, Variant, model_of, reader_of, unread_parameters, varied
+from commonrail.physics.variants import INSTALLED_LAWS, Variant, apply_words, model_of, reader_of, unread_parameters
 from commonrail.readers.fuel import FuelModel, catalogue_fuel, parse_fuel
 from commonrail.readers.location import Place, Reach, located
 from commonrail.readers.toml import (
@@ -90,12 +90,12 @@ class Drawing(Sourced):
     def values(self) -> Values:
         """k1…k7 and m1…m7, Eq. (8)."""
         origin, modulus, density = self.origin(_DRAWN), self.elastic_modulus.value, self.density.value
-        found: Values = {}
+        values: Values = {}
         for i, cylinder in enumerate(self.cylinders, start=1):
             size = cylinder.diameter.value, cylinder.length.value
-            found[f"k{i}"] = Given(cylinder_stiffness(modulus, *size), origin)
-            found[f"m{i}"] = Given(cylinder_mass(density, *size), origin)
-        return found
+            values[f"k{i}"] = Given(cylinder_stiffness(modulus, *size), origin)
+            values[f"m{i}"] = Given(cylinder_mass(density, *size), origin)
+        return values
 
 
 class DrawnTable(ParameterTable):
@@ -120,8 +120,8 @@ def components_of(*actuations: Actuation) -> list[str]:
 
 def component_quantities(component: str, actuation: Actuation | None = None) -> dict[str, Q]:
     """Unit, meaning and domain of the parameters of a component, by the last part of their names."""
-    known = parameter_quantities(actuation)
-    return {path.partition(".")[2]: q for path, q in known.items() if path.startswith(f"{component}.")}
+    quantities = parameter_quantities(actuation)
+    return {path.partition(".")[2]: q for path, q in quantities.items() if path.startswith(f"{component}.")}
 
 
 class _Definition(FuelModel):
@@ -173,18 +173,18 @@ def _model_of(*actuations: Actuation) -> type[_Head]:
     tables: dict[str, Any] = {}
     for component in components_of(*actuations):
         kind = DrawnTable if component == "plunger_needle" else ParameterTable
-        known = Quantities(component_quantities(component, *actuations))
-        tables[component] = Annotated[kind, known], kind.model_construct()
+        quantities = Quantities(component_quantities(component, *actuations))
+        tables[component] = Annotated[kind, quantities], kind.model_construct()
     return create_model("_InjectorModel", __base__=_Head, **tables)
 
 
 def _checked(document: Mapping[str, Any], at: Place) -> Any:
     """Model of a parsed file; parts are left to be checked with the base, where there is one."""
     stated = document.get("actuation", Actuation.SERVO.value)
-    known = [kind for kind in Actuation if kind.value == stated and "base" not in document]
-    for actuation in known:
+    actuations = [kind for kind in Actuation if kind.value == stated and "base" not in document]
+    for actuation in actuations:
         _refuse_foreign(document, actuation, at)
-    return read_model(_model_of(*known), document, at)
+    return read_model(_model_of(*actuations), document, at)
 
 
 def _refuse_foreign(document: Mapping[str, Any], actuation: Actuation, at: Place) -> None:
@@ -209,30 +209,34 @@ def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach 
     variant = _variant(model, base, at)
     _refuse_foreign(document, variant.actuation, at)
     components = components_of(variant.actuation)
-    given = {f"{part}.{name}": item for part in components for name, item in getattr(model, part).values().items()}
+    values = {
+        f"{component}.{name}": item
+        for component in components
+        for name, item in getattr(model, component).values().items()
+    }
     _refuse_unread(model, variant, components, at)
     if model.fuel.temperature is not None:
-        given[FUEL_TEMPERATURE] = model.fuel.temperature.given(model.fuel.origin())
-    given = _filled(given, model, base, variant.actuation, at)
-    _check_knots(given, document.get("nozzle", {}), at / "nozzle")
-    for path, item in given.items():
+        values[FUEL_TEMPERATURE] = model.fuel.temperature.with_source(model.fuel.origin())
+    values = _filled(values, model, base, variant.actuation, at)
+    _check_knots(values, document.get("nozzle", {}), at / "nozzle")
+    for path, item in values.items():
         if words := not_whole(path, item.value):
             raise at.error(words)
     usual = parameter_quantities(variant.actuation)
-    for path in (path for path in _DISC_OF if path in given and path.partition(".")[2] in document.get("valve", {})):
+    for path in (path for path in _DISC_OF if path in values and path.partition(".")[2] in document.get("valve", {})):
         # the default is no wish: files that the project writes have all values
-        if given[path].value != usual[path].default and (words := idle_words(path, lambda p: given[p].value)):
+        if values[path].value != usual[path].default and (words := idle_words(path, lambda p: values[p].value)):
             note(f"{at / path}: {words}.")
-    fuel = _fuel(model.fuel, base, given[FUEL_TEMPERATURE].value, at / "fuel", reach)
+    fuel = _fuel(model.fuel, base, values[FUEL_TEMPERATURE].value, at / "fuel", reach)
     name = stem if model.name is None else model.name
     with located(at):  # a drawing may lead to a stiffness without bounds
         return Injector(
             name,
             name if model.title is None else model.title,
-            {path: given[path].value for path in parameter_quantities(variant.actuation)},
+            {path: values[path].value for path in parameter_quantities(variant.actuation)},
             fuel,
             variant,
-            {path: item.source for path, item in given.items()},
+            {path: item.source for path, item in values.items()},
             synthetic=model.synthetic or (base.synthetic if base else ""),
         )
 
@@ -258,25 +262,25 @@ def _base(name: str, at: Place, reach: Reach) -> Injector:
     return injector_of(document, place, Path(place.file).stem, reach)
 
 
-def _filled(given: Values, model: Any, base: Injector | None, actuation: Actuation, at: Place) -> Values:
+def _filled(stated: Values, model: Any, base: Injector | None, actuation: Actuation, at: Place) -> Values:
     """All values by dotted name: as given, else of the base, else the default.
 
     Raises `InputError` with all that are missing.
     """
-    known = parameter_quantities(actuation)
+    quantities = parameter_quantities(actuation)
     if base is not None:
         of_base = {
             path: Given(value, Source("E", f"base {base.name}: {', '.join(base.sources[path])}"))
             for path, value in base.values.items()
         }
-        return {path: given.get(path) or of_base[path] for path in known}
-    defaults = {path: Given(q.default, _DEFAULT) for path, q in known.items() if q.default is not None}
-    found = {path: given.get(path) or defaults.get(path) for path in known}
-    missing = {path: q for path, q in known.items() if found[path] is None}
+        return {path: stated.get(path) or of_base[path] for path in quantities}
+    defaults = {path: Given(q.default, _DEFAULT) for path, q in quantities.items() if q.default is not None}
+    values = {path: stated.get(path) or defaults.get(path) for path in quantities}
+    missing = {path: q for path, q in quantities.items() if values[path] is None}
     has_fuel = any(getattr(model.fuel, key) is not None for key in _FUEL)
     if missing or not has_fuel:
         raise _incomplete(missing, has_fuel, actuation, at)
-    return {path: item for path, item in found.items() if item is not None}
+    return {path: item for path, item in values.items() if item is not None}
 
 
 def _incomplete(missing: Mapping[str, Q], has_fuel: bool, actuation: Actuation, at: Place) -> InputError:
@@ -355,15 +359,15 @@ def idle_words(name: str, value: Callable[[str], float]) -> str:
     return f"it has no effect while {disc} is 0" if disc and value(disc) == 0.0 else ""
 
 
-def _check_knots(given: Values, stated: Mapping[str, Any], at: Place) -> None:
+def _check_knots(values: Values, stated: Mapping[str, Any], at: Place) -> None:
     """Refuse knots of the shape of c_d over lift that do not rise; one of zero behind the first is none.
 
-    All values are `given` by dotted name; an error names the key of one that the file has `stated` for the nozzle.
+    All values are `values` by dotted name; an error names the key of one that the file has `stated` for the nozzle.
     """
     names = [f"knot_{i}" for i in range(1, 9)]
-    lifts = {name: given[f"nozzle.{name}"].value for name in names}
-    known = [name for name in names if lifts[name] > 0.0 or name == names[0]]
-    for before, name in itertools.pairwise(known):
+    lifts = {name: values[f"nozzle.{name}"].value for name in names}
+    knots = [name for name in names if lifts[name] > 0.0 or name == names[0]]
+    for before, name in itertools.pairwise(knots):
         if not lifts[name] > lifts[before]:
             low, high = to_text(lifts[before], "m"), to_text(lifts[name], "m")
             raise (at / (name if name in stated else before)).error(
@@ -452,7 +456,7 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     if at and reach is None:
         injector = load_injector(name)
         with located(Place(source)):
-            return replace(injector, variant=varied(injector.variant, words))
+            return replace(injector, variant=apply_words(injector.variant, words))
     if at:
         raise InputError(
             f'"{source}" names a variant, which is not taken here; state rail_boundary, drive_kind and variant in an '
@@ -460,10 +464,10 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
         )
     file = f"{source}.toml"
     try:
-        there = ((reach.file.parent if reach else Path()) / file).is_file()
+        is_file = ((reach.file.parent if reach else Path()) / file).is_file()
     except (OSError, ValueError):  # a name that no file can have
-        there = False
-    text = CATALOGUE.text(source, f' (did you mean the file "{file}"?)' if there else "")
+        is_file = False
+    text = CATALOGUE.text(source, f' (did you mean the file "{file}"?)' if is_file else "")
     return injector_of(parse_toml(text, file), Place(file), source, Reach(Path(file), False))
 
 

@@ -59,8 +59,8 @@ def dump_injector(
         plain_text(note, "notes")
     from commonrail.physics.meters import Meter
 
-    known = instances(meters, Meter, "meters")
-    write_text(path, injector_text(injector, notes, plain_text(header, "header"), known))
+    bench_meters = instances(meters, Meter, "meters")
+    write_text(path, injector_text(injector, notes, plain_text(header, "header"), bench_meters))
 
 
 def injector_text(injector: Injector, notes: Mapping[str, str], header: str, meters: Sequence[Meter] = ()) -> str:
@@ -75,8 +75,8 @@ def injector_text(injector: Injector, notes: Mapping[str, str], header: str, met
         entry = _entry(injector.values[name], q, sources.get(name, UNSTATED))
         tables.setdefault(table, ["", f"[{table}]"]).append(f"{key} = {entry}")
     tables[fuel] += _fuel_lines(injector.fuel, fuel)
-    for own in tables.values():
-        lines += own
+    for table_entry in tables.values():
+        lines += table_entry
     for meter in meters:  # of the bench, not of the injector
         lines += _meter_lines(meter)
     return "\n".join(lines) + "\n"
@@ -91,12 +91,12 @@ def _meter_lines(meter: Meter) -> Iterator[str]:
 
 
 def _identity(injector: Injector) -> dict[str, str]:
-    named = {"format": FORMAT, "name": injector.name, "title": injector.title}
+    identity = {"format": FORMAT, "name": injector.name, "title": injector.title}
     for key, field in VARIANT_KEYS.items():
         value = getattr(injector.variant, field)
         if key not in ("actuation", *INSTALLED_LAWS) or value != getattr(Variant(), field):
-            named[key] = value if isinstance(value, str) else value.value
-    return named | ({"synthetic": injector.synthetic} if injector.synthetic else {})
+            identity[key] = value if isinstance(value, str) else value.value
+    return identity | ({"synthetic": injector.synthetic} if injector.synthetic else {})
 
 
 def _entry(value: float, q: Q, source: Source) -> str:

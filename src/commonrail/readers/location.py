@@ -41,21 +41,21 @@ class Place:
         """Error that opens with this place."""
         return InputError(f"{self}: {sentence}.")
 
-    def check_format(self, document: Mapping[str, Any], wanted: str) -> None:
-        """Refuse a document whose key ``format`` is not `wanted`, and say so if it is a file of another kind."""
-        found, kind = document.get("format"), _file_of(wanted)
-        if found == wanted:
+    def check_format(self, document: Mapping[str, Any], expected: str) -> None:
+        """Refuse a document whose key ``format`` is not `expected`, and say so if it is a file of another kind."""
+        stated, kind = document.get("format"), _file_of(expected)
+        if stated == expected:
             return
-        if isinstance(found, str) and _FORMAT.fullmatch(found) and (other := _file_of(found)) != kind:
-            raise self.error(f'this is {other} (format = "{found}"), and {kind} is expected; name that file instead')
-        what = "format is missing" if found is None else f"format is {found!r}"
-        raise self.error(f'{what}; {kind} begins with format = "{wanted}"')
+        if isinstance(stated, str) and _FORMAT.fullmatch(stated) and (other := _file_of(stated)) != kind:
+            raise self.error(f'this is {other} (format = "{stated}"), and {kind} is expected; name that file instead')
+        what = "format is missing" if stated is None else f"format is {stated!r}"
+        raise self.error(f'{what}; {kind} begins with format = "{expected}"')
 
-    def refuse_unknown(self, table: Mapping[str, Any], known: Collection[str]) -> None:
-        """Refuse the first key of a table that is not `known`, with the nearest that is."""
+    def refuse_unknown(self, table: Mapping[str, Any], keys: Collection[str]) -> None:
+        """Refuse the first key of a table that is not `keys`, with the nearest that is."""
         for key in table:
-            if key not in known:
-                raise self.error(f'there is no key "{key}"{nearest_key(key, known)}')
+            if key not in keys:
+                raise self.error(f'there is no key "{key}"{nearest_key(key, keys)}')
 
 
 def _file_of(format_: str) -> str:

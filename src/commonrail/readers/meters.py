@@ -87,13 +87,13 @@ class _Amounts:
         return core_schema.no_info_after_validator_function(self._checked, table)
 
     def _checked(self, item: Amount) -> Amount:
-        known, lower, upper = item.value is not None, item.lower is not None, item.upper is not None
-        if known == (lower or upper) or lower != upper or (known and item.start is not None):
+        is_fixed, lower, upper = item.value is not None, item.lower is not None, item.upper is not None
+        if is_fixed == (lower or upper) or lower != upper or (is_fixed and item.start is not None):
             raise fault(
                 "give either a value, or lower and upper (and a start) between which it is fitted, as in "
                 "{ lower = …, upper = …, start = … }"
             )
-        if known and item.prior is not None:
+        if is_fixed and item.prior is not None:
             raise fault("a prior belongs to a quantity that is fitted; give lower and upper, or remove the prior")
         stated = {key: getattr(item, key) for key in ("value", "lower", "upper", "start")}
         for value in (*stated.values(), None if item.prior is None else item.prior.value):
@@ -133,20 +133,20 @@ class _MeterFile(FileModel):
     meters: Annotated[Any, PlainValidator(meter_tables)]
 
 
-def installed_meters(names: Iterable[str | None], known: Collection[str]) -> dict[str, MeterHead]:
-    """Tables of the meters of installed packages among `names`, but for those that are described already, `known`.
+def installed_meters(names: Iterable[str | None], described: Collection[str]) -> dict[str, MeterHead]:
+    """Tables of the meters of installed packages among `names`, but for those that are described already, `described`.
 
     Raises `PluginError` and `InputError` if the file of one cannot be read, or has no meter of that name.
     """
-    found: dict[str, MeterHead] = {}
-    for name in sorted({name for name in names if name and name not in known}):
+    meters: dict[str, MeterHead] = {}
+    for name in sorted({name for name in names if name and name not in described}):
         if text := installed_text("meters", name):
             at = Place(f"{name}.toml")
             tables: Mapping[str, MeterHead] = read_model(_MeterFile, parse_toml(text, at.file), at).meters
             if name not in tables:
                 raise (at / "meters").error(f"there is no table [meters.{key_text(name)}]; add it")
-            found[name] = tables[name]
-    return found
+            meters[name] = tables[name]
+    return meters
 
 
 def installed_meter(name: str) -> Meter:
@@ -166,14 +166,14 @@ def meters_of_tables(tables: Mapping[str, MeterHead], at: Place) -> dict[str, Me
 
     Raises `ConfigurationError` if a name or the quantities together make no meter.
     """
-    found = {}
+    meters = {}
     for name, table in tables.items():
         with located(at / name):
-            found[name] = Meter(
+            meters[name] = Meter(
                 name,
                 {key: amount.at_start(QUANTITIES[key]) for key, amount in table.amounts()},
                 table.law,
                 table.order,
                 {key: amount.origin(table.origin()) for key, amount in table.amounts()},
             )
-    return found
+    return meters

@@ -72,10 +72,10 @@ class ColumnPattern:
 
     def read(self, name: str) -> NamedPoint | None:
         """Content of a name; None for one that does not fit."""
-        found = self._form.fullmatch(name)
-        if found is None:
+        match = self._form.fullmatch(name)
+        if match is None:
             return None
-        texts = dict(zip(self._kinds, found.groups(), strict=True))
+        texts = dict(zip(self._kinds, match.groups(), strict=True))
         rail, time = (
             convert(float(texts[kind].replace(",", ".")), self._units[kind], kind) if kind in texts else None
             for kind in ("Pa", "s")
@@ -108,27 +108,27 @@ def unit_of_name(name: str) -> str:
 
     As in ``t_ms``, ``mdot_mg_ms_100bar`` or ``mdot_mg_per_ms``.
     """
-    parts = [part for part in _POINT.sub("", name.rpartition(".")[2]).replace("_per_", "/").split("_") if part]
+    parts = [word for word in _POINT.sub("", name.rpartition(".")[2]).replace("_per_", "/").split("_") if word]
     texts = ["/".join(parts[-n:]) for n in (2, 1) if len(parts) > n]
     return next((text for text in texts if text in FAST and FAST[text].kind != "1"), "")
 
 
 def point_of_name(text: str) -> dict[str, str]:
     """Rail pressure and energising time with their units by the keys of a study, where a text states one of each."""
-    found: dict[str, list[str]] = {"rail_pressure": [], "energising_time": []}
+    texts: dict[str, list[str]] = {"rail_pressure": [], "energising_time": []}
     for match in _POINT.finditer(text):
-        found["rail_pressure" if _placeholder(match) == "{p}" else "energising_time"].append(f"{match[1]} {match[3]}")
-    return {key: values[0].replace(",", ".") for key, values in found.items() if len(set(values)) == 1}
+        texts["rail_pressure" if _placeholder(match) == "{p}" else "energising_time"].append(f"{match[1]} {match[3]}")
+    return {key: values[0].replace(",", ".") for key, values in texts.items() if len(set(values)) == 1}
 
 
 def pattern_of(names: Sequence[str]) -> str | None:
     """Pattern of names that state operating points, if all have one form."""
     if len(names) < 2:
         return None
-    made = [_POINT.sub(lambda m: _placeholder(m) + m[2] + m[3], name) for name in names]
-    made = made if len(set(made)) == 1 else [_LAST_NUMBER.sub("{shot}", name) for name in made]
-    pattern = made[0]
-    if len(set(made)) > 1 or "{" not in pattern.replace("{shot}", ""):
+    patterns = [_POINT.sub(lambda m: _placeholder(m) + m[2] + m[3], name) for name in names]
+    patterns = patterns if len(set(patterns)) == 1 else [_LAST_NUMBER.sub("{shot}", name) for name in patterns]
+    pattern = patterns[0]
+    if len(set(patterns)) > 1 or "{" not in pattern.replace("{shot}", ""):
         return None
     try:
         read = ColumnPattern(pattern, {}, Place(""))
@@ -146,8 +146,8 @@ def named_points(names: Sequence[str]) -> tuple[NamedPoint, ...]:
     return tuple(point for name in names if (point := pattern.read(name)) is not None)
 
 
-def _placeholder(found: re.Match[str]) -> str:
-    return "{et}" if found[3] in ("us", "µs", "ms") else "{p}"
+def _placeholder(match: re.Match[str]) -> str:
+    return "{et}" if match[3] in ("us", "µs", "ms") else "{p}"
 
 
 _SI = {"rail pressure": "Pa", "energising time": "s"}
@@ -187,8 +187,8 @@ def find_traces(grid: Grid, time: str, stated: dict[str, str]) -> WideTable:
     si = "m3/s" if compatible(rate_unit, "m3/s") else "kg/s"
     columns = {time: convert(body[:, 0], time_unit, "s")}
     columns |= {name: convert(body[:, i + 1], rate_unit, si) for i, name in enumerate(names)}
-    given, units = {time: time_unit, **dict.fromkeys(names, rate_unit)}, {time: "s", **dict.fromkeys(names, si)}
-    table = Table(grid.path, columns, {}, given, lines, units=units)
+    written_units, units = {time: time_unit, **dict.fromkeys(names, rate_unit)}, {time: "s", **dict.fromkeys(names, si)}
+    table = Table(grid.path, columns, {}, written_units, lines, units=units)
     steps = np.flatnonzero(~(np.diff(columns[time]) > 0.0))
     if len(steps):
         raise table.place(time, int(steps[0]) + 1).error("the time must increase from row to row")
@@ -197,7 +197,7 @@ def find_traces(grid: Grid, time: str, stated: dict[str, str]) -> WideTable:
 
 def _points(grid: Grid, stated: dict[str, str]) -> tuple[dict[str, Floats], int]:
     """Operating points by kind, and the row below them."""
-    found: dict[str, Floats] = {}
+    points: dict[str, Floats] = {}
     start = 0
     for i, row in enumerate(grid.rows[:30]):
         numbers, head = numbers_of(row[1:]), row[0]
@@ -206,15 +206,19 @@ def _points(grid: Grid, stated: dict[str, str]) -> tuple[dict[str, Floats], int]
         if numbers is None or not np.isfinite(numbers).any():
             continue
         units = unit_in(head)
-        named = (one for one in _SI if stated.get(one) and is_heading(head, one.replace(" ", "_")))
-        kind = kind_of(units[0]) if units else next(named, "")
-        if kind in _SI and kind not in found:
+        kinds = (
+            point_kind
+            for point_kind in _SI
+            if stated.get(point_kind) and is_heading(head, point_kind.replace(" ", "_"))
+        )
+        kind = kind_of(units[0]) if units else next(kinds, "")
+        if kind in _SI and kind not in points:
             values = np.array(numbers)
             if not np.isfinite(values).all():
                 raise InputError(f"{grid.path}, line {grid.lines[i]}: a {kind} is missing; give one for each trace.")
-            found[kind] = convert(values, stated.get(kind) or units[0], _SI[kind])
+            points[kind] = convert(values, stated.get(kind) or units[0], _SI[kind])
             start = i + 1
-    return found, start
+    return points, start
 
 
 def _body(grid: Grid, start: int) -> tuple[list[Sequence[str]], IndexArray, Floats]:
@@ -240,10 +244,10 @@ def _body(grid: Grid, start: int) -> tuple[list[Sequence[str]], IndexArray, Floa
 def _one(grid: Grid, what: str, texts: Sequence[str], kinds: str, stated: dict[str, str]) -> str:
     """The unit of a kind that texts name, or that is stated."""
     units = dict.fromkeys(plain_unit(name_and_unit(text)[1] or text) for text in texts)
-    found = [unit for unit in units if any(fits(unit, kind) for kind in kinds.split())]
+    fitting = [unit for unit in units if any(fits(unit, kind) for kind in kinds.split())]
     if stated.get(what):
         return stated[what]
-    if len(found) == 1:
-        return found[0]
-    cure = "write it into the header" if not found else f"the header has {' and '.join(found)}; write one"
+    if len(fitting) == 1:
+        return fitting[0]
+    cure = "write it into the header" if not fitting else f"the header has {' and '.join(fitting)}; write one"
     raise InputError(f"{grid.path}: the {what} has no unit that is clear; {cure}, or state it.")

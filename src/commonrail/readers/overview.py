@@ -85,14 +85,14 @@ class Channel(NamedTuple):
 def channels_of(sheet: Sheet) -> tuple[list[Channel], dict[str, str]]:
     """Channels with numbers; why others are not read, by their names."""
     own_times = isinstance(sheet, ChannelSheet)
-    found = []
+    channels = []
     unread: dict[str, str] = dict(getattr(sheet, "unread", {}))
     by_name = not any(unit_of(sheet, name) for name in sheet.names)
     for name in sheet.names:
         unit = unit_of_name(name) if by_name else unit_of(sheet, name)
-        wanted = [Column(name, "1", required=False)]
+        columns = [Column(name, "1", required=False)]
         try:
-            table = sheet.take([Column(TIME, "s", increasing=True), *wanted] if own_times else wanted)
+            table = sheet.take([Column(TIME, "s", increasing=True), *columns] if own_times else columns)
         except TooManyCells:
             raise
         except InputError as error:
@@ -114,12 +114,12 @@ def channels_of(sheet: Sheet) -> tuple[list[Channel], dict[str, str]]:
         if own_times and len(times) > 1:
             ends = float(times[0]), float(times[-1])
             channel = channel._replace(step=float(np.median(np.diff(times))), times=ends)
-        found.append(channel)
-    if not found:
+        channels.append(channel)
+    if not channels:
         with_units = (reason for name, reason in unread.items() if name in sheet.names and unit_of(sheet, name))
         reason = next(with_units, "no column holds numbers below a header.")
         raise InputError(f"{sheet.path}: {reason.removeprefix('not read: ')}")
-    return found, unread
+    return channels, unread
 
 
 def block_of(path: Path, channels: Sequence[Channel], own_times: bool) -> tuple[str, dict[str, Any]]:
@@ -135,12 +135,12 @@ def block_of(path: Path, channels: Sequence[Channel], own_times: bool) -> tuple[
     taken, time = "", rates[0]
     if not own_times:
         times = [c for c in channels if c.kind == "s"]
-        named = [c for c in times if c.name.rpartition(".")[2].lower() in _CLOCKS] or times
-        if len(named) != 1:
-            what = "no column is a time" if not named else f"{_names(named)} may be the time"
+        clocks = [c for c in times if c.name.rpartition(".")[2].lower() in _CLOCKS] or times
+        if len(clocks) != 1:
+            what = "no column is a time" if not clocks else f"{_names(clocks)} may be the time"
             taken, base["time"] = f"; the times are not clear: {what}", UNKNOWN
         else:
-            time = named[0]
+            time = clocks[0]
             base |= {"time": time.name} if time.name != TIME else {}
     base |= {"time_unit": time.unit} if time.unit_by_name and not own_times and not taken else {}
     base |= {"rate_unit": rates[0].unit} if rates[0].unit_by_name else {}
@@ -183,12 +183,12 @@ def _shots(channels: Sequence[Channel]) -> dict[str, Any] | None:
     triggers = [c for c in channels if _TRIGGER.search(c.name)] or [c for c in channels if c.kind == "V"]
     if len(triggers) != 1:
         return None
-    found: dict[str, Any] = {"trigger": triggers[0].name, "offset": UNKNOWN}
+    keys: dict[str, Any] = {"trigger": triggers[0].name, "offset": UNKNOWN}
     for key, kind in (("rail_pressure", "Pa"), ("energising_time", "s")):
         fitting = [c for c in channels if c.kind == kind]
-        chosen = [c for c in fitting if _SET.search(c.name)] if len(fitting) > 1 else fitting
-        found |= {key: chosen[0].name} if len(chosen) == 1 else {}
-    return found
+        matches = [c for c in fitting if _SET.search(c.name)] if len(fitting) > 1 else fitting
+        keys |= {key: matches[0].name} if len(matches) == 1 else {}
+    return keys
 
 
 def _names(channels: Sequence[Channel]) -> str:
@@ -205,7 +205,7 @@ class Survey:
     said: str = ""  # what was detected of the file's form
     # keys of a block that reads the file, none if it is no data of a study; `UNKNOWN` stands for what must be stated
     block: dict[str, Any] = field(default_factory=dict)
-    found: FoundMap | None = None  # quantity map of the file
+    quantity_map: FoundMap | None = None  # quantity map of the file
     channels: tuple[Channel, ...] = ()
     synthetic: str = ""  # what the file itself says of this, empty if nothing
 
@@ -215,7 +215,7 @@ class Survey:
         return f"taken for {self.taken_for}{f' ({why.removesuffix(chr(46))})' if why else ''}"
 
 
-def inspect(path: str | Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits()) -> Survey:
+def inspect(path: str | Path, form: FileForm = PLAIN, units: GivenUnits = GivenUnits()) -> Survey:
     """List what a data file holds and what it is taken for.
 
     Parameters
@@ -224,7 +224,7 @@ def inspect(path: str | Path, form: FileForm = PLAIN, given: GivenUnits = GivenU
         CSV, Excel, MDF, TDMS, LabVIEW, MAT, Parquet, DCM file, or one of a format that an installed package inspects.
     form : FileForm
         Encoding, decimal sign and sheet, where they are stated.
-    given : GivenUnits
+    units : GivenUnits
         Units of a map that its file does not give.
 
     Returns
@@ -238,40 +238,40 @@ def inspect(path: str | Path, form: FileForm = PLAIN, given: GivenUnits = GivenU
         If the file cannot be read.
     """
     path = file_path(path, "data file")
-    if part := registry.find("inspectors", format_of(path)):
-        return Survey(path, "", dict(part.call(path)))
-    return survey(path, form, given)
+    if inspector := registry.find("inspectors", format_of(path)):
+        return Survey(path, "", dict(inspector.call(path)))
+    return survey(path, form, units)
 
 
-def survey(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits()) -> Survey:
+def survey(path: Path, form: FileForm = PLAIN, units: GivenUnits = GivenUnits()) -> Survey:
     """Find out the content of a data file.
 
-    `form`: encoding, decimal sign and sheet, where they are stated. `given`: units of a map that its
+    `form`: encoding, decimal sign and sheet, where they are stated. `units`: units of a map that its
     file does not give. Raises `InputError` if the file cannot be read.
     """
     if not is_grid(path):
         sheet = open_sheet(path, form)
-        found = _of_channels(path, sheet, given)
-        return replace(found, said=found.said or getattr(sheet, "said", ""))
+        content = _of_channels(path, sheet, units)
+        return replace(content, said=content.said or getattr(sheet, "said", ""))
     grid = read_grid(path, form)
     if _is_plan(grid):
         taken = 'a test plan, for commonrail plan or a block with kind = "test plan"'
-        found = _columns(grid, form, given)
-        facts = found.facts | {"test": "names of the tests"}
-        return replace(found, taken_for=taken, facts=facts, block={}, synthetic=_synthetic(grid))
+        content = _columns(grid, form, units)
+        facts = content.facts | {"test": "names of the tests"}
+        return replace(content, taken_for=taken, facts=facts, block={}, synthetic=_synthetic(grid))
     reasons, taken, listed = [], "a table, no quantity map and no trace", dict[str, str]()
     for way in (_map, _traces, _columns):
         try:
-            found = way(grid, form, given)
+            content = way(grid, form, units)
         except TooManyCells:  # of no way to read it are its numbers those that were meant
             raise
         except InputError as error:
             taken = "a quantity map that lacks something" if isinstance(error, NearMap) else taken
             reasons.append(str(error).removeprefix(f"{path}: "))
             continue
-        if found.block or not taken.startswith("a quantity map"):
-            return replace(found, synthetic=_synthetic(grid))
-        listed = found.facts
+        if content.block or not taken.startswith("a quantity map"):
+            return replace(content, synthetic=_synthetic(grid))
+        listed = content.facts
     facts = listed | {"reason": reasons[0], "rows": str(len(grid.rows)), "first row": _shown(grid.rows[0])}
     return Survey(path, taken, facts, "; ".join(grid.said))
 
@@ -292,30 +292,37 @@ def _synthetic(grid: Grid) -> str:
     return synthetic_mark((*grid.comments, *(cell for row in grid.rows for cell in row if isinstance(cell, str))))
 
 
-def _map(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
-    return _of_map(find_map(grid, given), form, given)
+def _map(grid: Grid, form: FileForm, units: GivenUnits) -> Survey:
+    return _of_map(find_map(grid, units), form, units)
 
 
-def _of_map(found: FoundMap, form: FileForm, given: GivenUnits) -> Survey:
+def _of_map(quantity_map: FoundMap, form: FileForm, units: GivenUnits) -> Survey:
     facts = {
-        name: f"{values.min():g} to {values.max():g} {found.units[name]}"
+        name: f"{values.min():g} to {values.max():g} {quantity_map.units[name]}"
         + (f", {len(set(values.tolist()))} values" if name != "quantity" else f", {len(values)} points")
-        for name, values in found.values.items()
+        for name, values in quantity_map.values.items()
     }
-    facts |= {name.replace("_", " "): text for name, text in found.notes.items()}
-    layout = "matrix" if found.form.startswith("a matrix") else "found"
-    block = {"kind": "quantities", "file": found.path.name, "layout": layout} | _form_keys(form)
+    facts |= {name.replace("_", " "): text for name, text in quantity_map.notes.items()}
+    layout = "matrix" if quantity_map.form.startswith("a matrix") else "found"
+    block = {"kind": "quantities", "file": quantity_map.path.name, "layout": layout} | _form_keys(form)
     keys = ("rail_pressure_unit", "energising_time_unit", "quantity_unit")
-    block |= {key: unit for key, unit in zip(keys, given.by_kind().values(), strict=True) if unit}
-    repeats = len(found.quantity) > len(
-        {*zip(found.rail_pressure.tolist(), found.energising_time.tolist(), strict=True)}
+    block |= {key: unit for key, unit in zip(keys, units.by_kind().values(), strict=True) if unit}
+    repeats = len(quantity_map.quantity) > len(
+        {*zip(quantity_map.rail_pressure.tolist(), quantity_map.energising_time.tolist(), strict=True)}
     )
     block |= {"repeated": "mean"} if repeats else {}
-    return Survey(found.path, f"{found.kind}: {found.form}", facts, "; ".join(found.said), block, found)
+    return Survey(
+        quantity_map.path,
+        f"{quantity_map.kind}: {quantity_map.form}",
+        facts,
+        "; ".join(quantity_map.said),
+        block,
+        quantity_map,
+    )
 
 
-def _traces(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
-    stated = {"rail pressure": given.pressure, "energising time": given.time}
+def _traces(grid: Grid, form: FileForm, units: GivenUnits) -> Survey:
+    stated = {"rail pressure": units.pressure, "energising time": units.time}
     wide = find_traces(grid, TIME, stated)
     facts = {
         name: ", ".join(to_text(float(v), {"rail pressure": "Pa"}.get(name, "s")) for v in values)
@@ -331,31 +338,33 @@ def _traces(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
     return Survey(grid.path, taken, facts, "; ".join(grid.said), block)
 
 
-def _columns(grid: Grid, form: FileForm, given: GivenUnits) -> Survey:
-    found = _of_channels(grid.path, TableSheet(grid), given)
-    if not found.block:
-        return Survey(grid.path, found.taken_for, found.facts, "; ".join(grid.said))
-    block = {"kind": found.block["kind"], "file": grid.path.name, **_form_keys(form)} | found.block
-    return replace(found, said="; ".join(grid.said), block=block)
+def _columns(grid: Grid, form: FileForm, units: GivenUnits) -> Survey:
+    content = _of_channels(grid.path, TableSheet(grid), units)
+    if not content.block:
+        return Survey(grid.path, content.taken_for, content.facts, "; ".join(grid.said))
+    block = {"kind": content.block["kind"], "file": grid.path.name, **_form_keys(form)} | content.block
+    return replace(content, said="; ".join(grid.said), block=block)
 
 
-def _of_channels(path: Path, sheet: Sheet, given: GivenUnits) -> Survey:
+def _of_channels(path: Path, sheet: Sheet, units: GivenUnits) -> Survey:
     """Survey of a file with named channels, or with maps."""
     if isinstance(sheet, HoldsOnlyMaps):
         facts, mark = sheet.facts, synthetic_mark(sheet.comments)
         try:
-            found = _of_map(map_in(sheet, given), PLAIN, given)
+            content = _of_map(map_in(sheet, units), PLAIN, units)
         except InputError as error:
             facts = facts | {"no map": str(error).removeprefix(f"{path}: ")}
             return Survey(path, sheet.taken_for, facts, synthetic=mark)
-        taken = f"{sheet.taken_for}, and {found.taken_for}"
-        return replace(found, taken_for=taken, facts=facts | found.facts, synthetic=mark)
+        taken = f"{sheet.taken_for}, and {content.taken_for}"
+        return replace(content, taken_for=taken, facts=facts | content.facts, synthetic=mark)
     channels, unread = channels_of(sheet)
     facts, no_map = {channel.name: channel.text() for channel in channels} | unread, ""
     if not isinstance(sheet, ChannelSheet | TableSheet):
         try:
-            found = _of_map(map_in(sheet, given), PLAIN, given)
-            return Survey(path, found.taken_for, facts | found.facts, found.said, found.block, found.found)
+            content = _of_map(map_in(sheet, units), PLAIN, units)
+            return Survey(
+                path, content.taken_for, facts | content.facts, content.said, content.block, content.quantity_map
+            )
         except InputError as error:
             no_map = str(error).removeprefix(f"{path}: ")
     taken, block = block_of(path, channels, isinstance(sheet, ChannelSheet))

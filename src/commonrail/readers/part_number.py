@@ -46,14 +46,21 @@ def find_part(number: str) -> tuple[PartMatch, ...]:
     digits, parts = part_digits(plain_text(number, "part number")), CATALOGUE.parts()
     if not digits:
         raise InputError(f"{shown(number)} is no part number; give four to ten digits, as in 0 445 110 191.")
-    numbers, size = [part for part in parts if digits in part], len(digits)
+    numbers, size = [part_number for part_number in parts if digits in part_number], len(digits)
     kind: Literal["exact", "partial", "nearest"] = "exact" if digits in parts else "partial" if numbers else "nearest"
     if not numbers:
-        alike = [part for part in parts if size < LENGTH or part[:GROUP] == digits[:GROUP]]
-        numbers = sorted(alike, key=lambda part: (abs(int(part[-size:]) - int(digits)), part))[:NEAREST]
-    names = dict.fromkeys(parts[part] for part in numbers)
-    own = {name: tuple(part for part in numbers if parts[part] == name) for name in names}
-    return tuple(PartMatch(name, own[name], kind, _reason(digits, kind, name, own[name])) for name in names)
+        alike = [part_number for part_number in parts if size < LENGTH or part_number[:GROUP] == digits[:GROUP]]
+        numbers = sorted(alike, key=lambda part_number: (abs(int(part_number[-size:]) - int(digits)), part_number))[
+            :NEAREST
+        ]
+    names = dict.fromkeys(parts[part_number] for part_number in numbers)
+    numbers_of_name = {
+        name: tuple(part_number for part_number in numbers if parts[part_number] == name) for name in names
+    }
+    return tuple(
+        PartMatch(name, numbers_of_name[name], kind, _reason(digits, kind, name, numbers_of_name[name]))
+        for name in names
+    )
 
 
 def _reason(digits: str, kind: str, name: str, numbers: Sequence[str]) -> str:

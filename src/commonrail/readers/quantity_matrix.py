@@ -92,7 +92,7 @@ class FoundMap:
     column: str = "quantity"
     durations: bool = False  # the file states energising times over quantities
 
-    apart: bool = False
+    independent_columns: bool = False
 
     @property
     def kind(self) -> str:
@@ -113,7 +113,7 @@ class FoundMap:
         """Content of columns; see `Sheet.take`."""
         kinds = dict(zip(self.names, KINDS, strict=True))
         names = [self.names[find_column(self.path, self.names, column.name)] for column in columns]
-        numbers, units = ({name: one[kinds[name]] for name in names} for one in (self.values, self.units))
+        numbers, units = ({name: by_kind[kinds[name]] for name in names} for by_kind in (self.values, self.units))
         return Table(self.path, numbers, {}, units, self.lines)  # type: ignore[arg-type]
 
 
@@ -121,10 +121,10 @@ class NearMap(InputError):
     """Fault of a table that is a quantity map but for what the message says."""
 
 
-def find_map(grid: Grid, given: GivenUnits = GivenUnits()) -> FoundMap:
+def find_map(grid: Grid, given_units: GivenUnits = GivenUnits()) -> FoundMap:
     """Quantity map of a table.
 
-    Units that are `given` count before those of the file. Raises `InputError` if none is found, or a unit is missing.
+    `given_units` count before those of the file. Raises `InputError` if none is found, or a unit is missing.
     """
     try:
         sheet = TableSheet(grid)
@@ -132,42 +132,44 @@ def find_map(grid: Grid, given: GivenUnits = GivenUnits()) -> FoundMap:
     except InputError:
         has_columns = False
     if not has_columns:
-        return _matrix(grid, given)
+        return _matrix(grid, given_units)
     try:
-        found = find_column_map(sheet, given)
+        column_map = find_column_map(sheet, given_units)
     except TooManyCells:
         raise
     except InputError as error:
         raise NearMap(str(error)) from error
-    return replace(found, said=(*grid.said, *found.said), notes=bench_notes(grid, sheet.first))
+    return replace(column_map, said=(*grid.said, *column_map.said), notes=bench_notes(grid, sheet.first))
 
 
 def bench_notes(grid: Grid, head: int) -> dict[str, str]:
     """Conditions of the bench that comments, and the rows above a head, state with their units."""
     rows = [" ".join(map(str, row)) for row in grid.rows[:head]]
-    found: dict[str, str] = {}
+    notes: dict[str, str] = {}
     for text in (*grid.comments, *rows):
         for key, (words, kind) in _NOTES.items():
-            if key not in found and (named := re.search(words, text, re.I)):
-                rest = text[named.end() :]
+            if key not in notes and (match := re.search(words, text, re.I)):
+                rest = text[match.end() :]
                 number = re.search(_NUMBER, rest)
                 units = [*_BRACKETED.findall(rest), *re.split(r"[;,]", rest[number.end() if number else 0 :])]
                 unit = next((unit for unit in units if is_everyday(unit) and fits(unit, kind)), "").strip()
                 if number and unit:
-                    found[key] = f"{number[0].replace(',', '.')} {plain_unit(unit)}"
-    return found
+                    notes[key] = f"{number[0].replace(',', '.')} {plain_unit(unit)}"
+    return notes
 
 
 def unit_in(text: str) -> list[str]:
     """Units that a text names, in its order."""
-    found = [unit for unit in _BRACKETED.findall(text) if kind_of(unit)]
-    found = found or [unit for unit in (name_and_unit(text)[1], text) if kind_of(unit)][:1]
-    return found or [unit for part in text.split("\\") if kind_of(unit := part.strip())]
+    units = [unit for unit in _BRACKETED.findall(text) if kind_of(unit)]
+    units = units or [unit for unit in (name_and_unit(text)[1], text) if kind_of(unit)][:1]
+    return units or [unit for piece in text.split("\\") if kind_of(unit := piece.strip())]
 
 
 def kind_of(unit: str) -> str:
     """Kind of a map's quantity that a unit measures, empty if none."""
-    return next((kind for kind, wanted in KINDS.items() if any(fits(plain_unit(unit), one) for one in wanted)), "")
+    return next(
+        (kind for kind, si_units in KINDS.items() if any(fits(plain_unit(unit), si_unit) for si_unit in si_units)), ""
+    )
 
 
 def plain_unit(unit: str) -> str:
@@ -201,7 +203,7 @@ def _axis(grid: Grid) -> _Axis:
     if _heads(names[2:]):
         raise NearMap(f'{grid.path}: the column "{names[0]}" is before that of the axis; remove columns of labels.')
     numbers = (numbers_of(row[1:]) or [] for row in grid.rows)
-    start = next((i for i, own in enumerate(numbers) if int(np.isfinite(own).sum()) >= 2), -1)
+    start = next((i for i, numbers_of_row in enumerate(numbers) if int(np.isfinite(numbers_of_row).sum()) >= 2), -1)
     if start < 0:
         raise InputError(f"{grid.path}: there are no rows of numbers.")
     above_axis = [str(cell) for cell in grid.rows[start - 1][1:] if cell != ""] if start else []
@@ -236,15 +238,15 @@ def _texts(rows: Sequence[Sequence[str | float]]) -> list[str]:
     return [cell for row in lines for cell in row if isinstance(cell, str)]
 
 
-def _matrix(grid: Grid, given: GivenUnits) -> FoundMap:
+def _matrix(grid: Grid, given_units: GivenUnits) -> FoundMap:
     """Matrix whose first row and first column are its axes."""
     axis = _axis(grid)
     body = list(zip(grid.lines[axis.start :], grid.rows[axis.start :], strict=True))
     last, cells = max(axis.columns, default=0), np.full((len(body), len(axis.columns)), np.nan)
     down = np.full(len(body), np.nan)
     heads = _heads([str(row[0]) for _, row in body])
-    known = {kind_of(unit): unit for unit in (heads and heads[1], axis.unit) if unit}
-    fault = NearMap if known else InputError
+    head_units = {kind_of(unit): unit for unit in (heads and heads[1], axis.unit) if unit}
+    fault = NearMap if head_units else InputError
     for i, (line, row) in enumerate(body):
         numbers = numbers_of((heads[0][i], *row[1:]) if heads else row)
         if numbers is None or (not axis.unit and len(numbers) > last + 1) or not np.isfinite(numbers[0]):
@@ -258,12 +260,12 @@ def _matrix(grid: Grid, given: GivenUnits) -> FoundMap:
         cells[i, : len(filled)] = [numbers[column] for column in filled]
     if not cells.size:
         raise InputError(f"{grid.path}: no map is found: neither columns of pressure, time and quantity nor a matrix.")
-    units, orders, likely = _units(grid, axis, given, known)
+    units, orders, likely = _units(grid, axis, given_units, head_units)
     lines = np.repeat([line for line, _ in body], len(axis.columns))
     said = (*grid.said, axis.said) if axis.said else grid.said
     matrix = Matrix(down, np.array(axis.places), cells, lines)
-    found = map_of_matrix(grid.path, matrix, units, orders, said, (*axis.texts, *grid.comments), likely)
-    return replace(found, notes=bench_notes(grid, axis.head))
+    quantity_map = map_of_matrix(grid.path, matrix, units, orders, said, (*axis.texts, *grid.comments), likely)
+    return replace(quantity_map, notes=bench_notes(grid, axis.head))
 
 
 class Matrix(NamedTuple):
@@ -384,10 +386,10 @@ def _heads(cells: Sequence[str]) -> tuple[list[float], str] | None:
 
 
 def _units(
-    grid: Grid, axis: _Axis, given: GivenUnits, known: Mapping[str, str]
+    grid: Grid, axis: _Axis, given_units: GivenUnits, head_units: Mapping[str, str]
 ) -> tuple[dict[str, str], list[Order], list[Order]]:
-    """Units by kind, admitted orders of the axes, and the likely one of them; `known`: units of heads by kind."""
-    units = {kind: unit for kind, unit in given.by_kind().items() if unit} | dict(known)
+    """Units by kind, admitted orders of the axes, and the likely one of them; `head_units`: units of heads by kind."""
+    units = {kind: unit for kind, unit in given_units.by_kind().items() if unit} | dict(head_units)
     stated = set(units)
     for text in (*axis.texts, *grid.comments):
         for unit in unit_in(text):
@@ -402,24 +404,28 @@ def _units(
     kinds = list(dict.fromkeys(kind_of(unit) for unit in unit_in(axis.texts[0])))
     missing = [kind for kind in KINDS if kind not in units]
     if missing:
-        named = [unit for text in axis.texts for unit in _BRACKETED.findall(text)]
-        unknown = [unit for unit in named if not fits(plain := plain_unit(unit), plain)]
+        bracketed = [unit for text in axis.texts for unit in _BRACKETED.findall(text)]
+        unknown = [unit for unit in bracketed if not fits(plain := plain_unit(unit), plain)]
         among = f' ("{unknown[0]}" is not a known unit)' if unknown else ""
-        raise (NearMap if known or len(kinds) > 1 else InputError)(
+        raise (NearMap if head_units or len(kinds) > 1 else InputError)(
             f"{grid.path}: no unit of the {' and the '.join(missing)} is in the header or the corner{among}; write "
             'them as in "rail pressure [MPa] \\ energising time [us]" and "quantity [mm3]" above, or state them.'
         )
-    if len(kinds) > 2 or (known and "energising time" in kinds):  # the unit of the cells is there too
+    if len(kinds) > 2 or (head_units and "energising time" in kinds):  # the unit of the cells is there too
         kinds = [kind for kind in kinds if kind != "quantity"]
     orders = [order for order in ORDERS if list(order) == kinds] or ORDERS
-    if known:  # in one or both directions
-        ends = [(i, kind) for kind in known for i in (0, 1) if (kind == kind_of(axis.unit)) == bool(i)]
+    if head_units:  # in one or both directions
+        ends = [(i, kind) for kind in head_units for i in (0, 1) if (kind == kind_of(axis.unit)) == bool(i)]
         orders = [order for order in ORDERS if all(order[i] == kind for i, kind in ends)]
-        if "energising time" in kinds and "energising time" not in known:
+        if "energising time" in kinds and "energising time" not in head_units:
             orders = [order for order in orders if "energising time" in order]
     # a corner with one unit names the rows, unless the numbers tell
     by_name = [order for order in orders if kinds == [order[0]] and order[0] != "quantity"]
-    return {kind: plain_unit(unit) for kind, unit in units.items()}, orders, (by_name or (orders if known else []))[:1]
+    return (
+        {kind: plain_unit(unit) for kind, unit in units.items()},
+        orders,
+        (by_name or (orders if head_units else []))[:1],
+    )
 
 
 # Quantity map in the columns of a file with named and typed columns, found by their units whatever their names.
@@ -429,7 +435,7 @@ def _units(
 class HoldsMap(Protocol):
     """File that finds a map in itself, where rows and columns do not tell, as in the variables of MATLAB."""
 
-    def quantity_map(self, given: GivenUnits) -> FoundMap:
+    def quantity_map(self, given_units: GivenUnits) -> FoundMap:
         """Quantity map of the file; `InputError` if it has none."""
 
 
@@ -442,39 +448,39 @@ class HoldsOnlyMaps(HoldsMap, Protocol):
     comments: Sequence[str]
 
 
-def map_in(sheet: Sheet, given: GivenUnits = GivenUnits()) -> FoundMap:
-    """Quantity map of a file with named columns or variables; units that are `given` count before those of the file.
+def map_in(sheet: Sheet, given_units: GivenUnits = GivenUnits()) -> FoundMap:
+    """Quantity map of a file with named columns or variables; `given_units` count before those of the file.
 
     Raises `InputError` if none is found, or the columns have times of their own.
     """
     if isinstance(sheet, ChannelSheet):
         raise InputError(f"{sheet.path}: each channel of this record has its own times, so that it holds no map.")
-    return sheet.quantity_map(given) if isinstance(sheet, HoldsMap) else find_column_map(sheet, given)
+    return sheet.quantity_map(given_units) if isinstance(sheet, HoldsMap) else find_column_map(sheet, given_units)
 
 
-def find_column_map(file: Sheet, given: GivenUnits = GivenUnits()) -> FoundMap:
+def find_column_map(file: Sheet, given_units: GivenUnits = GivenUnits()) -> FoundMap:
     """Quantity map of a file with a row for each point, its columns by usual headings or by their units.
 
-    Units that are `given` count before those of the file. Raises `InputError` if a column is missing or may be one of
+    `given_units` count before those of the file. Raises `InputError` if a column is missing or may be one of
     several, or a cell of it holds no number.
     """
     names = find_headings(file, COLUMNS)
     for column, kind in zip(COLUMNS, KINDS, strict=True):
         if column.name not in names:
             fitting = [name for name in file.names if BAND not in name and kind_of(unit_of(file, name)) == kind]
-            named = " and ".join(f'"{name}"' for name in fitting[:4])
-            those = f"the columns {named} have" if fitting else "no column has"
+            quoted = " and ".join(f'"{name}"' for name in fitting[:4])
+            those = f"the columns {quoted} have" if fitting else "no column has"
             raise InputError(
                 f"{file.path}: {those} the unit of a {kind}, and one column must have it; name columns as in "
                 '"rail_pressure [MPa]", "energising_time [us]" and "quantity [mm3]".'
             )
-    stated = given.by_kind().values()
+    stated = given_units.by_kind().values()
     units = {kind: unit or unit_of(file, name) for kind, unit, name in zip(KINDS, stated, names.values(), strict=True)}
     if lacking := [kind for kind, unit in units.items() if kind_of(unit) != kind]:
         raise NearMap(f"{file.path}: no unit of the {' and the '.join(lacking)} is in the header; write or state it.")
-    wanted = [Column(name, "1", required=i == 0) for i, name in enumerate(names.values())]
+    columns = [Column(name, "1", required=i == 0) for i, name in enumerate(names.values())]
     states = [Column("state")] if "state" in file.names else []  # of a map that the product has written
-    table = file.take([*wanted, *states])
+    table = file.take([*columns, *states])
     values = {kind: table.columns[name] for kind, name in zip(KINDS, names.values(), strict=True)}
     durations = _is_grid_of_quantities(values)
     if not durations and np.isnan(time := values["energising time"]).any():

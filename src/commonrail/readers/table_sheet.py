@@ -50,7 +50,7 @@ class TableSheet:
     more cells than the header, or is one too many, is found when its turn comes.
     """
 
-    apart = False
+    independent_columns = False
 
     def __init__(self, grid: Grid, most: int = MOST_ROWS) -> None:
         self.path, self.grid, self._most = grid.path, grid, most
@@ -61,9 +61,13 @@ class TableSheet:
             raise InputError(f"{self.path}: the table has no header row with the names of columns above its numbers.")
         self.header, below = join_heads(heads)
         _check_header(grid.path, self.header)
-        named = [name_and_unit(cell) for cell in self.header]
-        self.names = [name for name, _ in named]
-        self._units = [below[i] or unit for i, (_, unit) in enumerate(named)] if below else [unit for _, unit in named]
+        names_and_units = [name_and_unit(cell) for cell in self.header]
+        self.names = [name for name, _ in names_and_units]
+        self._units = (
+            [below[i] or unit for i, (_, unit) in enumerate(names_and_units)]
+            if below
+            else [unit for _, unit in names_and_units]
+        )
         if not any(self._units):
             self._units = _axis_units(sample[: self.first], len(self.names))
         self._width = max(map(width_of, heads))
@@ -91,10 +95,10 @@ class TableSheet:
         places = [find_column(self.path, self.names, column.name) for column in columns]
         lines = array("q")
         cells: list[Any] = [array("d") if column.unit else [] for column in columns]
-        wanted = list(zip(columns, places, cells, strict=True))
+        targets = list(zip(columns, places, cells, strict=True))
         for line, row in self.rows:
             lines.append(line)
-            for column, i, content in wanted:
+            for column, i, content in targets:
                 cell = row[i] if i < len(row) else ""
                 # a text is one of the same few names in every row
                 content.append(self._number(cell, column, line) if column.unit else sys.intern(str(cell)))

@@ -32,34 +32,34 @@ _FORM_KEYS = {"xlsx": ("decimal", "sheet"), "lvm": ("encoding",)}  # fields of t
 _READ_BY = {"encoding": "texts", "decimal": "texts and workbooks (.xlsx)", "sheet": "workbooks (.xlsx)"}
 
 
-def read_columns(path: Path, wanted: Sequence[Column], least: int = LEAST_SAMPLES, form: FileForm = PLAIN) -> Table:
+def read_columns(path: Path, columns: Sequence[Column], least: int = LEAST_SAMPLES, form: FileForm = PLAIN) -> Table:
     """Columns of a file that has `least` rows; `form`: encoding, decimal sign and sheet.
 
     Raises `InputError` if the file cannot be read, a column or unit is missing, or a cell is not a finite number.
     """
-    return take_columns(open_sheet(path, form), wanted, least)
+    return take_columns(open_sheet(path, form), columns, least)
 
 
-def take_columns(sheet: Sheet, wanted: Sequence[Column], least: int = LEAST_SAMPLES) -> Table:
+def take_columns(sheet: Sheet, requested: Sequence[Column], least: int = LEAST_SAMPLES) -> Table:
     """Named columns of an open file in SI units; see `read_columns`."""
-    path, headings = sheet.path, find_headings(sheet, wanted)
-    table = sheet.take([column._replace(name=headings.get(column.name, column.name)) for column in wanted])
+    path, headings = sheet.path, find_headings(sheet, requested)
+    table = sheet.take([column._replace(name=headings.get(column.name, column.name)) for column in requested])
     if others := {name: heading for name, heading in headings.items() if heading != name}:
         names = {heading: name for name, heading in others.items()}
-        contents: list[dict[str, Any]] = [table.columns, table.texts, table.given]
-        columns, texts, given = ({names.get(key, key): item for key, item in of.items()} for of in contents)
-        table = replace(table, columns=columns, texts=texts, given=given, headings=others)
+        contents: list[dict[str, Any]] = [table.columns, table.texts, table.written_units]
+        columns, texts, units = ({names.get(key, key): item for key, item in of.items()} for of in contents)
+        table = replace(table, columns=columns, texts=texts, written_units=units, headings=others)
         shown = (f'"{heading}" as {name}' for name, heading in others.items())
         note(f"{path}: columns are read by their usual names or units: {', '.join(shown)}.")
     if len(table.rows) < least:
         raise InputError(f"{path}: the file has {len(table.rows)} rows of numbers, and at least {least} are needed.")
-    numeric = [column for column in wanted if column.unit]
+    numeric = [column for column in requested if column.unit]
     for column in numeric:
         name, at = column.name, Place(str(path), f'column "{headings.get(column.name, column.name)}"')
-        table.given[name] = _unit(column, table.given[name], at)
-        table.units[name] = _kind(column, table.given[name], at)
+        table.written_units[name] = _unit(column, table.written_units[name], at)
+        table.units[name] = _kind(column, table.written_units[name], at)
         with np.errstate(over="ignore"):  # the check below names the line
-            table.columns[name] = convert(table.columns[name], table.given[name], table.units[name], str(at))
+            table.columns[name] = convert(table.columns[name], table.written_units[name], table.units[name], str(at))
     for column in numeric:
         values = table.columns[column.name]
         if column.domain is not Domain.ANY:
@@ -72,14 +72,14 @@ def take_columns(sheet: Sheet, wanted: Sequence[Column], least: int = LEAST_SAMP
     return table
 
 
-def take_each(sheet: Sheet, time: Column, wanted: Sequence[Column]) -> list[Table]:
+def take_each(sheet: Sheet, time: Column, columns: Sequence[Column]) -> list[Table]:
     """Table of each of some columns with their times; the file is gone through once."""
-    each = {column.name: column for column in wanted}
-    if sheet.apart:
+    each = {column.name: column for column in columns}
+    if sheet.independent_columns:
         read = {name: take_columns(sheet, [time, column]) for name, column in each.items()}
     else:
         read = dict.fromkeys(each, take_columns(sheet, [time, *each.values()]))
-    return [read[column.name] for column in wanted]
+    return [read[column.name] for column in columns]
 
 
 def has_columns(sheet: Sheet, columns: Sequence[Column]) -> list[Column]:
@@ -93,20 +93,22 @@ def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
 
     Raises `InputError` if it cannot be read, or its format is not.
     """
-    if part := _format(format_of(path)):
-        opener = part.load()
-        with part.blamed(f"fails on {path}"):
+    if reader := _format(format_of(path)):
+        opener = reader.load()
+        with reader.blamed(f"fails on {path}"):
             return cast(Sheet, opener(path, form))
     refuse_unread(path)
     return open_table(path, form)
 
 
-def read_found_map(path: Path, form: FileForm = PLAIN, given: GivenUnits = GivenUnits()) -> FoundMap:
-    """Quantity map of a file of whatever format; units that are `given` count before those of the file.
+def read_found_map(path: Path, form: FileForm = PLAIN, given_units: GivenUnits = GivenUnits()) -> FoundMap:
+    """Quantity map of a file of whatever format; `given_units` count before those of the file.
 
     Raises `InputError` if the file cannot be read, or no map is found in it.
     """
-    return find_map(read_grid(path, form), given) if is_grid(path) else map_in(open_sheet(path, form), given)
+    return (
+        find_map(read_grid(path, form), given_units) if is_grid(path) else map_in(open_sheet(path, form), given_units)
+    )
 
 
 def is_grid(path: Path) -> bool:
@@ -128,8 +130,8 @@ def form_keys(path: Path) -> tuple[str, ...]:
     ending = format_of(path)
     if path.is_dir() or registry.find("inspectors", ending):
         return ()
-    part = _format(ending)
-    if part is not None and part.distribution != registry.PACKAGE:
+    reader = _format(ending)
+    if reader is not None and reader.distribution != registry.PACKAGE:
         return FileForm._fields
     return _FORM_KEYS.get(ending, ("encoding", "decimal") if is_grid(path) else ())
 
@@ -158,12 +160,12 @@ def _unit(column: Column, written: str, at: Place) -> str:
     return written or column.stated or column.otherwise
 
 
-def _kind(column: Column, given: str, at: Place) -> str:
+def _kind(column: Column, written: str, at: Place) -> str:
     """The wanted unit that measures the same kind of quantity as the column's own."""
     with located(at):
-        fitting = [unit for unit in column.units if compatible(given, unit)]
+        fitting = [unit for unit in column.units if compatible(written, unit)]
     if not fitting:
-        raise at.error(f'a unit like {_example(column)} is expected, not "{given}"')
+        raise at.error(f'a unit like {_example(column)} is expected, not "{written}"')
     return fitting[0]
 
 

@@ -71,11 +71,11 @@ class FileModel(BaseModel):
         return data
 
 
-def refuse_unknown_keys(table: Mapping[str, Any], known: Collection[str]) -> None:
+def refuse_unknown_keys(table: Mapping[str, Any], keys: Collection[str]) -> None:
     """Raise a fault for the first key that is not known."""
     for key in table:
-        if key not in known:
-            raise fault(f'there is no key "{key}"{nearest_key(key, known)}')
+        if key not in keys:
+            raise fault(f'there is no key "{key}"{nearest_key(key, keys)}')
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class Number(Sourced):
 
     value: SkipValidation[float] = 0.0
 
-    def given(self, default: Source) -> Given:
+    def with_source(self, default: Source) -> Given:
         """Value and source; what is not stated is that of the table around it."""
         return Given(self.value, self.origin(default))
 
@@ -167,7 +167,7 @@ class ParameterTable(Sourced):
 
     def values(self) -> Values:
         """The numbers that are given, by name."""
-        return {name: number.given(self.origin()) for name, number in self.numbers.items()}
+        return {name: number.with_source(self.origin()) for name, number in self.numbers.items()}
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ class Quantities:
     Tables of all components share one schema, which takes long to make: each number goes into it with its quantity.
     """
 
-    known: Mapping[str, Q]
+    quantities: Mapping[str, Q]
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         keys = [key for key in source.model_fields if key != "numbers"]
@@ -185,8 +185,8 @@ class Quantities:
         def parted(item: Any) -> Any:
             if not isinstance(item, dict):
                 return item
-            refuse_unknown_keys(item, [*keys, *self.known])
-            numbers = {key: (self.known[key], value) for key, value in item.items() if key in self.known}
+            refuse_unknown_keys(item, [*keys, *self.quantities])
+            numbers = {key: (self.quantities[key], value) for key, value in item.items() if key in self.quantities}
             return {key: item[key] for key in keys if key in item} | {"<numbers>": numbers}
 
         return core_schema.no_info_before_validator_function(parted, handler(source))
@@ -194,12 +194,12 @@ class Quantities:
 
 def choice(kind: type[Enum]) -> PlainValidator:
     """Type of a text that is the value of a member."""
-    known = {str(member.value): member for member in kind}
+    members = {str(member.value): member for member in kind}
 
     def member(item: Any) -> Enum:
-        if not isinstance(item, str) or item not in known:
-            raise fault(f'"{item}" is not known{nearest(str(item), known)}; write one of {", ".join(known)}')
-        return known[item]
+        if not isinstance(item, str) or item not in members:
+            raise fault(f'"{item}" is not known{nearest(str(item), members)}; write one of {", ".join(members)}')
+        return members[item]
 
     return PlainValidator(member)
 
@@ -223,16 +223,18 @@ class OneOf:
         if isinstance(item, BaseModel):
             return item
         name = item.get(self.key) if isinstance(item, Mapping) else None
-        *others, last = (f'"{known}"' for known in self.forms)
-        wanted = f"{self.key} must be {', '.join(others)} or {last}"
+        *others, last = (f'"{form_name}"' for form_name in self.forms)
+        expected = f"{self.key} must be {', '.join(others)} or {last}"
         if not isinstance(name, str):
-            raise fault(wanted)
+            raise fault(expected)
         if (form := self._form(name)) is None:
-            raise fault(f'{wanted}, not "{name}"{nearest(name, self.forms)}')
+            raise fault(f'{expected}, not "{name}"{nearest(name, self.forms)}')
         for key in set(item).difference(getattr(form, "model_fields", ())):
-            having = [known for known in self.forms if key in getattr(self._form(known), "model_fields", ())]
+            having = [
+                form_name for form_name in self.forms if key in getattr(self._form(form_name), "model_fields", ())
+            ]
             if having:
-                those = " or ".join(f'"{known}"' for known in having)
+                those = " or ".join(f'"{form_name}"' for form_name in having)
                 raise fault(f'{self.key} = "{name}" has no key "{key}", but {self.key} = {those} has it')
         return TypeAdapter(form).validate_python(item)
 
@@ -258,16 +260,16 @@ def read_model(kind: type[_Model], document: Mapping[str, Any], at: Place) -> _M
         raise _translated(kind, error.errors(include_url=False)[0], at) from error
 
 
-def _translated(kind: type[BaseModel], found: ErrorDetails, at: Place) -> InputError:
-    if found["type"] == "list_type" and not at.key and found["loc"] in _lists_of_tables(kind):
-        key = found["loc"][0]
+def _translated(kind: type[BaseModel], details: ErrorDetails, at: Place) -> InputError:
+    if details["type"] == "list_type" and not at.key and details["loc"] in _lists_of_tables(kind):
+        key = details["loc"][0]
         return (at / str(key)).error(f"this must be a list, and a list of tables is written [[{key}]]")
-    for part in found["loc"]:
-        if isinstance(part, int):
-            at = at[part]
-        elif not part.startswith("<"):  # a tag: which form of a key was tried
-            at = at / part
-    return at.error(_sentence(found, at.key))
+    for key_part in details["loc"]:
+        if isinstance(key_part, int):
+            at = at[key_part]
+        elif not key_part.startswith("<"):  # a tag: which form of a key was tried
+            at = at / key_part
+    return at.error(_sentence(details, at.key))
 
 
 def _lists_of_tables(kind: type[BaseModel]) -> list[tuple[str]]:
@@ -277,8 +279,8 @@ def _lists_of_tables(kind: type[BaseModel]) -> list[tuple[str]]:
     return [(key,) for key, item in kinds.items() if isinstance(item, type) and issubclass(item, BaseModel)]
 
 
-def _sentence(found: ErrorDetails, key: str) -> str:
-    kind, message, value = found["type"], found["msg"], found["input"]
+def _sentence(details: ErrorDetails, key: str) -> str:
+    kind, message, value = details["type"], details["msg"], details["input"]
     last = key.rpartition(".")[2]
     if kind == "sentence":
         return message
@@ -289,7 +291,7 @@ def _sentence(found: ErrorDetails, key: str) -> str:
     if kind == "list_type":
         return f"this must be a list in brackets{_LISTS.get(last, '')}"
     if kind in ("too_short", "too_long"):
-        limit = found["ctx"].get("min_length") or found["ctx"].get("max_length")
+        limit = details["ctx"].get("min_length") or details["ctx"].get("max_length")
         return f"this must be a list of {'at least' if kind == 'too_short' else 'at most'} {limit}"
     message = message.removeprefix("Input should be ").removeprefix("a valid ").removeprefix("must be ")
     shown = f"not {reprlib.repr(value)}" if isinstance(value, (str, int, float)) else "which it is not"
@@ -354,8 +356,8 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
     except RecursionError as error:
         raise InputError(f"{where}: tables and lists stand too deep in one another.") from error
     except ValueError as error:  # not TOML, or an integer of more digits than Python reads
-        found = re.search(r"\(at line (\d+), column \d+\)", str(error))
-        line = found[1] if found else text.rstrip().count("\n") + 1
+        location = re.search(r"\(at line (\d+), column \d+\)", str(error))
+        line = location[1] if location else text.rstrip().count("\n") + 1
         raise InputError(f"{where}, line {line}: this is not TOML ({_reason(error)}); {_cure(error)}.") from error
     _check(tables, Place(where))
     return tables
@@ -413,8 +415,8 @@ def _check_value(value: Any, place: Place) -> None:
     if isinstance(value, str):
         if len(value) > LONGEST_TEXT:
             raise place.error(f"the text has {len(value)} characters, and at most {LONGEST_TEXT} are read; shorten it")
-        if found := _CONTROL.search(value):
-            raise place.error(f"the text holds the control character U+{ord(found[0]):04X}; remove it")
+        if match := _CONTROL.search(value):
+            raise place.error(f"the text holds the control character U+{ord(match[0]):04X}; remove it")
     elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
         raise place.error("the integer is larger than 64 bits hold")
     elif isinstance(value, float) and not math.isfinite(value):
@@ -465,8 +467,8 @@ def value_text(value: Any) -> str:
     return repr(float(value)) if isinstance(value, float) else repr(value)  # a NumPy float writes its type
 
 
-def _escape(found: re.Match[str]) -> str:
-    sign = found.group()
+def _escape(match: re.Match[str]) -> str:
+    sign = match.group()
     return _SHORT.get(sign) or f"\\u{ord(sign):04x}"
 
 

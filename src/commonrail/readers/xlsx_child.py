@@ -27,8 +27,8 @@ def read(path: Path, data: bytes, save: Save, sheet: str | None) -> dict[str, An
     """Rows, their numbers and the name of a sheet, by default the first that is not empty."""
     book = load_workbook(BytesIO(data), read_only=True, data_only=True)
     if sheet is not None and sheet not in book.sheetnames:
-        known = ", ".join(book.sheetnames)
-        raise InputError(f'{path}: there is no sheet "{sheet}"{nearest(sheet, book.sheetnames)}; it has {known}.')
+        available = ", ".join(book.sheetnames)
+        raise InputError(f'{path}: there is no sheet "{sheet}"{nearest(sheet, book.sheetnames)}; it has {available}.')
     for name in book.sheetnames if sheet is None else [sheet]:
         try:
             rows, lines = _cells(path, book[name], None)
@@ -80,8 +80,8 @@ def _cells(path: Path, sheet: Any, formulas: Any) -> tuple[list[list[str | float
 def _merged(sheet: Any) -> list[tuple[int, int, int, int]]:
     """Ranges of merged cells: first column, first row, last column and last row, from 1."""
     with sheet._get_source() as source:  # what openpyxl reads cell by cell has no list of them
-        found = re.findall(rb'<mergeCell ref="([A-Z]{1,3}[0-9]{1,7}:[A-Z]{1,3}[0-9]{1,7})"', source.read())
-    return [range_boundaries(one.decode()) for one in found[:MOST_MERGED]]
+        ranges = re.findall(rb'<mergeCell ref="([A-Z]{1,3}[0-9]{1,7}:[A-Z]{1,3}[0-9]{1,7})"', source.read())
+    return [range_boundaries(cell_range.decode()) for cell_range in ranges[:MOST_MERGED]]
 
 
 def _fill(rows: list[list[str | float]], lines: list[int], merged: list[tuple[int, int, int, int]]) -> None:

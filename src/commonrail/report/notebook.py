@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from commonrail.base import registry
-from commonrail.base.arguments import instance, whole
+from commonrail.base.arguments import instance, integer
 from commonrail.base.chart import Chart
 from commonrail.base.display import load_library
 from commonrail.base.errors import ConfigurationError
@@ -226,7 +226,7 @@ def charts_of(result: Any, point: OperatingPoint | None = None) -> list[Chart]:
 def draw_of(result: Any, ax: Any = None, figure: int = 0, point: OperatingPoint | None = None) -> Any:
     """Axes with one figure of a result, drawn by matplotlib; errors are those of `Shown.plot`."""
     charts = charts_of(result, point)
-    number = whole(figure, "figure", 0)
+    number = integer(figure, "figure", 0)
     if number >= len(charts):
         titles = ", ".join(f"{i} (“{chart.title}”)" for i, chart in enumerate(charts))
         raise ConfigurationError(f"This {type(result).__name__} has no figure {number}; it has {titles}.")

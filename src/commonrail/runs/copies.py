@@ -29,19 +29,19 @@ def copy_paths(sources: Iterable[Path], main: str, results: Sequence[str] = ()) 
     All others, and those with the name of a file that a run writes itself, such as `results` (in small letters), come
     into a folder of their own.
     """
-    found: dict[Path, Path] = {}
+    copies: dict[Path, Path] = {}
     for source in sources:
-        if not found:
+        if not copies:
             base, place = source.parent, Path(main)
         elif source.is_relative_to(base):
             place = source.relative_to(base)
             place = Path(OUTSIDE, place) if _is_result(place, results) else place
         else:
             place = Path(OUTSIDE, source.name)
-        while place in found.values():
+        while place in copies.values():
             place = place.with_name(f"{place.stem}-2{place.suffix}")
-        found[source] = place
-    return found
+        copies[source] = place
+    return copies
 
 
 def _is_reserved(name: str) -> bool:
@@ -134,9 +134,9 @@ def study_of_run(folder: str | Path, file: str = STUDY) -> str:
     """
     copy = Path(folder) / file
     with suppress(CommonrailError, OSError):
-        given = read_about(Path(folder)).get("given")
+        original_text = read_about(Path(folder)).get("given")
         for item in (item for item in read_inputs(Path(folder)) if item.name == file):
-            origin, is_changed = Path(item.origin), given and item.original != sha256(given.encode())
+            origin, is_changed = Path(item.origin), original_text and item.original != sha256(original_text.encode())
             if origin.is_file() and not (origin.parent / JOURNAL).exists() and not is_changed:
                 below = origin.is_relative_to(Path.cwd())
                 return (origin.relative_to(Path.cwd()) if below else origin).as_posix()
@@ -155,9 +155,9 @@ def refuse_file_of_run(path: Path, option: str) -> None:
     """
     if not path.exists():
         return
-    whole = path.absolute()
-    for folder in whole.parents[:DEEPEST]:
-        if _is_own(folder, whole.relative_to(folder).as_posix()):
+    absolute = path.absolute()
+    for folder in absolute.parents[:DEEPEST]:
+        if _is_own(folder, absolute.relative_to(folder).as_posix()):
             raise InputError(f"{option}: {path} is a file of the run in {folder}; name another file.")
 
 

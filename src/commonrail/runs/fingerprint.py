@@ -16,7 +16,7 @@ from commonrail.base.input import fingerprint, sha256
 from commonrail.base.output import summed, write_text
 from commonrail.base.text import command
 from commonrail.calibration.objective import Objective
-from commonrail.calibration.plausibility import Finding, found
+from commonrail.calibration.plausibility import Finding, make_finding
 from commonrail.calibration.search import Searched
 from commonrail.calibration.study import Study
 from commonrail.compiler.target import differences, package_versions
@@ -97,7 +97,7 @@ def other_targets(journal: Journal, study: Searched, objective: Objective) -> tu
         *_best_again(journal, objective),
     )
     cure = "the run need not end as one that was never stopped; resume it where it was begun"
-    return (found(TARGET, study.title, f"{text}: {cure}."),) if text else ()
+    return (make_finding(TARGET, study.title, f"{text}: {cure}."),) if text else ()
 
 
 def differing(targets: Sequence[Mapping[str, str]]) -> str:
@@ -106,17 +106,18 @@ def differing(targets: Sequence[Mapping[str, str]]) -> str:
     for number, before in enumerate(targets[:-1], 1):
         if (text := differences(before, targets[-1])) and text not in said:
             said[text] = "begun" if number == 1 else f"resumed as session {number}"
-    return "; ".join(f"{how} with {text}" for text, how in said.items())
+    return "; ".join(f"{since} with {text}" for text, since in said.items())
 
 
-def other_bits(differing: str, candidates: str, kept: float, here: float) -> str:
+def other_bits(differing: str, candidates: str, recorded: float, recomputed: float) -> str:
     """Description of what is not as it was, "" if nothing: what `differing` says, and the bits of a candidate.
 
-    `kept` and `here` are the objectives then and here of one of the candidates, of the first that differs if one does.
+    `recorded` and `recomputed` are the objectives of one candidate in the journal and here: of the first one that
+    differs, if any does.
     """
-    if kept != here:
-        found = f"{candidates}, simulated again, have other bits here, {here!r} in place of {kept!r}"
-        return f"{differing}; {found}" if differing else found
+    if recorded != recomputed:
+        change = f"{candidates}, simulated again, have other bits here, {recomputed!r} in place of {recorded!r}"
+        return f"{differing}; {change}" if differing else change
     if differing:
         return f"{differing}; {candidates}, simulated again, have the same bits here, but others may not"
     return ""
@@ -125,13 +126,13 @@ def other_bits(differing: str, candidates: str, kept: float, here: float) -> str
 def _best_again(journal: Journal, objective: Objective) -> tuple[float, float]:
     """Objective of the best candidate in the journal and here; of the first one beside it if only that differs."""
     trials, costs = journal.best_step()
-    chosen = np.argsort(costs, kind="stable")[:TRIED]
-    chosen = chosen[np.isfinite(costs[chosen])]
-    if not len(chosen):
+    candidates = np.argsort(costs, kind="stable")[:TRIED]
+    candidates = candidates[np.isfinite(costs[candidates])]
+    if not len(candidates):
         return 0.0, 0.0
-    again = objective.costs(np.ascontiguousarray(trials[chosen])).costs
-    which = int(np.argmax(again != costs[chosen]))
-    return float(costs[chosen][which]), float(again[which])
+    again = objective.costs(np.ascontiguousarray(trials[candidates])).costs
+    which = int(np.argmax(again != costs[candidates]))
+    return float(costs[candidates][which]), float(again[which])
 
 
 # Changes of a run's files since it was begun.
@@ -162,16 +163,16 @@ def check_files(journal: Journal, as_begun: bool) -> None:
         check_origins(journal.folder, inputs, about.get("given", ""), again)
 
 
-def check_origins(folder: Path, inputs: Sequence[Input], given: str, cure: str) -> None:
+def check_origins(folder: Path, inputs: Sequence[Input], study_text: str, cure: str) -> None:
     """Refuse (`StudyError`) a run one of whose files has changed since, where it still is.
 
-    `inputs` are those of the run in a folder, `given` is the text of its study, and `cure` says what to do besides
+    `inputs` are those of the run in a folder, `study_text` is the text of its study, and `cure` says what to do besides
     beginning a new run.
     """
     for i, item in enumerate(inputs):
         path = Path(item.origin)
         if (now := fingerprint(path)) and now != item.original:
-            what = _what(given, path) if i == 0 else ""
+            what = _what(study_text, path) if i == 0 else ""
             raise StudyError(
                 f"{path} has been changed since the run in {folder} was begun{what}; begin a new run for it, or {cure}."
             )

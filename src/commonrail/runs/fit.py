@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
-from commonrail.base.arguments import file_path, flag, instance, thread_count, whole
+from commonrail.base.arguments import file_path, flag, instance, integer, thread_count
 from commonrail.base.errors import CommonrailError, ConfigurationError, StudyError
 from commonrail.base.hooks import held_interrupts
 from commonrail.base.input import SUMS, sha256
@@ -87,7 +87,7 @@ class FitKind(Generic[_Study, _Fit]):
         Fingerprint: equal ones mean identical searches but for their length.
     results : tuple of str
         Names of the files that a run writes, in small letters: inputs with such a name are kept apart.
-    chosen : tuple of str
+    options : tuple of str
         Fields of the settings, each a key of the file, that options of the command may have changed.
     """
 
@@ -98,7 +98,7 @@ class FitKind(Generic[_Study, _Fit]):
     load: Callable[[Path], _Study]
     content: Callable[[_Study], str]
     results: tuple[str, ...] = ()
-    chosen: tuple[str, ...] = ("seed",)
+    options: tuple[str, ...] = ("seed",)
 
     def begin(self, folder: Path, study: _Study, work: Work[_Study, _Fit]) -> _Fit:
         """Fit into a new or empty folder; nothing stays in it if nothing was simulated.
@@ -114,10 +114,10 @@ class FitKind(Generic[_Study, _Fit]):
             if "content" in journal.about:
                 refuse_used(folder)
             try:
-                inputs, own, content = self.copy(study, folder)
-                facts = {"title": study.title, "given": study.text, "study": own.text, "content": content}
-                journal.describe(facts | {"generations": str(_generations(own))}, inputs)
-                return _run(journal, own, None, work)
+                inputs, settings, content = self.copy(study, folder)
+                facts = {"title": study.title, "given": study.text, "study": settings.text, "content": content}
+                journal.describe(facts | {"generations": str(_generations(settings))}, inputs)
+                return _run(journal, settings, None, work)
             except BaseException:
                 if journal.is_in_place and journal.checkpoint() is None:
                     _remove(folder, copies, existed)
@@ -144,12 +144,12 @@ class FitKind(Generic[_Study, _Fit]):
             if "content" not in journal.about or not all(item.name == self.file for item in journal.inputs[:1]):
                 raise StudyError(self._nothing_to_resume(folder))
             check_files(journal, as_begun)
-            own = self._begun_with(journal, study)
+            settings = self._begun_with(journal, study)
             with summed(folder, inputs={item.name: item.copy for item in journal.inputs}):
                 pass  # as they are in the journal, if the checksums were lost or are those of an earlier version
             if generations:
-                own = _extended(journal, own, generations)
-            return _run(journal, own, journal.checkpoint(), work)
+                settings = _extended(journal, settings, generations)
+            return _run(journal, settings, journal.checkpoint(), work)
 
     def copies(self, study: _Study) -> list[str]:
         """Names of the files that `copy` will write into a run folder."""
@@ -164,10 +164,10 @@ class FitKind(Generic[_Study, _Fit]):
         content, as_read = self.content(study), study.as_read
         if as_read is None:
             return [], study, content
-        options: dict[str, Any] = {name: getattr(study, name) for name in self.chosen}
+        options: dict[str, Any] = {name: getattr(study, name) for name in self.options}
         total, text = _generations(study), study.text
-        own: _Study = _with_generations(_changed(as_read, **options), total)
-        if text != as_read.text or self.content(own) != content:
+        settings: _Study = _with_generations(_changed(as_read, **options), total)
+        if text != as_read.text or self.content(settings) != content:
             return [], study, content
         for name, value in options.items():
             if value != getattr(as_read, name):
@@ -178,7 +178,7 @@ class FitKind(Generic[_Study, _Fit]):
             places = copy_paths(study.files, self.file, self.results)
             inputs, text = copy_files(study.files, folder, places, text)
         files = {folder.absolute() / item.name: item.copy for item in inputs}
-        return inputs, _changed(own, files=files, text=text), content
+        return inputs, _changed(settings, files=files, text=text), content
 
     def _nothing_to_resume(self, folder: Path) -> str:
         if not folder.is_dir():
@@ -233,11 +233,11 @@ def _check_free(folder: Path, copies: Sequence[str]) -> None:
     if not folder.is_dir():
         refuse_used(folder)
         return
-    own: set[Path] = set()
+    own_copies: set[Path] = set()
     with suppress(StudyError):
-        own = set() if "content" in read_about(folder) else {folder / name for name in copies}
+        own_copies = set() if "content" in read_about(folder) else {folder / name for name in copies}
     files = (path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir())
-    if any(not (path in own or path.name.startswith(_LEFT) or path.suffix == PART) for path in files):
+    if any(not (path in own_copies or path.name.startswith(_LEFT) or path.suffix == PART) for path in files):
         refuse_used(folder)
 
 
@@ -390,7 +390,7 @@ def resume(
         If `generations` is negative, has a fraction or asks for too many, or an argument is of another kind.
     """
     path = file_path(folder, "folder")
-    generations = whole(generations, "generations")
+    generations = integer(generations, "generations")
     if study is not None:
         instance(study, Study, "study")
     flag(as_begun, "as_begun")
@@ -406,7 +406,7 @@ def estimate_again(
     Arguments and errors are those of `resume`; so does a run that is resumed later.
     """
     path = file_path(folder, "folder")
-    return STUDIES.resume(path, _work(listener, threads, None, starts=whole(starts, "starts", 1)), as_begun=True)
+    return STUDIES.resume(path, _work(listener, threads, None, starts=integer(starts, "starts", 1)), as_begun=True)
 
 
 def _work(
@@ -447,8 +447,8 @@ def _work(
                 identified = identify(calibration, threads, starts=many)
                 refits = refits_of(calibration, threads=threads, workers=workers, note=listener.note)
             if identified.estimate:
-                found = at_values(calibration, identified.estimate, threads)
-                calibration = replace(found, warnings=before + found.warnings)
+                adopted = at_values(calibration, identified.estimate, threads)
+                calibration = replace(adopted, warnings=before + adopted.warnings)
         except BaseException:
             journal.check_place()
             write_results(journal.folder, calibration, Identified())  # the fit is kept without its judgement
@@ -473,10 +473,10 @@ def warn_of_targets(
     listener: Listener,
 ) -> tuple[Finding, ...]:
     """Warnings, also to the listener, of a search that goes on with another target of the compiler than before."""
-    found = other_targets(journal, study, objective()) if checkpoint is not None else ()
-    for finding in found:
+    findings = other_targets(journal, study, objective()) if checkpoint is not None else ()
+    for finding in findings:
         listener.note(f"warning: {finding.sentence}")
-    return found
+    return findings
 
 
 STUDIES: FitKind[Study, Calibration] = FitKind(

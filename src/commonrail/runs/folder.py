@@ -89,13 +89,13 @@ def _no_run(folder: Path, made_by: str) -> InputError | None:
     if unfinished := without_result(folder):
         return unfinished
     study = folder if folder.is_file() else folder / STUDY
-    wanted = f"a run folder of {made_by} is expected"
+    expected = f"a run folder of {made_by} is expected"
     if study.is_file():
         what = "this is a file" if study == folder else f"this is the folder of a study, {study}"
         cure = f"`{command('calibrate', study)} --out RUN` makes one"
-        return InputError(f"{folder}: {what}, and {wanted}; {cure}.")
+        return InputError(f"{folder}: {what}, and {expected}; {cure}.")
     if not folder.exists():
-        return InputError(f"{folder}: there is no such folder, and {wanted}; `commonrail runs` lists those below.")
+        return InputError(f"{folder}: there is no such folder, and {expected}; `commonrail runs` lists those below.")
     return None
 
 
@@ -164,22 +164,22 @@ def new_folder(path: Path) -> Iterator[Path]:
     refuse_used(path)
     end = f".{secrets.token_hex(6)}{PART}"
     exists = path.is_dir()
-    part = path.resolve() / end if exists else path.with_name(path.name + end)
+    unfinished = path.resolve() / end if exists else path.with_name(path.name + end)
     with writing(path):
-        part.mkdir(parents=True)
+        unfinished.mkdir(parents=True)
     try:
-        yield part
+        yield unfinished
         check_unheld_stop()
     except BaseException:
-        shutil.rmtree(part, ignore_errors=True)
+        shutil.rmtree(unfinished, ignore_errors=True)
         raise
     with writing(path):
         if not exists:
-            part.rename(path)
+            unfinished.rename(path)
             return
-        for entry in part.iterdir():  # the folder itself may be the one that a shell is in
-            entry.rename(part.parent / entry.name)
-        part.rmdir()
+        for entry in unfinished.iterdir():  # the folder itself may be the one that a shell is in
+            entry.rename(unfinished.parent / entry.name)
+        unfinished.rmdir()
 
 
 def final_text(text: str, folder: Path) -> str:
@@ -235,7 +235,7 @@ def write_results(folder: Path, calibration: Calibration, identified: Mapping[st
     """Write calibrated.toml, the other members, result.json, traces.csv and draws.npz, and their checksums."""
     title = calibration.study.title
     notes = {name: f'calibrated by "{title}"' for name in calibration.best if not is_of_meter(name)}
-    others = {MEMBER.format(number): one for number, one in enumerate(calibration.members[1:], 2)}
+    others = {MEMBER.format(number): member for number, member in enumerate(calibration.members[1:], 2)}
     former = {path.name for path in folder.glob(MEMBER.format("*"))} | {DRAWS}
     with summed(folder, *former):
         dump_injector(calibration.injector, folder / CALIBRATED, notes, meters=calibration.meters)
@@ -323,5 +323,5 @@ def rate_curves(data: Sequence[DataSet], scores: Mapping[str, Sequence[Score]]) 
     """The courses in time among the data with the simulated ones of every label."""
     for i, d in enumerate(data):
         if d.bounds is not None:
-            simulated = {label: own[i].values for label, own in scores.items()}
+            simulated = {label: set_scores[i].values for label, set_scores in scores.items()}
             yield Curve(d.name, d.bounds, {MEASURED: d.measured, **simulated})

@@ -298,20 +298,20 @@ class Journal(JournalFile):
     @property
     def inputs(self) -> list[Input]:
         """Files that the settings were read from; `StudyError` if one would lie outside the run folder."""
-        found = [Input(*map(str, row)) for row in self._table("input")]
-        for item in found:
+        files = [Input(*map(str, row)) for row in self._table("input")]
+        for item in files:
             if Path(item.name).is_absolute() or ".." in Path(item.name).parts:
                 raise StudyError(f"{self.path}: the path {item.name} leaves the run folder; take a copy that is whole.")
-        return found
+        return files
 
     @property
     def generations(self) -> int:
         """Generations wanted after the initial population."""
         with trusted(self.path):
-            wanted = int(self.about["generations"])
-            if wanted < 0:
+            count = int(self.about["generations"])
+            if count < 0:
                 raise ValueError("a count is no number")
-            return wanted
+            return count
 
     def describe(self, about: Mapping[str, str], inputs: list[Input] | None = None) -> None:
         """Write facts of the run, and in place of the former ones the files that the study reads; wait for the disk.
@@ -340,16 +340,16 @@ class Journal(JournalFile):
     def targets(self) -> list[dict[str, str]]:
         """Versions, and the processor that was compiled for, of each session."""
         with trusted(self.path):
-            found = [json.loads(row[-1]) for row in self._table("session")]
-            return [{str(name): str(text) for name, text in target.items()} for target in found]
+            targets = [json.loads(row[-1]) for row in self._table("session")]
+            return [{str(name): str(text) for name, text in target.items()} for target in targets]
 
     def step(self, step: Step, reached: Generation, after: Checkpoint) -> None:
         """Keep one step of an optimiser, as a `Recorder`; what those after it have done is forgotten."""
         stage, last = len(after.stages) - 1, after.stages[-1]
         packed = pack(last._asdict())
-        told = (number_bytes(step.x), number_bytes(step.costs), step.statuses.astype("i1").tobytes())
+        arrays = (number_bytes(step.x), number_bytes(step.costs), step.statuses.astype("i1").tobytes())
         table, number = ("refinement", self._next("refinement")) if stage else ("generation", reached.generation)
-        row = (number, reached.best, reached.mean, last.simulations, last.seconds, *told)
+        row = (number, reached.best, reached.mean, last.simulations, last.seconds, *arrays)
         self._write(
             ("DELETE FROM refinement WHERE ? = 0", (stage,)),
             ("DELETE FROM state WHERE stage >= ?", (stage,)),
@@ -373,17 +373,17 @@ class Journal(JournalFile):
 
     def _trials(self) -> list[tuple[Floats, Floats]]:
         """Trials (n, d) [SI] and costs (n,) of each generation and refinement."""
-        found, widths = [], set()
+        steps, widths = [], set()
         for table in ("generation", "refinement"):
             for *_, trials, costs, statuses in self._table(table):
                 if len(costs) != 8 * len(statuses):
                     raise ValueError("a generation has not as many costs as trials")
-                told = np.frombuffer(costs, "<f8")
-                found.append((np.frombuffer(trials, "<f8").reshape(len(told), -1), told))
-                widths.add(found[-1][0].shape[1])
+                cost_array = np.frombuffer(costs, "<f8")
+                steps.append((np.frombuffer(trials, "<f8").reshape(len(cost_array), -1), cost_array))
+                widths.add(steps[-1][0].shape[1])
         if len(widths) > 1:
             raise ValueError("a generation has not as many costs as trials")
-        return found
+        return steps
 
     def best_step(self) -> tuple[Floats, Floats]:
         """Trials (n, d) [SI] and costs (n,) of the step that found the lowest cost; empty before the first one."""
@@ -406,8 +406,8 @@ def best_course(folder: Path) -> Floats:
             at = int(np.argmin(values))
             if values[at] < lowest or not best:
                 lowest = float(values[at])
-                found = np.frombuffer(trials, "<f8").reshape(len(values), -1)[at]
-            best.append(found)
+                candidate = np.frombuffer(trials, "<f8").reshape(len(values), -1)[at]
+            best.append(candidate)
     return np.array(best)
 
 

@@ -79,16 +79,16 @@ def _run_folders(top: Path) -> Iterator[Path]:
 def _run(folder: Path) -> Run:
     try:
         about = read_about(folder)
-        held = _is_held(folder / LOCK)
-        if not held and about.get("state") == State.RUNNING:
+        is_running = _is_held(folder / LOCK)
+        if not is_running and about.get("state") == State.RUNNING:
             about = read_about(folder)  # it may have ended between the two looks
         state = about.get("state", STOPPED)
         changed = about["changed"]
         return Run(
             folder,
-            state if held == (state == State.RUNNING) else (State.RUNNING if held else STOPPED),
+            state if is_running == (state == State.RUNNING) else (State.RUNNING if is_running else STOPPED),
             about.get("title", ""),
-            "" if held else about.get("reason", ""),
+            "" if is_running else about.get("reason", ""),
             about["generations done"],
             1 + int(about.get("generations", -1)),
             about["refinements"],

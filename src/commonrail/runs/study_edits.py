@@ -100,22 +100,21 @@ def widen_study(path: Path, run: Path) -> tuple[Study, list[MovedBound]]:
     `read_result` and `load_study`.
     """
     study, parameters = load_study(path), read_result(run)["parameters"]
-    known = {parameter.name: parameter for parameter in study.space.parameters}
-    if {one["name"] for one in parameters} != set(known):
+    free = {parameter.name: parameter for parameter in study.space.parameters}
+    if {row["name"] for row in parameters} != set(free):
         raise StudyError(f"{run}: this run has other parameters than {path}; name a run of that study.")
-    met = [one for one in parameters if one["at_bound"] and one["name"] != FUEL_TEMPERATURE]
-    moved = [
-        one for one in (widen_bound(one, known[one["name"]].scale == "log") for one in met) if one.after != one.before
-    ]
+    met = [row for row in parameters if row["at_bound"] and row["name"] != FUEL_TEMPERATURE]
+    widened = [widen_bound(row, free[row["name"]].scale == "log") for row in met]
+    moved = [bound for bound in widened if bound.after != bound.before]
     if not moved:
         raise StudyError(f"{run}: no parameter has met a bound that can be widened; calibrate without --widen.")
 
     def change(document: Any) -> None:
-        complete(document, list(known))
+        complete(document, list(free))
         for parameter in parameters:
-            own = {one.side: one.after for one in moved if one.name == parameter["name"]}
+            moved_bounds = {bound.side: bound.after for bound in moved if bound.name == parameter["name"]}
             for side in ("lower", "upper"):
-                before, after = getattr(known[parameter["name"]], side), own.get(side, float(parameter[side]))
+                before, after = getattr(free[parameter["name"]], side), moved_bounds.get(side, float(parameter[side]))
                 if after < before if side == "lower" else after > before:
                     table, unit = table_of(document, parameter), parameter["unit"]
                     table[side] = to_text(after, unit)
@@ -147,10 +146,10 @@ def free_in(injector: Injector, free: Sequence[str], names: Sequence[str]) -> Ca
 
     def change(document: Any) -> None:
         complete(document, free)
-        there = set(document.get("meters", {}))
+        existing = set(document.get("meters", {}))
         for name in names:
             if is_of_meter(name):
-                _free_of_meter(document, *parts_of(name), is_new=parts_of(name)[0] not in there)
+                _free_of_meter(document, *parts_of(name), is_new=parts_of(name)[0] not in existing)
             else:
                 _free_of_injector(document, with_usual_prior(injector, usual_parameter(injector, name)))
 
@@ -166,7 +165,7 @@ def _free_of_injector(document: Any, parameter: Parameter) -> None:
         value, sigma = (exact(size, parameter.unit) for size in (parameter.prior.value, parameter.prior.sigma))
         values["prior"] = tomlkit.inline_table() | {"value": value, "sigma": sigma, "source": USUAL}
     fixed = document.get("fixed", [])
-    for i in reversed([i for i, one in enumerate(fixed) if one["name"] == parameter.name]):
+    for i in reversed([i for i, table in enumerate(fixed) if table["name"] == parameter.name]):
         del fixed[i]  # its value is that of the injector here
     append(document, "parameter", values)
 

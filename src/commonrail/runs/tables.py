@@ -61,8 +61,8 @@ class Schema:
 
 
 def _tables(connection: sqlite3.Connection) -> dict[str, str]:
-    found = connection.execute("SELECT name, sql FROM sqlite_master WHERE sql NOT NULL")
-    return {str(name): re.sub(r"--.*|\s+", "", str(text)) for name, text in found}
+    rows = connection.execute("SELECT name, sql FROM sqlite_master WHERE sql NOT NULL")
+    return {str(name): re.sub(r"--.*|\s+", "", str(text)) for name, text in rows}
 
 
 # Tables of a run's journal. Arrays are the bytes of little-endian numbers: 64-bit floats, statuses 8-bit integers.
@@ -140,7 +140,7 @@ def unpack(text: str, content: bytes) -> dict[str, Any]:
     """A state from what `pack` made of it; `ValueError`, `TypeError` or `KeyError` if it is not whole."""
     left = memoryview(content)
 
-    def whole(table: dict[str, Any]) -> Any:
+    def restore_array(table: dict[str, Any]) -> Any:
         nonlocal left
         if set(table) != {_ARRAY}:
             return table
@@ -151,7 +151,7 @@ def unpack(text: str, content: bytes) -> dict[str, Any]:
         left = left[size:]
         return array.astype(dtype.newbyteorder("="))
 
-    state = json.loads(text, object_hook=whole)
+    state = json.loads(text, object_hook=restore_array)
     if not isinstance(state, dict) or len(left):
         raise ValueError("a state is not whole")
     return state
@@ -178,11 +178,11 @@ Statement = tuple[str, tuple[Any, ...]]
 
 def seal(table: str, values: Sequence[Any]) -> str:
     """SHA-256 of a row: of its table, and of type and content of each value; `TypeError` for one of another kind."""
-    found = hashlib.sha256()
+    row_hash = hashlib.sha256()
     for content in (table, *values):
         kind, piece = _bytes(content)
-        found.update(kind + struct.pack("<q", len(piece)) + piece)
-    return found.hexdigest()
+        row_hash.update(kind + struct.pack("<q", len(piece)) + piece)
+    return row_hash.hexdigest()
 
 
 def _bytes(value: Any) -> tuple[bytes, bytes]:

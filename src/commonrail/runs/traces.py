@@ -94,8 +94,8 @@ def read_curves(path: Path, measured: str, before: Sequence[str] = ()) -> dict[t
     sheet = WrittenTable(path, most=MOST_SAMPLES)
     head, rest = (*before, *_KEYS), sheet.names[len(before) + len(_KEYS) :]
     labels = [cell.removesuffix(_UNIT) for cell in rest]
-    whole = all(cell.endswith(_UNIT) for cell in rest) and len({*labels}) == len(labels)
-    if (*sheet.names[: len(head)],) != head or measured not in labels or not whole:
+    is_valid = all(cell.endswith(_UNIT) for cell in rest) and len({*labels}) == len(labels)
+    if (*sheet.names[: len(head)],) != head or measured not in labels or not is_valid:
         raise InputError(f'{path}: the header is not that of curves, "{",".join(head)},{measured}{_UNIT},…".')
     if len(sheet.names) > MOST_COLUMNS:
         raise InputError(f"{path}: the header has {len(sheet.names)} columns, and at most {MOST_COLUMNS} are read.")

@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.util import Finalize
 from typing import Any, NamedTuple
 
-from commonrail.base.arguments import LARGEST_WHOLE, whole
+from commonrail.base.arguments import LARGEST_WHOLE, integer
 from commonrail.base.child import SAFE_PATH
 from commonrail.base.errors import CommonrailError, ConfigurationError, StudyError
 from commonrail.base.hooks import STOP_SIGNALS
@@ -54,7 +54,7 @@ USUAL = Limits()
 def check_count(count: int) -> None:
     """Refuse (`ConfigurationError`) a number of workers that is not between 1 and eight for each processor."""
     processors = usable_threads()
-    count = whole(count, "number of workers", -LARGEST_WHOLE)
+    count = integer(count, "number of workers", -LARGEST_WHOLE)
     if not 1 <= count <= CROWD * processors:
         raise ConfigurationError(
             f"The number of workers must lie between 1 and {CROWD * processors}, {CROWD} for each processor of this "
@@ -211,8 +211,8 @@ def how_it_ended(code: int) -> str:
     """End of a sentence about a process with an exit code, which is negative if a signal ended it."""
     if code >= 0:
         return f"ended with exit code {code}"
-    known = {number.value: number.name for number in signal.Signals}
-    return f"was ended by {known.get(-code, f'signal {-code}')}"
+    names = {number.value: number.name for number in signal.Signals}
+    return f"was ended by {names.get(-code, f'signal {-code}')}"
 
 
 class ProcessPool:
@@ -270,14 +270,14 @@ class ProcessPool:
         passed = waited(start)
         for i, worker in enumerate(self._workers):
             if worker.pipe in ready:
-                found = self._take(i, worker)
+                outcome = self._take(i, worker)
             elif worker.task is None and worker.up:
                 continue
             else:
                 worker.left -= passed
-                found = self._lose(i, f"gave no answer within {worker.allowed:.6g} s") if worker.left < 0.0 else None
-            if found is not None:
-                yield found
+                outcome = self._lose(i, f"gave no answer within {worker.allowed:.6g} s") if worker.left < 0.0 else None
+            if outcome is not None:
+                yield outcome
 
     def _take(self, i: int, worker: _Worker) -> tuple[Task, Outcome] | None:
         try:

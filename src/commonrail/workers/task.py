@@ -93,11 +93,11 @@ def unpack(package: Package) -> Work:
 
 def software(same_bits: bool = False) -> tuple[tuple[str, str], ...]:
     """Versions and target of the compiler, which decide over the bits of a result; with `same_bits` versions alone."""
-    found = describe()
+    target = describe()
     if same_bits:
-        return found.versions
-    machine = {name: value for name, value in found.machine.items() if name != "processor"}  # its code is the target's
-    return tuple((dict(found.versions) | machine).items())
+        return target.versions
+    machine = {name: value for name, value in target.machine.items() if name != "processor"}  # its code is the target's
+    return tuple((dict(target.versions) | machine).items())
 
 
 def unlike(run: Mapping[str, str], worker: Mapping[str, str]) -> str:
@@ -105,17 +105,17 @@ def unlike(run: Mapping[str, str], worker: Mapping[str, str]) -> str:
 
     What the worker's lacks is not installed.
     """
-    found = [
-        differences({name: there}, {name: worker[name]}).replace(", now", "")
+    differing = [
+        differences({name: expected}, {name: worker[name]}).replace(", now", "")
         if name == "features" and name in worker
-        else f"{name} {worker.get(name) or 'missing'} in place of {there}"
-        for name, there in run.items()
-        if worker.get(name) != there
+        else f"{name} {worker.get(name) or 'missing'} in place of {expected}"
+        for name, expected in run.items()
+        if worker.get(name) != expected
     ]
-    if not found:
+    if not differing:
         return ""
     return (
-        f"other software than this run: {', '.join(found)}; install the same versions, for instance with "
+        f"other software than this run: {', '.join(differing)}; install the same versions, for instance with "
         "constraints.txt, on machines with the same processors."
     )
 

@@ -43,7 +43,7 @@ def test_whitened_residuals_of_proportional_noise_have_unit_variance_everywhere(
 def test_the_scale_is_a_standard_deviation_at_each_rate() -> None:
     e = errors(1)
     found = fit_noise(block(RATE - e, Noise(sigma=0.02, relative=0.01)), e, 0.0)
-    assert found.known
+    assert found.stated
     assert found.sigma + found.relative * RATE == pytest.approx(DEVIATION)
     assert found.value_scale * found.growth.shape == pytest.approx(DEVIATION)
     assert np.sum(np.log(found.growth.shape)) == pytest.approx(0.0, abs=1e-9)

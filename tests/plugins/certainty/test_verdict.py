@@ -99,7 +99,7 @@ def test_a_delay_is_found_and_withdraws_the_verdict(correlation: Correlation) ->
     late = 0.5 * bump(t - 0.004) + 0.2 * rng.standard_normal(N)
     found = fitted(of_bump(late, noise))
     (test,) = lack_of_fit(found, 1)
-    assert test.found
+    assert test.detected
     assert test.suspect == "delay"
     assert withdrawal(found, [test]) == test.sentence
     assert judged(found, 0.9)[0].verdict is ParameterVerdict.NOT_CONFIRMED
@@ -112,14 +112,14 @@ def test_the_score_test_is_seldom_alarmed_by_noise() -> None:
     for seed in range(150):
         rng = np.random.default_rng(100 + seed)
         (test,) = lack_of_fit(fitted(of_bump(0.5 * bump(t) + 0.2 * rng.standard_normal(N), STATED)), 1)
-        alarms += test.found
+        alarms += test.detected
     assert alarms <= 6
 
 
 def test_residuals_beyond_a_stated_sigma_are_found() -> None:
     noise = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE, sigma=0.1)
     test = lack_of_fit(fitted(likelihood([curve(7)], [design()], [noise])), 3)[0]
-    assert test.found
+    assert test.detected
     assert "times as large as the noise is stated to be" in test.sentence
 
 
@@ -128,7 +128,7 @@ def test_zeros_of_a_quiet_meter_raise_no_alarm() -> None:
     x, alarms = np.vstack([design(), np.zeros((900, 3))]), 0
     for seed in range(15):
         tests = lack_of_fit(fitted(likelihood([np.append(curve(300 + seed), np.zeros(900))], [x], [STATED])), 3)
-        alarms += any(test.found for test in tests)
+        alarms += any(test.detected for test in tests)
     assert alarms <= 1  # at a level of 1 %; half of them with zeros for samples
 
 
@@ -167,5 +167,5 @@ def test_a_fixed_value_that_is_wrong_is_named(wrong: float, alarm: bool) -> None
     causes = {f"cause {i}": np.sin((7.0 + 4.0 * i) * t) for i in range(6)}
     found = fitted(likelihood([curve(21, wrong * causes["cause 3"])], [design()], [STATED]))
     test = lack_of_fit(found, 3, causes)[-1]
-    assert (test.name, test.found) == (FIXED, alarm)
+    assert (test.name, test.detected) == (FIXED, alarm)
     assert not alarm or test.suspect == "cause 3"

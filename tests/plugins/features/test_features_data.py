@@ -148,7 +148,7 @@ def test_a_mass_is_compared_with_a_mass_whatever_the_density(regulated: Injector
     data = read(regulated, tmp_path, TRAIN + 'threshold = "5 mm3/ms"\n' + stated)
     density = reference_density(regulated, data.curve.point)
     one = data.simulated(itself(regulated), ITSELF)[0]
-    batch = itself(regulated).batch(data.simulated_points, ITSELF, whole=True)
+    batch = itself(regulated).batch(data.simulated_points, ITSELF, to_horizon=True)
     assert one[2] == pytest.approx(batch.returned_mass[0, -1] / density, rel=1e-12)
     metered = data.changed(meter=Meter("bench", {"density": 0.9 * density})).simulated(itself(regulated), ITSELF)[0]
     # the same mass is a larger volume in the meter; 1e-4: a threshold in mm³/ms is passed a little sooner

@@ -15,7 +15,7 @@ from commonrail.calibration.optimisers.evolution import EvolutionSettings
 from commonrail.plugins.foreign_fmu.data import FmuInputs, fmu_curve, fmu_rows
 from commonrail.plugins.foreign_fmu.file import fmu_record
 from commonrail.plugins.foreign_fmu.fit import calibrate_fmu
-from commonrail.plugins.foreign_fmu.fmu import Asked, FmuStatus, FmuWork, opened, read_fmu, unpacked
+from commonrail.plugins.foreign_fmu.fmu import Asked, FmuStatus, FmuWork, open_simulator, read_fmu, unpack
 from commonrail.plugins.foreign_fmu.page import fmu_lines
 from commonrail.plugins.foreign_fmu.study import fmu_study
 from tests.plugins.foreign_fmu.samples import TIMES, TRUTH, decay_data
@@ -35,7 +35,7 @@ def test_a_reference_equation_is_calibrated_in_ten_lines_though_a_fifth_of_all_r
     failed = fit.failures["fmu_error"]
     assert failed == fit.counts.failed
     assert 0.05 < failed / fit.counts.simulated < 0.45  # a fifth of 70, give or take what chance allows at 3 sigma
-    assert "no solution at k = " in fit.told["fmu_error"]
+    assert "no solution at k = " in fit.messages["fmu_error"]
     assert fit.simulated["best"]["decay"] == pytest.approx(study.data[0].measured, rel=1e-6)
 
 
@@ -56,8 +56,8 @@ def test_a_stopped_calibration_has_findings_that_say_so(decay_fmu):
         fmu_study(decay_fmu, decay_data(), free=FREE, step=0.1, method=SHORT), processes=1, progress=stop
     )
     assert fit.status == "interrupted"
-    assert fit.found["k"]["standard_error"] is None
-    assert fit.found["k"]["verdict"] == "not judged: the search was stopped"
+    assert fit.estimates["k"]["standard_error"] is None
+    assert fit.estimates["k"]["verdict"] == "not judged: the search was stopped"
     assert fit.step_effect == {}
 
 
@@ -98,12 +98,12 @@ def failing(kind: int):
 def test_a_failure_is_a_status_with_the_fmu_s_own_words(decay_fmu, monkeypatch, kind, status, said):
     monkeypatch.setattr("commonrail.plugins.foreign_fmu.fmu._keep_the_output_clean", lambda: None)
     fmu = read_fmu(decay_fmu)
-    with unpacked(fmu) as folder:
+    with unpack(fmu) as folder:
         work = FmuWork(str(folder), fmu.digest, ("k",), failing(kind).runs, 0.1)
         answered = work(Asked(0, (BAD,)))
         beside = work(Asked(0, (GOOD[0],)))
     assert answered.status == status
-    assert said in answered.told
+    assert said in answered.message
     assert np.isnan(answered.values).all()
     assert beside.status == FmuStatus.FMU_OK
     assert beside.values == pytest.approx(np.exp(-GOOD[0] * TIMES), rel=1e-12)
@@ -124,7 +124,7 @@ def rows():
 def simulator(decay_fmu):
     """One process with the FMU, replaced when it ends; no time limit that a busy machine could meet."""
     data = [failing(3), failing(5), forced(), rows()]
-    with opened(read_fmu(decay_fmu), ["k"], data, 0.1, 600.0, 1) as found:
+    with open_simulator(read_fmu(decay_fmu), ["k"], data, 0.1, 600.0, 1) as found:
         yield found
 
 
@@ -135,7 +135,7 @@ def test_an_fmu_that_ends_its_process_fails_its_own_candidate_alone(simulator, k
     assert np.isnan(simulated.values[1]).all()
     for row, k in zip((0, 2), GOOD, strict=True):
         assert simulated.values[row] == pytest.approx(np.exp(-k * TIMES), rel=1e-12)
-    assert status in simulator.told
+    assert status in simulator.messages
 
 
 def test_inputs_and_rows_of_values_are_simulated(simulator):
@@ -146,7 +146,7 @@ def test_inputs_and_rows_of_values_are_simulated(simulator):
 @pytest.mark.slow
 def test_an_fmu_that_hangs_is_ended(decay_fmu):
     data = failing(6)
-    with opened(read_fmu(decay_fmu), ["k"], [data], 0.1, 1.0, 1) as simulator:
+    with open_simulator(read_fmu(decay_fmu), ["k"], [data], 0.1, 1.0, 1) as simulator:
         simulated = simulator.simulate([data], np.array([[BAD]]))
     assert simulated.statuses.tolist() == [int(FmuStatus.FMU_TOO_LONG)]
 
@@ -167,7 +167,7 @@ def test_the_number_of_processes_does_not_change_the_result(decay_fmu):
     data = decay_data(0.2)
     found = []
     for processes in (1, 2):
-        with opened(read_fmu(decay_fmu), ["k"], [data], 0.1, 60.0, processes) as simulator:
+        with open_simulator(read_fmu(decay_fmu), ["k"], [data], 0.1, 60.0, processes) as simulator:
             simulated = simulator.simulate([data], np.linspace(0.5, 3.0, 9)[:, None])
         found.append((simulated.values.tobytes(), simulated.statuses.tobytes()))
     assert found[0] == found[1]

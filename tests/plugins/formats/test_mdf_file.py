@@ -70,7 +70,7 @@ def test_two_libraries_write_records_that_are_read_alike(tmp_path: Path) -> None
     own, foreign = read(written(tmp_path / "own.mf4", ("g", [signal(RATE)]))), read(tmp_path / "other.mf4")
     for name in ("time", "ROI"):
         np.testing.assert_array_equal(own.columns[name], foreign.columns[name])
-    assert own.given == foreign.given == {"time": "s", "ROI": "mm3/ms"}
+    assert own.written_units == foreign.written_units == {"time": "s", "ROI": "mm3/ms"}
     assert read(tmp_path / "other.mf4", time="t").columns["t"].tolist() == foreign.columns["time"].tolist()
 
 

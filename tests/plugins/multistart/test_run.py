@@ -48,7 +48,7 @@ def searched(
 def steps(search: MultiStartLeastSquares, residuals: Residuals, costs: Callable[[Floats], Floats]) -> Iterator[int]:
     while not search.finished:
         trials = search.ask()
-        search.tell(residuals(trials.x) if trials.wanted is Question.RESIDUALS else costs(trials.x))
+        search.tell(residuals(trials.x) if trials.question is Question.RESIDUALS else costs(trials.x))
         yield search.steps
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from commonrail.calibration.optimisers.registry import named
+from commonrail.calibration.optimisers.registry import find_optimiser
 from tests.cli.conftest import run_command
 from tests.distribution import package, run_tests
 
@@ -26,7 +26,7 @@ def test_its_own_tests_pass(written: Path, tmp_path: Path) -> None:
 
 def test_its_parts_are_found_once_it_is_installed(written: Path, tmp_path: Path) -> None:
     with package(written, tmp_path / "site"):
-        assert named("own-parts search") is not None
+        assert find_optimiser("own-parts search") is not None
         assert run_command("own-parts", "--help").status == 0
         facts = run_command("--help").out
         assert "own-parts" in facts

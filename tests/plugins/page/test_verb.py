@@ -52,7 +52,7 @@ def test_without_zig_it_names_what_to_install(monkeypatch: pytest.MonkeyPatch, t
         return None
 
     monkeypatch.setattr(object_files.importlib.util, "find_spec", missing)
-    monkeypatch.setattr(module, "kept_or_made", lambda name, make: make())  # as on the first day
+    monkeypatch.setattr(module, "get_or_make", lambda name, make: make())  # as on the first day
     done = run_command("page", "virtual-lino-2016", "--out", tmp_path / "bench.html")
     assert done.status == 2
     assert "pip install 'commonrail[export]'" in done.sentence

@@ -78,7 +78,7 @@ def test_the_gain_kept_is_that_of_the_fit_at_160(figures: Figures) -> None:
 def test_the_fits_at_unseen_pressures_are_to_their_own_curves(done: Reproduction) -> None:
     first = done.repetitions[0]
     for data in first.data[1:]:
-        found = first.own[data.name]
+        found = first.own_curve_searches[data.name]
         objective = Objective(done.bench.injector, first.space.names, [data], done.bench.time_step)
         assert objective.costs(found.x[None, :]).costs[0] == found.cost
 

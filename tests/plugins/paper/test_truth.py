@@ -13,7 +13,7 @@ from commonrail.plugins.paper.bench import Friction, Truth
 
 
 def test_the_hidden_injector_is_the_fitted_one_altered(truth: Truth, pwm: Injector) -> None:
-    hidden = truth.hidden(pwm)
+    hidden = truth.make_true_injector(pwm)
     changed = {name for name, value in hidden.values.items() if value != pwm.values[name]}
     assert changed == {*(f"plunger_needle.k{i}" for i in range(1, 8)), "rail.volume"}
     assert hidden.variant == pwm.variant._replace(boundary=Boundary.VOLUME)
@@ -22,7 +22,7 @@ def test_the_hidden_injector_is_the_fitted_one_altered(truth: Truth, pwm: Inject
 
 def test_a_value_that_no_injector_has_is_refused(pwm: Injector) -> None:
     with pytest.raises(ConfigurationError, match=r"there is no parameter plunger_needle\.k8"):
-        Truth("t", "t", "virtual-lino-2016", {"plunger_needle.k8": 1.0}).hidden(pwm)
+        Truth("t", "t", "virtual-lino-2016", {"plunger_needle.k8": 1.0}).make_true_injector(pwm)
 
 
 def test_the_facts_are_every_number_of_the_file(truth: Truth) -> None:

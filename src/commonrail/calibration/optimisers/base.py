@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import instance, settle, whole
+from commonrail.base.arguments import instance, integer, settle
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.errors import ConfigurationError, StudyError
 from commonrail.calibration.space import Space
@@ -73,10 +73,12 @@ def check_counts(settings: Any) -> None:
     ConfigurationError
         If one is not whole or beyond its limits.
     """
-    for one in fields(settings):
-        if "most" in one.metadata:
-            value = whole(getattr(settings, one.name), one.name, one.metadata["least"], one.metadata["most"])
-            settle(settings, **{one.name: value})
+    for setting in fields(settings):
+        if "most" in setting.metadata:
+            value = integer(
+                getattr(settings, setting.name), setting.name, setting.metadata["least"], setting.metadata["most"]
+            )
+            settle(settings, **{setting.name: value})
 
 
 class Question(Enum):
@@ -96,7 +98,7 @@ class Trials(NamedTuple):
 
     x: Floats
     simulate: Bools
-    wanted: Question = Question.COSTS
+    question: Question = Question.COSTS
 
 
 class Best(NamedTuple):
@@ -140,9 +142,9 @@ Work = Generator[Trials, Floats, None]
 """A step: questions are yielded, answers are sent in."""
 
 
-def asked(x: Floats, wanted: Question = Question.COSTS) -> Trials:
+def asked(x: Floats, question: Question = Question.COSTS) -> Trials:
     """Question about points (n, d), SI, all of which are simulated."""
-    return Trials(x, np.ones(len(x), bool), wanted)
+    return Trials(x, np.ones(len(x), bool), question)
 
 
 class Optimiser(ABC):
@@ -237,12 +239,12 @@ class Optimiser(ABC):
         """
         if self._asked is None or self._work is None:
             raise StudyError("answers were told before any trials were asked for: ask first")
-        trials, told = self._asked, _checked(answers, self._asked)
-        if trials.wanted is not Question.COSTS_AGAIN:
-            finite = np.isfinite(told)
-            self.counts = self.counts.plus(trials.simulate, finite if told.ndim == 1 else np.all(finite, axis=1))
+        trials, checked = self._asked, _checked(answers, self._asked)
+        if trials.question is not Question.COSTS_AGAIN:
+            finite = np.isfinite(checked)
+            self.counts = self.counts.plus(trials.simulate, finite if checked.ndim == 1 else np.all(finite, axis=1))
         try:
-            self._asked = self._work.send(told)
+            self._asked = self._work.send(checked)
         except StopIteration:
             self._asked = None
             self.steps += 1
@@ -326,17 +328,17 @@ def inside(unit: Floats) -> bool:
 
 def _checked(answers: ArrayLike, trials: Trials) -> Floats:
     """Residuals (n, m) as they are; costs (n,) with +inf for trials not simulated and those that are not finite."""
-    told = np.asarray(answers, dtype=float)
-    residuals = trials.wanted in (Question.RESIDUALS, Question.SCREENED)
-    if told.ndim != 1 + residuals or len(told) != len(trials.x):
-        what, one = ("residuals", "row") if residuals else ("costs", "cost")
+    array = np.asarray(answers, dtype=float)
+    residuals = trials.question in (Question.RESIDUALS, Question.SCREENED)
+    if array.ndim != 1 + residuals or len(array) != len(trials.x):
+        what, item = ("residuals", "row") if residuals else ("costs", "cost")
         raise StudyError(
-            f"{what}: an array of shape {told.shape} was told for {len(trials.x)} trials, expected one {one} for each "
-            "trial in the order asked for"
+            f"{what}: an array of shape {array.shape} was given for {len(trials.x)} trials, expected one {item} for "
+            "each trial in the order asked for"
         )
     if residuals:
-        return told
-    return np.where(trials.simulate & np.isfinite(told), told, np.inf)
+        return array
+    return np.where(trials.simulate & np.isfinite(array), array, np.inf)
 
 
 # Members of a population with their costs: the best of them, and their part of a state.
@@ -360,15 +362,15 @@ def diverse_members(unit: ArrayLike, costs: ArrayLike, n: int) -> IndexArray:
 
 def farthest(points: Floats, n: int) -> IndexArray:
     """Rows of up to n distinct ones of the points (k, d), the first one first, each farthest from those before."""
-    chosen: list[int] = []
+    rows: list[int] = []
     distance = np.full(len(points), np.inf)
-    while len(chosen) < n:
+    while len(rows) < n:
         row = int(np.argmax(distance))
         if distance[row] == 0.0:
             break
-        chosen.append(row)
+        rows.append(row)
         distance = np.minimum(distance, np.linalg.norm(points - points[row], axis=1))
-    return np.array(chosen, dtype=np.intp)
+    return np.array(rows, dtype=np.intp)
 
 
 HOP = 0.06  # standard deviation of a hop away from the best, as a share of each range
@@ -376,14 +378,14 @@ HOP = 0.06  # standard deviation of a hop away from the best, as a share of each
 
 def hop(space: Space, best: Floats, rng: np.random.Generator) -> Floats:
     """A feasible point (d,) a normal step away from the best (d,), drawn back where it breaks a constraint, SI."""
-    there = space.from_unit(np.clip(space.to_unit(best) + rng.normal(0.0, HOP, space.dimension), 0.0, 1.0))
-    return np.asarray(space.pull_back(best[None, :], there[None, :])[0])
+    target = space.from_unit(np.clip(space.to_unit(best) + rng.normal(0.0, HOP, space.dimension), 0.0, 1.0))
+    return np.asarray(space.pull_back(best[None, :], target[None, :])[0])
 
 
 def ranked(best: Best, x: Floats, costs: Floats) -> tuple[Best, ...]:
     """Ends (n, d) of descents, SI, by rising cost (n,); the best point of the search stands for the first one."""
-    found = [Best(point, float(cost)) for point, cost in zip(x, costs, strict=True) if np.isfinite(cost)]
-    return (best, *sorted(found, key=lambda end: end.cost)[1:])
+    ends = [Best(point, float(cost)) for point, cost in zip(x, costs, strict=True) if np.isfinite(cost)]
+    return (best, *sorted(ends, key=lambda end: end.cost)[1:])
 
 
 class Registered(NamedTuple):

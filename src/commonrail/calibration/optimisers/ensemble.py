@@ -44,7 +44,9 @@ def moved(feasible: FeasibleSet, unit: Floats, residuals: Floats) -> Floats:
     """
     scaled = residuals / size_of(residuals)
     share = 1.0 / np.sqrt(max(len(unit) - 1, 1))
-    apart, away = (share * (part - part.mean(axis=0)) for part in (scaled, unit))
+    residual_anomalies, away = (share * (values - values.mean(axis=0)) for values in (scaled, unit))
     noise = max(residuals.shape[1] / (COUNTED * unit.shape[1]), 1.0)
-    weights = np.linalg.solve(apart @ apart.T + noise * np.eye(len(unit)), apart @ scaled.T)
+    weights = np.linalg.solve(
+        residual_anomalies @ residual_anomalies.T + noise * np.eye(len(unit)), residual_anomalies @ scaled.T
+    )
     return feasible.within(unit, unit - weights.T @ away)

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import array, chosen, number, settle
+from commonrail.base.arguments import array, enum_member, number, settle
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.optimisers.base import (
@@ -200,9 +200,9 @@ def _resample(space: Space, parents: Floats, trials: Floats, redraw: Redraw) -> 
     if len(broken):
         further = redraw(broken)
         feasible = _feasible(space, further)
-        found = feasible.any(axis=1)
+        has_feasible = feasible.any(axis=1)
         first = feasible.argmax(axis=1)
-        unit[broken[found]] = further[found, first[found]]
+        unit[broken[has_feasible]] = further[has_feasible, first[has_feasible]]
     return _repair(space, parents, unit, redraw)
 
 
@@ -301,8 +301,8 @@ class EvolutionSettings:
             self,
             crossover=number(self.crossover, "1", "crossover"),
             factor=tuple(factor),
-            treatment=chosen(self.treatment, Treatment, "treatment"),
-            initial=chosen(self.initial, InitialSampling, "initial"),
+            treatment=enum_member(self.treatment, Treatment, "treatment"),
+            initial=enum_member(self.initial, InitialSampling, "initial"),
         )
         if not 0.0 <= self.crossover <= 1.0:
             raise ConfigurationError(f"crossover = {self.crossover:g} must lie between 0 and 1.")
@@ -371,16 +371,16 @@ class DifferentialEvolution(Optimiser):
     def _step(self) -> Work:
         """One generation: trials, and the selection of the survivors, Eq. (20)."""
         trial = self._next() if self.steps else self._first()
-        told = yield Trials(trial.x, trial.simulate)
+        costs = yield Trials(trial.x, trial.simulate)
         if self.steps:
-            better = wins((told, trial.violation), (self.costs, self._violations))
-            told = np.where(better, told, self.costs)
+            better = wins((costs, trial.violation), (self.costs, self._violations))
+            costs = np.where(better, costs, self.costs)
             trial = Treated(
                 np.where(better[:, None], trial.unit, self._unit),
                 np.where(better, trial.violation, self._violations),
                 trial.x,
             )
-        self._take(trial.unit, told, trial.violation)
+        self._take(trial.unit, costs, trial.violation)
 
     def _take(self, unit: Floats, costs: Floats, violations: Floats) -> None:
         """Take members (n, d), their costs (n,) and violations (n,) as the population."""

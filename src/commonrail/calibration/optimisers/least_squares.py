@@ -186,7 +186,7 @@ class Descents(NamedTuple):
 
     def at(self, rows: IndexArray | Bools) -> Descents:
         """Copies of some of the descents."""
-        return Descents._make(part[rows] for part in self)
+        return Descents._make(array[rows] for array in self)
 
     def joined(self, others: Descents) -> Descents:
         """These descents and others behind them."""
@@ -194,7 +194,7 @@ class Descents(NamedTuple):
 
     def record(self) -> dict[str, Any]:
         """Part of a state; derivatives would be most of it, and are taken anew."""
-        return {name: part.copy() for name, part in self._asdict().items() if name != "slopes"}
+        return {name: array.copy() for name, array in self._asdict().items() if name != "slopes"}
 
     @classmethod
     def recorded(cls, state: Mapping[str, Any], dimension: int) -> Descents:
@@ -209,7 +209,7 @@ class Descents(NamedTuple):
         count = len(unit)
         if unit.shape != (count, dimension) or residuals.shape[:1] != (count,) or residuals.ndim != 2:
             raise ConfigurationError("state: its descents are not whole; take a whole state")
-        if {part.shape for part in (damping, gain, small, running)} != {(count,)}:
+        if {array.shape for array in (damping, gain, small, running)} != {(count,)}:
             raise ConfigurationError("state: its descents are not whole; take a whole state")
         if not inside(unit):
             raise ConfigurationError("state: its descents lie outside the bounds; take a whole state")
@@ -273,9 +273,9 @@ class FeasibleSet(NamedTuple):
         if broken.any():
             anchors = np.clip(start[broken], 0.0, 1.0)
             pulled = space.pull_back(space.from_unit(anchors), space.from_unit(inside[broken]))
-            found = np.clip(space.to_unit(pulled), 0.0, 1.0)
-            feasible = space.satisfies(space.from_unit(found))  # the way to unit coordinates and back rounds
-            inside[broken] = np.where(feasible[:, None], found, anchors)
+            rounded = np.clip(space.to_unit(pulled), 0.0, 1.0)
+            feasible = space.satisfies(space.from_unit(rounded))  # the way to unit coordinates and back rounds
+            inside[broken] = np.where(feasible[:, None], rounded, anchors)
         return inside
 
 
@@ -337,7 +337,7 @@ class Model(NamedTuple):
 
     def at(self, rows: IndexArray) -> Model:
         """Some of the models."""
-        return Model._make([*(part[rows] for part in self[:-1]), [self.limits[i] for i in rows]])
+        return Model._make([*(array[rows] for array in self[:-1]), [self.limits[i] for i in rows]])
 
     def damped(self, damping: Floats) -> Floats:
         """H with damped diagonals (k, t, d, d) for dampings (k, t)."""
@@ -348,8 +348,8 @@ class Model(NamedTuple):
 
     def solve(self, metrics: Floats, force: Floats) -> Floats:
         """Steps (k, t, d) by metrics (k, t, d, d) and forces (k, t, d) or (k, 1, d), without limits."""
-        wanted = np.broadcast_to(force[..., None], (*metrics.shape[:3], 1))
-        return np.asarray(np.linalg.solve(metrics, wanted)[..., 0])
+        right_hand_sides = np.broadcast_to(force[..., None], (*metrics.shape[:3], 1))
+        return np.asarray(np.linalg.solve(metrics, right_hand_sides)[..., 0])
 
     def limited(self, metrics: Floats, steps: Floats) -> Floats:
         """Allowed steps (k, t, d) nearest to wanted ones in metrics (k, t, d, d)."""
@@ -432,16 +432,16 @@ def differences(
     each, sign = np.arange(len(rows)), np.where(unit[rows, columns] + width[rows] > 1.0, -1.0, 1.0)
     points = unit[rows]
     points[each, columns] += sign * width[rows]
-    told = (yield _asked(space, points)).copy()
+    shifted = (yield _asked(space, points)).copy()
     other = unit[rows, columns] - sign * width[rows]
-    redo = ~np.isfinite(told).all(axis=1) & (other >= 0.0) & (other <= 1.0)
+    redo = ~np.isfinite(shifted).all(axis=1) & (other >= 0.0) & (other <= 1.0)
     if redo.any():
         points[redo, columns[redo]] = other[redo]
-        told[redo] = yield _asked(space, points[redo])
+        shifted[redo] = yield _asked(space, points[redo])
     slopes = np.zeros((*unit.shape, residuals.shape[1]))
     with np.errstate(invalid="ignore"):
-        found = (told - residuals[rows]) / (points[each, columns] - unit[rows, columns])[:, None]
-    slopes[rows, columns] = np.where(np.isfinite(found).all(axis=1, keepdims=True), found, 0.0)
+        quotients = (shifted - residuals[rows]) / (points[each, columns] - unit[rows, columns])[:, None]
+    slopes[rows, columns] = np.where(np.isfinite(quotients).all(axis=1, keepdims=True), quotients, 0.0)
     return slopes
 
 
@@ -450,11 +450,11 @@ def _bent(
 ) -> Questions[Floats]:
     """Allowed steps (k, t, d) with half of their geodesic acceleration, straight where that is not believed."""
     probes = np.clip(now.unit[:, None] + PROBE * steps, 0.0, 1.0)
-    told = (yield _asked(space, probes.reshape(-1, steps.shape[2]))).reshape(*steps.shape[:2], -1)
-    change = criterion.innovations(told, probes) - model.innovations[:, None]
+    residuals = (yield _asked(space, probes.reshape(-1, steps.shape[2]))).reshape(*steps.shape[:2], -1)
+    change = criterion.innovations(residuals, probes) - model.innovations[:, None]
     second = 2.0 / PROBE * (change / PROBE - np.einsum("ktd,kdm->ktm", steps, model.tangents))
-    known = np.isfinite(second).all(axis=2, keepdims=True)
-    force = -np.einsum("kdm,ktm->ktd", model.weighted, np.where(known, second, 0.0))
+    is_finite = np.isfinite(second).all(axis=2, keepdims=True)
+    force = -np.einsum("kdm,ktm->ktd", model.weighted, np.where(is_finite, second, 0.0))
     force[np.broadcast_to(~model.free[:, None], force.shape)] = 0.0
     acceleration = model.solve(metrics, force)
     share = np.linalg.norm(acceleration, axis=2) / np.maximum(np.linalg.norm(steps, axis=2), 1e-300)

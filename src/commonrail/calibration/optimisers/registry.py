@@ -26,21 +26,21 @@ def _registered() -> tuple[Registered, ...]:
 REGISTERED = _registered()
 
 
-def named(method: str) -> Registered | None:
+def find_optimiser(method: str) -> Registered | None:
     """The optimiser that a study names; None if there is none.
 
     Raises `PluginError` if that of a plug-in cannot be loaded, is no `Registered`, or has another name.
     """
-    own = next((entry for entry in REGISTERED if entry.name == method), None)
-    part = None if own else registry.find("optimisers", method)
-    return own if part is None else _of(part)
+    shipped = next((entry for entry in REGISTERED if entry.name == method), None)
+    registration = None if shipped else registry.find("optimisers", method)
+    return shipped if registration is None else _of(registration)
 
 
-def _of(part: registry.Entry) -> Registered:
-    found = part.part(Registered, "a Registered")
-    if found.name != part.name:
-        raise part.refused(f'has the method "{found.name}"')
-    return found
+def _of(entry: registry.Entry) -> Registered:
+    optimiser = entry.load_as(Registered, "a Registered")
+    if optimiser.name != entry.name:
+        raise entry.refused(f'has the method "{optimiser.name}"')
+    return optimiser
 
 
 def shipped_methods() -> list[str]:
@@ -62,17 +62,17 @@ def blamed(optimiser: type[Optimiser]) -> AbstractContextManager[None]:
     """Name the installed package of an optimiser in what its code raises inside, as `Entry.blamed`."""
     if optimiser.__module__.startswith(f"{registry.PACKAGE}."):
         return nullcontext()  # without a search for installed packages, which takes longer than many a fit
-    part = registry.installed("optimisers").get(optimiser.method)
-    return nullcontext() if part is None else part.blamed("fails")
+    entry = registry.installed("optimisers").get(optimiser.method)
+    return nullcontext() if entry is None else entry.blamed("fails")
 
 
 def _all() -> Iterator[Registered]:
     """All that can be loaded, those that ship first."""
     yield from REGISTERED
     for parts in (registry.shipped, registry.installed):
-        for part in parts("optimisers").values():
+        for entry in parts("optimisers").values():
             with suppress(PluginError):  # another's settings do not depend on it
-                yield _of(part)
+                yield _of(entry)
 
 
 def size_in_words(record: Mapping[str, Any]) -> str:
@@ -82,5 +82,5 @@ def size_in_words(record: Mapping[str, Any]) -> str:
     """
     entry = None
     with suppress(PluginError):  # a report is made without it
-        entry = named(record["method"])
+        entry = find_optimiser(record["method"])
     return str(getattr(entry and entry.settings, "size", EvolutionSettings.size).format(**record))

@@ -153,8 +153,8 @@ class StagedLeastSquares(Optimiser):
         if not sound.any():  # descents go on from what was found before
             self._pool, self._group = self._pool[:0], self._group[:0]
             return
-        pool, group, costs, residuals = (part[sound] for part in (self._pool, self._group, costs, residuals))
-        rows = [np.flatnonzero(group == one) for one in np.unique(group)]
+        pool, group, costs, residuals = (array[sound] for array in (self._pool, self._group, costs, residuals))
+        rows = [np.flatnonzero(group == ensemble) for ensemble in np.unique(group)]
         best = np.array([members[int(np.argmin(costs[members]))] for members in rows], int)
         last = self.steps == self.settings.inversions
         yield from self._begin(pool[best if last else best[np.argsort(costs[best], kind="stable")[:1]]])
@@ -185,7 +185,7 @@ class StagedLeastSquares(Optimiser):
         after = yield from advance(self.space, now, losses, Rules(width, 0.0, FACTORS, bent=False))
         x = self.space.from_unit(after.unit)
         costs = yield asked(x, Question.COSTS_AGAIN)
-        before, lowered = (losses.costs(one.residuals) for one in (descents, after))
+        before, lowered = (losses.costs(descent.residuals) for descent in (descents, after))
         most = self.settings.trial_iterations if stages == 1 else self.settings.stage_iterations
         iteration = iteration + running
         done = running & ((iteration >= most) | ~(lowered < (1.0 - LEAST_GAIN) * before))

@@ -50,11 +50,11 @@ def inspect(
     if not found.taken_for:  # by an inspector of an installed package
         _show({"file": str(file), **found.facts}, json)
         return
-    if found.found is None and (out is not None or any(given.by_kind().values())):
+    if found.quantity_map is None and (out is not None or any(given.by_kind().values())):
         reason = found.facts.get("reason", f"it is taken for {found.taken_for}.")
         raise InputError(f"{file}: {reason}")
-    if out is not None and found.found is not None:
-        _write(out, found.found, file)
+    if out is not None and found.quantity_map is not None:
+        _write(out, found.quantity_map, file)
     facts = {"file": str(file), "taken for": found.taken_for, **found.facts}
     facts |= {"read as": found.said} if found.said else {}
     facts |= {"marked as": found.synthetic} if found.synthetic else {}

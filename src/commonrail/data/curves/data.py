@@ -37,7 +37,7 @@ from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.simulate import sampled_rates
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
-from commonrail.physics.meters import QUANTITIES, Given, Meter, shown_rates
+from commonrail.physics.meters import QUANTITIES, Meter, QuantityValues, shown_rates
 from commonrail.readers.location import located
 
 LARGEST_RATE = 0.1  # [m³/s] a thousand times that of a large truck's injector
@@ -120,7 +120,7 @@ class RateData(DataSet):
     @classmethod
     def read_all(cls, model: RateModel, context: Context) -> tuple[Self, ...]:
         """Read the injection curves of a block; see `DataSet.read_all`."""
-        found = []
+        curves = []
         for curve, point in read_curves(model, context):
             samples = curve.samples
             density = mass_density(context.injector, samples.unit, point)
@@ -129,8 +129,8 @@ class RateData(DataSet):
             source = f"{model.source}; mean of {curve.shots} shots" if curve.shots > 1 else model.source
             read = point, samples.bounds, samples.rate / scale, model.weight, source, model.synthetic, density
             with located(context.at):
-                found.append(cls(name, Role(model.role), *read, context.meter(model.meter), curve.noise(scale)))
-        return tuple(found)
+                curves.append(cls(name, Role(model.role), *read, context.meter(model.meter), curve.noise(scale)))
+        return tuple(curves)
 
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
@@ -159,21 +159,21 @@ class RateData(DataSet):
         if is_metered(self, simulator):
             return self._as_metered(candidates)
         s = simulator
-        how = s.injector, self.point, self.bounds, *s.of_injector(values), s.time_step
-        rates = sampled_rates(*how, threads=s.threads, prepared=s.prepared(self.points), same_bits=s.same_bits)
+        inputs = s.injector, self.point, self.bounds, *s.of_injector(values), s.time_step
+        rates = sampled_rates(*inputs, threads=s.threads, prepared=s.prepared(self.points), same_bits=s.same_bits)
         return rates / self.density_of(candidates)
 
     def _as_metered(self, candidates: Candidates) -> Floats:
         """Samples (candidates, samples) [m³/s] as the meter shows them."""
         assert self.meter is not None
-        given = candidates.given(self.meter)
+        meter_values = candidates.meter_values(self.meter)
         mass = candidates.simulator.flow(self.point, candidates.values, self.meter.ahead)
-        flow = mass._replace(rates=mass.rates / self.density_of(candidates, given))
-        return shown_rates(self.meter, given, flow, self.bounds)
+        flow = mass._replace(rates=mass.rates / self.density_of(candidates, meter_values))
+        return shown_rates(self.meter, meter_values, flow, self.bounds)
 
-    def density_of(self, candidates: Candidates, given: Given | None = None) -> Floats | float:
+    def density_of(self, candidates: Candidates, meter_values: QuantityValues | None = None) -> Floats | float:
         """Density [kg/m³] that makes volumes of the simulated masses."""
-        return candidates.densities(self.points, given) if math.isnan(self.mass_density) else self.mass_density
+        return candidates.densities(self.points, meter_values) if math.isnan(self.mass_density) else self.mass_density
 
     def errors(self, values: Floats) -> Floats:
         """Simulated − measured rate [mm³/ms]."""

@@ -43,20 +43,20 @@ def read_curves(model: RateModel, context: Context) -> list[tuple[FoundCurve, Op
         single = FoundCurve(samples, None, None)
         return [(single, _point(model, samples, context, *courses_at([single], model, context)))]
     reader = {"columns": named_columns, "shots": cut_shots, "layout": traces_below_points}[stated[0]]
-    found = reader(model, context)
-    models = [_at_point(model, curve, at) for curve in found]
-    courses = courses_at(found, model, context)
+    curves = reader(model, context)
+    models = [_at_point(model, curve, at) for curve in curves]
+    courses = courses_at(curves, model, context)
     return [
-        (curve, _point(own, curve.samples, context, read))
-        for own, curve, read in zip(models, found, courses, strict=True)
+        (curve, _point(own_model, curve.samples, context, read))
+        for own_model, curve, read in zip(models, curves, courses, strict=True)
     ]
 
 
 def _at_point(model: RateModel, curve: FoundCurve, at: Place) -> RateModel:
     """The block at the operating point of one of its curves; a measured course goes before the pressure of a name."""
     stated = {"rail_pressure": curve.rail_pressure, "energising_time": curve.energising_time}
-    found = {key: value for key, value in stated.items() if value is not None and not _of_each(key, model)}
-    for key in found:
+    from_name = {key: value for key, value in stated.items() if value is not None and not _of_each(key, model)}
+    for key in from_name:
         if getattr(model, key) is not None or (key == "energising_time" and model.energisings is not None):
             raise (at / key).error("each curve of the file has its own; remove this key")
     if model.drive is not None and not _of_each("drive", model):
@@ -64,7 +64,7 @@ def _at_point(model: RateModel, curve: FoundCurve, at: Place) -> RateModel:
             "one measured drive cannot belong to several curves; name columns by the pattern of the key columns, as in "
             '{ column = "I_{p}bar" }, or read each curve from a block of its own'
         )
-    return model.model_copy(update=found)
+    return model.model_copy(update=from_name)
 
 
 def _point(model: RateModel, samples: Samples, context: Context, courses: Mapping[str, Trace]) -> OperatingPoint:
@@ -101,11 +101,11 @@ def pulses_of(model: RateModel, at: Place) -> tuple[Energising, ...]:
     if model.energising_time is not None:
         with located(at / "energising_time"):
             return (Energising(0.0, model.energising_time),)
-    found = []
+    pulses = []
     for i, pulse in enumerate(model.energisings or ()):
         with located((at / "energisings")[i]):
-            found.append(Energising(pulse.start, pulse.duration))
-    return tuple(found)
+            pulses.append(Energising(pulse.start, pulse.duration))
+    return tuple(pulses)
 
 
 def _drive(model: RateModel, context: Context, first: float, courses: Mapping[str, Trace]) -> Trace | None:
@@ -166,8 +166,8 @@ def named_columns(model: RateModel, context: Context) -> list[FoundCurve]:
     if len(points) > MOST_CURVES:
         raise (at / "columns").error(f"{len(points)} columns fit, and at most {MOST_CURVES} are read")
     time = Column(model.time, "s", model.time_unit, increasing=True)
-    wanted = [Column(point.column, RATES, model.rate_unit, required=False) for point in points]
-    tables = take_each(sheet, time, wanted)
+    columns = [Column(point.column, RATES, model.rate_unit, required=False) for point in points]
+    tables = take_each(sheet, time, columns)
     samples = [
         within_window(samples_of(table, point.column, model, at), model, at)
         for table, point in zip(tables, points, strict=True)
@@ -181,7 +181,7 @@ def courses_at(curves: Sequence[FoundCurve], model: RateModel, context: Context)
     What a key does not say of time is that of the data set. Pressures are low-passed, with a note. Raises `InputError`
     if not exactly one column fits a curve, or a column cannot be read.
     """
-    found: list[dict[str, Trace]] = [{} for _ in curves]
+    courses_of_curves: list[dict[str, Trace]] = [{} for _ in curves]
     for key in (*_PRESSURES, "drive"):
         item = getattr(model, key)
         if not isinstance(item, TraceModel):
@@ -214,21 +214,21 @@ def courses_at(curves: Sequence[FoundCurve], model: RateModel, context: Context)
         if isinstance(item, PressureModel):
             read = _low_passed(read, item.low_pass, at)
         traces = {name: Trace.of(*record) for name, record in read.items()}
-        for courses, name in zip(found, names, strict=True):
+        for courses, name in zip(courses_of_curves, names, strict=True):
             courses[key] = traces[name]
-    return found
+    return courses_of_curves
 
 
 def _low_passed(records: Mapping[str, Record], cut_off: float | None, at: Place) -> dict[str, Record]:
     """Records of a pressure without the noise of its sensor; a note tells what the noisiest one loses."""
     filtered = {name: low_pass(*record, cut_off) for name, record in records.items()}
-    most = max(filtered.values(), key=lambda one: one.removed)
+    most = max(filtered.values(), key=lambda course: course.removed)
     if most.removed > NOISE_TOLD * np.abs(most.value).mean():
         note(
             f"{at}: low-passed at {to_text(most.cut_off, 'Hz', 3)}, which takes {to_text(most.removed, 'Pa', 2)} rms "
             "away; low_pass states another cut-off."
         )
-    return {name: (one.time, one.value) for name, one in filtered.items()}
+    return {name: (course.time, course.value) for name, course in filtered.items()}
 
 
 def _of_each(key: str, model: RateModel) -> bool:
@@ -250,7 +250,7 @@ def stated_units(model: RateModel) -> dict[str, str]:
 def _gathered(points: Sequence[NamedPoint], samples: Sequence[Samples], at: Place) -> list[FoundCurve]:
     """One curve for each operating point: the mean of its shots."""
     places = np.array([(p.rail_pressure or 1.0, p.energising_time or 1.0) for p in points])
-    found = []
+    curves = []
     for rows in groups_of(places, SAME):
         first = points[rows[0]]
         if len(rows) > 1 and not first.shot:
@@ -258,8 +258,8 @@ def _gathered(points: Sequence[NamedPoint], samples: Sequence[Samples], at: Plac
                 f'the columns "{first.column}" and "{points[rows[1]].column}" are at one operating point; mark what '
                 "numbers repeated shots with {shot}"
             )
-        found.append(mean_curve([samples[i] for i in rows], first.rail_pressure, first.energising_time))
-    return found
+        curves.append(mean_curve([samples[i] for i in rows], first.rail_pressure, first.energising_time))
+    return curves
 
 
 def traces_below_points(model: RateModel, context: Context) -> list[FoundCurve]:

@@ -90,9 +90,9 @@ class Samples(NamedTuple):
 
     def misread(self, begin: float, end: float) -> str:
         """Cure for samples that would fill a time from `begin` to `end` [s] if their unit were another one."""
-        own = convert(1.0, self.time_unit, "s")
+        stated_factor = convert(1.0, self.time_unit, "s")
         for unit in _TIME_UNITS:
-            factor = convert(1.0, unit, "s") / own
+            factor = convert(1.0, unit, "s") / stated_factor
             first, last = factor * float(self.bounds[0]), factor * float(self.bounds[-1])
             inside = np.count_nonzero((factor * self.bounds >= begin) & (factor * self.bounds <= end))
             if unit != self.time_unit and inside > LEAST_SAMPLES and last >= 0.5 * end and first <= begin + 0.5 * end:
@@ -129,7 +129,7 @@ def samples_of(table: Table, column: str, model: RateModel, at: Place) -> Sample
             f"there are {len(rate)} samples, and at least {LEAST_SAMPLES} are needed"
         )
     where = f'the column "{model.time}" of {table.path}'
-    return Samples(_bounds(model, time, at), rate, table.units[column], table.given[model.time], where)
+    return Samples(_bounds(model, time, at), rate, table.units[column], table.written_units[model.time], where)
 
 
 def _bounds(model: RateModel, time: Floats, at: Place) -> Floats:

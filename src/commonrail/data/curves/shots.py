@@ -98,19 +98,19 @@ def cut_shots(model: RateModel, context: Context) -> list[FoundCurve]:
     step = model.resample or float(np.median(np.diff(record.bounds)))
     bounds = raster(begin, end, step, at / ("resample" if model.resample else "window"))
     slack = 1e-3 * step
-    whole = (starts + bounds[0] >= record.bounds[0] - slack) & (starts + bounds[-1] <= record.bounds[-1] + slack)
-    if not whole.any():
+    complete = (starts + bounds[0] >= record.bounds[0] - slack) & (starts + bounds[-1] <= record.bounds[-1] + slack)
+    if not complete.any():
         raise InputError(
             f"{at / 'window'}: no shot of {path} is whole: the window reaches from {to_text(begin, 's')} to "
             f"{to_text(end, 's')} about {len(starts)} triggers, and {record.range()}."
         )
-    found = _points(path, model, context, record, starts[whole], bounds)
-    counts = sorted({curve.shots for curve in found})
+    curves = _points(path, model, context, record, starts[complete], bounds)
+    counts = sorted({curve.shots for curve in curves})
     many = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    lost = len(starts) - int(whole.sum())
+    lost = len(starts) - int(complete.sum())
     omitted = f"; {lost} that the record does not hold whole are omitted" if lost else ""
-    note(f"{path}: {whole.sum()} shots at {len(found)} operating points, {many} each{omitted}.")
-    return found
+    note(f"{path}: {complete.sum()} shots at {len(curves)} operating points, {many} each{omitted}.")
+    return curves
 
 
 def _taken(column: Column, model: RateModel, context: Context) -> Table:
@@ -147,13 +147,13 @@ def _points(
         raise (context.at / "shots").error(
             f"the shots are at {len(groups)} operating points, and at most {MOST_CURVES} are read"
         )
-    found = []
+    curves = []
     for rows in groups:
         cut = [record._replace(bounds=record.bounds - starts[i]).on(bounds) for i in rows]
         # six digits: a mean of equal numbers is that number
         mean = [None if values is None else float(f"{values[rows].mean():.6g}") for values in (rail, time)]
-        found.append(mean_curve(cut, *mean))
-    return found
+        curves.append(mean_curve(cut, *mean))
+    return curves
 
 
 def _edges(trigger: _Channel, shots: ShotsModel, dead: float, path: Path, at: Place) -> Floats:
@@ -172,11 +172,11 @@ def _edges(trigger: _Channel, shots: ShotsModel, dead: float, path: Path, at: Pl
         )
     share = (level - value[rises]) / (value[rises + 1] - value[rises])
     times = trigger.time[rises] + share * (trigger.time[rises + 1] - trigger.time[rises])
-    kept: list[float] = []
+    edges: list[float] = []
     for moment in times.tolist():
-        if not kept or moment - kept[-1] >= dead:
-            kept.append(moment)
-    return np.array(kept)
+        if not edges or moment - edges[-1] >= dead:
+            edges.append(moment)
+    return np.array(edges)
 
 
 def mean_curve(shots: Sequence[Samples], rail_pressure: float | None, energising_time: float | None) -> FoundCurve:
@@ -187,14 +187,14 @@ def mean_curve(shots: Sequence[Samples], rail_pressure: float | None, energising
     if len(shots) == 1:
         return FoundCurve(shots[0], rail_pressure, energising_time)
     begin, end = max(s.bounds[0] for s in shots), min(s.bounds[-1] for s in shots)
-    own = shots[0].bounds
-    bounds = own[(own >= begin - 1e-12) & (own <= end + 1e-12)]
+    first_bounds = shots[0].bounds
+    bounds = first_bounds[(first_bounds >= begin - 1e-12) & (first_bounds <= end + 1e-12)]
     rates = np.array([s.on(bounds).rate for s in shots])
-    whole = rates.mean(axis=0)
-    power = float(whole @ whole)
+    mean_rate = rates.mean(axis=0)
+    power = float(mean_rate @ mean_rate)
     # of each shot, by least squares; what it is off by together is none of the noise of its samples
-    sizes = rates @ whole / power if power else np.ones(len(shots))
-    mean = averaged(rates - np.multiply.outer(sizes - 1.0, whole), [np.arange(len(shots))])
+    sizes = rates @ mean_rate / power if power else np.ones(len(shots))
+    mean = averaged(rates - np.multiply.outer(sizes - 1.0, mean_rate), [np.arange(len(shots))])
     samples = shots[0]._replace(bounds=bounds, rate=mean.mean[0])
     # less what the noise of samples adds to a factor; below its own size: without an injection it is no share of one
     variance = float(sizes.var(ddof=1)) / len(shots) - (mean.sigma or 0.0) ** 2 / max(power, 1e-300)

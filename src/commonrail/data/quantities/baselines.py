@@ -44,25 +44,25 @@ class Interpolation(NamedTuple):
 
 
 def interpolate(
-    known: Floats, at: Floats, exponent: float = 1.0, rules: tuple[Rule, Rule] = (Rule.LINEAR, Rule.LINEAR)
+    measured: Floats, at: Floats, exponent: float = 1.0, rules: tuple[Rule, Rule] = (Rule.LINEAR, Rule.LINEAR)
 ) -> Interpolation:
     """Quantities by interpolation of known ones: in energising time at each rail pressure, then in pressure.
 
     For a map that is bilinear in energising time and in the power of the rail pressure all rules are exact. Beyond the
     known points the nearest two are continued as a line, and no quantity is less than zero.
 
-    `known` (m, 3): rail pressure [Pa], energising time [s] and quantity [m³]; one or more rows. Values at the same
+    `measured` (m, 3): rail pressure [Pa], energising time [s] and quantity [m³]; one or more rows. Values at the same
     place are averaged. `at` (n, 2): rail pressures [Pa] and energising times [s] that are asked for. `exponent`: power
     of the rail pressure, see `SCALES`. `rules` (Rule, Rule): in energising time and in pressure.
     """
     in_time, in_pressure = (_RULES[rule] for rule in rules)
-    lines = {rail: _line(known[_near(known[:, 0], rail), 1:]) for rail in _distinct(known[:, 0])}
+    lines = {rail: _line(measured[_near(measured[:, 0], rail), 1:]) for rail in _distinct(measured[:, 0])}
     rails = np.array(sorted(lines))
     values, extrapolated = np.empty(len(at)), np.empty(len(at), bool)
     for i, (rail, time) in enumerate(at.tolist()):
-        found = [in_time(*lines[float(one)], time) for one in rails]
-        value, beyond = in_pressure(rails**exponent, np.array([v for v, _ in found]), rail**exponent)
-        around = [found[k][1] for k in _around(rails, rail)]
+        estimates = [in_time(*lines[float(measured_rail)], time) for measured_rail in rails]
+        value, beyond = in_pressure(rails**exponent, np.array([v for v, _ in estimates]), rail**exponent)
+        around = [estimates[k][1] for k in _around(rails, rail)]
         values[i], extrapolated[i] = max(value, 0.0), beyond or any(around)
     return Interpolation(values, extrapolated)
 
@@ -167,9 +167,9 @@ def read_sister(model: SisterModel, context: Context) -> Sister:
     `ConfigurationError` if the ratio of the flows is not greater than zero.
     """
     units = {"rail_pressure": "Pa", "energising_time": "s", "quantity": "m3"}
-    wanted = [Column(name, unit, domain=Domain.NON_NEGATIVE) for name, unit in units.items()]
+    columns = [Column(name, unit, domain=Domain.NON_NEGATIVE) for name, unit in units.items()]
     at = context.at / "sister"
-    table = context.columns(model.file, at, wanted, 1, model.form)
+    table = context.columns(model.file, at, columns, 1, model.form)
     if not model.flow_ratio > 0.0:
         raise (at / "flow_ratio").error("the ratio of the flows must be greater than zero")
     return Sister(np.column_stack([table.columns[name] for name in units]), model.flow_ratio, model.source)
@@ -196,7 +196,7 @@ Map = Any  # `QuantityData`, which is made with this module
 class Interpolated(NamedTuple):
     """Interpolation: number of known points, rule in words, extrapolated values, quantities [m³] and dead times [s]."""
 
-    known: int
+    fitted_points: int
     rule: str
     extrapolated: int
     values: Floats
@@ -208,16 +208,16 @@ def interpolated_baseline(model: Any, fitted: Sequence[Any]) -> dict[str, Any] |
 
     `model` is its `QuantityScore` on other data, `fitted` holds `QuantityData`.
     """
-    found = interpolated(model.data, fitted)
-    if found is None:
+    interpolation = interpolated(model.data, fitted)
+    if interpolation is None:
         return None
     return baseline_record(
         model,
-        replace(model, values=found.values, dead_time=found.dead_time),
+        replace(model, values=interpolation.values, dead_time=interpolation.dead_time),
         name="interpolation",
-        text=f"interpolating the {found.known} fitted points",
-        rule=found.rule,
-        extrapolated=found.extrapolated,
+        text=f"interpolating the {interpolation.fitted_points} fitted points",
+        rule=interpolation.rule,
+        extrapolated=interpolation.extrapolated,
     )
 
 
@@ -231,15 +231,17 @@ def sister_baseline(model: Any) -> dict[str, Any] | None:
         return None
     ratio, places = data.sister.flow_ratio, places_of(data)
     by_rules = {rules: interpolate(data.sister.places, places, rules=rules) for rules in _BOTH}
-    (in_time, in_pressure), found = min(by_rules.items(), key=lambda one: _closeness(data, ratio * one[1].values))
+    (in_time, in_pressure), interpolation = min(
+        by_rules.items(), key=lambda item: _closeness(data, ratio * item[1].values)
+    )
     return baseline_record(
         model,
-        replace(model, values=ratio * found.values, dead_time=np.full(int(data.dead_time.sum()), np.nan)),
+        replace(model, values=ratio * interpolation.values, dead_time=np.full(int(data.dead_time.sum()), np.nan)),
         name="sister",
         text=f"the sister part's map times {ratio:.4g}",
         rule=f"{in_time.value} in energising time, then {in_pressure.value} in p, between its points (of linear and "
         f"PCHIP those that are closest to this data set); its source: {data.sister.source}",
-        extrapolated=int(np.count_nonzero(found.extrapolated & data.judged)),
+        extrapolated=int(np.count_nonzero(interpolation.extrapolated & data.judged)),
     )
 
 
@@ -247,17 +249,17 @@ def interpolated(data: Map, fitted: Sequence[Map]) -> Interpolated | None:
     """Interpolation of fitted maps at the points of another, by the best rule and scale; None where not possible."""
     if not all(_is_plain(d) for d in (data, *fitted)):
         return None
-    known = np.concatenate([np.empty((0, 3)), *(_known(d, d.judged) for d in fitted)])
-    if not len(known) or not data.judged.any():
+    measured = np.concatenate([np.empty((0, 3)), *(_known(d, d.judged) for d in fitted)])
+    if not len(measured) or not data.judged.any():
         return None
     dead_time = _dead_times(data, fitted)
-    found = []
+    interpolations = []
     for rules, (scale, exponent) in itertools.product(_BOTH, SCALES.items()):
-        values, beyond = interpolate(known, places_of(data), exponent, rules)
+        values, beyond = interpolate(measured, places_of(data), exponent, rules)
         count = int(np.count_nonzero(beyond & data.judged))
         text = RULE.format(in_time=rules[0].value, in_pressure=rules[1].value, scale=scale)
-        found.append(Interpolated(len(known), text, count, values, dead_time))
-    return min(found, key=lambda one: _closeness(data, one.values))
+        interpolations.append(Interpolated(len(measured), text, count, values, dead_time))
+    return min(interpolations, key=lambda interpolation: _closeness(data, interpolation.values))
 
 
 def baseline_record(model: Any, baseline: Any, *, text: str, **more: Any) -> dict[str, Any]:
@@ -267,13 +269,13 @@ def baseline_record(model: Any, baseline: Any, *, text: str, **more: Any) -> dic
     "interpolating the 21 fitted points", `more` has further keys of the record: "name", "rule", "extrapolated".
     """
     data: Map = model.data
-    own, other = model.figures, baseline.figures
-    limit = significant(own["limit_quantity"], 3, MM3)
+    figures, other = model.figures, baseline.figures
+    limit = significant(figures["limit_quantity"], 3, MM3)
     keys = [item for item in _DECISIVE if number(other[item[0]]) is not None]
-    worse = [item for item in keys if number(own[item[0]]) is None or not own[item[0]] < other[item[0]]]
+    worse = [item for item in keys if number(figures[item[0]]) is None or not figures[item[0]] < other[item[0]]]
     pairs = listed(
         [
-            f"{fixed(own[key], decimals, scale)} against {fixed(other[key], decimals, scale)} {unit} rms "
+            f"{fixed(figures[key], decimals, scale)} against {fixed(other[key], decimals, scale)} {unit} rms "
             + words.format(limit)
             for key, words, decimals, scale, unit in keys
         ]
@@ -304,14 +306,14 @@ def _known(data: Map, rows: Bools) -> Floats:
 
 def _dead_times(data: Map, fitted: Sequence[Map]) -> Floats:
     """Interpolated dead times [s] of the rows that are; NaN where no fitted one is of the same quantity."""
-    known = np.concatenate([np.empty((0, 3)), *(_known(d, d.dead_time) for d in fitted)])
-    found = []
+    measured = np.concatenate([np.empty((0, 3)), *(_known(d, d.dead_time) for d in fitted)])
+    dead_times = []
     for (rail, _), quantity in zip(places_of(data)[data.dead_time], data.quantity[data.dead_time], strict=True):
-        same = known[np.isclose(known[:, 2], quantity, rtol=1e-6, atol=0.0)]
+        same = measured[np.isclose(measured[:, 2], quantity, rtol=1e-6, atol=0.0)]
         rising = same[np.argsort(same[:, 0])]
         single = len(np.unique(rising[:, 0])) == len(rising) > 0
-        found.append(interpolate_line(rising[:, 0], rising[:, 1], rail)[0] if single else np.nan)
-    return np.array(found)
+        dead_times.append(interpolate_line(rising[:, 0], rising[:, 1], rail)[0] if single else np.nan)
+    return np.array(dead_times)
 
 
 def _closeness(data: Map, values: Floats) -> float:

@@ -54,7 +54,7 @@ from commonrail.data.study_block import Context, mass_density
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
-from commonrail.physics.meters import Given, Meter, shown_quantities
+from commonrail.physics.meters import Meter, QuantityValues, shown_quantities
 from commonrail.readers.location import Place, located
 
 _Map = TypeVar("_Map", bound="QuantityData")
@@ -70,8 +70,8 @@ class QuantityData(ToleratedData):
 
     Attributes
     ----------
-    whole : bool
-        Of the kind: whether its quantity depends on what follows the end of injection, see `Term.whole`.
+    to_horizon : bool
+        Of the kind: whether its quantity depends on what follows the end of injection, see `Term.to_horizon`.
     own_keys : tuple of str
         Of the kind: attributes beyond these that are keys of its block.
     name : str
@@ -109,7 +109,7 @@ class QuantityData(ToleratedData):
     error_head: ClassVar[tuple[str, str]] = ("rms", "%")
     model: ClassVar[type[MapModel]] = QuantitiesModel
     meter_inputs: ClassVar[frozenset[str]] = frozenset({"gain", "quantity_offset", "density", "temperature"})
-    whole: ClassVar[bool] = False
+    to_horizon: ClassVar[bool] = False
     own_keys: ClassVar[tuple[str, ...]] = ()
 
     name: str
@@ -191,26 +191,28 @@ class QuantityData(ToleratedData):
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
         """One term for each map."""
         failed = partial(np.not_equal, OK)
-        return [term_of(d, partial(values_of, d), failed, whole=d.whole) for d in group]
+        return [term_of(d, partial(values_of, d), failed, to_horizon=d.to_horizon) for d in group]
 
     def masses(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint]) -> Floats:
         """Mass per stroke that the map holds volumes of, (candidates, points) [kg]."""
         return batch.injected_mass
 
-    def densities(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint], given: Given) -> Floats:
+    def densities(
+        self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint], meter_values: QuantityValues
+    ) -> Floats:
         """Densities that make volumes of masses where the data state none, (1 or candidates, points) [kg/m³].
 
-        Of the quantities of the meter, which are `given` (candidates,), `density` and `temperature` count.
+        Of the meter's quantities `meter_values` (candidates,), `density` and `temperature` count.
         """
-        own = {"density", "temperature"} & given.keys()
-        return candidates.densities(points, given) if own else batch.reference_density
+        density_keys = {"density", "temperature"} & meter_values.keys()
+        return candidates.densities(points, meter_values) if density_keys else batch.reference_density
 
     def simulated(self, simulator: Simulator, values: Floats) -> Floats:
         """Quantities (candidates, points) [m³], times [s] as `measured`; NaN for a failed simulation.
 
         A needle that never closes is a failure too.
         """
-        batch = simulator.batch(self.simulated_points, values, whole=self.whole)
+        batch = simulator.batch(self.simulated_points, values, to_horizon=self.to_horizon)
         return values_of(self, batch, Candidates(simulator, values))
 
     def volumes(
@@ -222,12 +224,12 @@ class QuantityData(ToleratedData):
         candidates counts.
         """
         metered = self.meter is not None and is_metered(self, candidates.simulator)
-        given = candidates.given(self.meter) if self.meter is not None and metered else {}
+        meter_values = candidates.meter_values(self.meter) if self.meter is not None and metered else {}
         density = np.asarray(mass_density, float)
         if np.isnan(density).any():
-            density = np.where(np.isnan(density), self.densities(batch, candidates, points, given), density)
+            density = np.where(np.isnan(density), self.densities(batch, candidates, points, meter_values), density)
         volumes = np.where(batch.status == OK, self.masses(batch, candidates, points) / density, np.nan)
-        return shown_quantities(given, volumes) if metered else volumes
+        return shown_quantities(meter_values, volumes) if metered else volumes
 
     def discrepancy(self, values: Floats) -> Floats:
         """Tolerance of predicted quantities [m³]; NaN for dead times."""
@@ -315,8 +317,8 @@ class QuantityScore(Score):
     def baselines(self, fitted: Sequence[DataSet]) -> list[dict[str, Any]]:
         """Interpolation of the fitted maps, and the map of a sister part, if there are any."""
         maps = [d for d in fitted if isinstance(d, QuantityData) and d.kind == self.data.kind]
-        found = interpolated_baseline(self, maps), sister_baseline(self)
-        return [one for one in found if one]
+        records = interpolated_baseline(self, maps), sister_baseline(self)
+        return [record for record in records if record]
 
 
 def _set_targets(data: QuantityData) -> None:
@@ -343,11 +345,11 @@ def values_of(data: QuantityData, batch: Batch, candidates: Candidates) -> Float
     timed, count = data._timed, len(data.points)
     rows = np.concatenate([np.arange(count), np.repeat(timed, 2)])
     density = np.broadcast_to(data.mass_density, data.quantity.shape)[rows]
-    found = data.volumes(batch, density, candidates, data.simulated_points)
-    values = found[:, :count]
+    volumes = data.volumes(batch, density, candidates, data.simulated_points)
+    values = volumes[:, :count]
     if not len(timed):
         return values
-    around = found[:, count:].reshape(len(found), -1, 2)
+    around = volumes[:, count:].reshape(len(volumes), -1, 2)
     three = np.stack([around[..., 0], values[:, timed], around[..., 1]], axis=-1)
     values[:, timed] = crossing_times(data.measured[timed], three, data.quantity[timed])
     return values
@@ -357,14 +359,14 @@ def averaged_map(data: _Map) -> _Map:
     """The map with one row for the repeated quantities of each point, and their scatter as noise; dead times stay."""
     places, single, dead = places_of(data), np.flatnonzero(data.judged), np.flatnonzero(data.dead_time)
     groups = [single[rows] for rows in groups_of(places[single], SAME)]
-    found = averaged(data.quantity, groups, data.absolute + data.relative * data.quantity)
+    average = averaged(data.quantity, groups, data.absolute + data.relative * data.quantity)
     first = np.concatenate([np.array([rows[0] for rows in groups], np.intp), dead])
-    least, most = int(found.counts.min()), int(found.counts.max())
+    least, most = int(average.counts.min()), int(average.counts.max())
     strokes = f"means of {least} strokes" if least == most else f"means of {least} to {most} strokes"
     return replace(
         _at_rows(data, first),
-        quantity=np.concatenate([found.mean, data.quantity[dead]]),
-        noise=NOISE if found.sigma is None else Noise(sigma=found.sigma, freedom=found.freedom),
+        quantity=np.concatenate([average.mean, data.quantity[dead]]),
+        noise=NOISE if average.sigma is None else Noise(sigma=average.sigma, freedom=average.freedom),
         source="; ".join(filter(None, (data.source, strokes))),
     )
 
@@ -398,11 +400,11 @@ def divide(data: _Map, model: HoldOutModel, at: Place) -> tuple[_Map, _Map]:
         raise at.error('only data with role = "fit" can hold rows out; remove hold_out')
     if not (model.rail_pressure or model.energising_time):
         raise at.error('name rail pressures or energising times, as in { rail_pressure = ["120 MPa"] }')
-    held = _at_one_of(data, 0, model.rail_pressure, "Pa", at / "rail_pressure")
-    held |= _at_one_of(data, 1, model.energising_time, "s", at / "energising_time") & data.judged
-    if not (data.judged & ~held).any():
+    held_out = _at_one_of(data, 0, model.rail_pressure, "Pa", at / "rail_pressure")
+    held_out |= _at_one_of(data, 1, model.energising_time, "s", at / "energising_time") & data.judged
+    if not (data.judged & ~held_out).any():
         raise ConfigurationError(f"{at}: every quantity of {data.name} would be held out; leave some for the fit.")
-    return chosen_rows(data, ~held), chosen_rows(data, held, held_out_name(data.name), Role.VALIDATION)
+    return chosen_rows(data, ~held_out), chosen_rows(data, held_out, held_out_name(data.name), Role.VALIDATION)
 
 
 def rows_of(data: QuantityData, column: int, value: float) -> Bools:
@@ -418,36 +420,38 @@ def chosen_rows(data: _Map, rows: Bools, name: str = "", role: Role | None = Non
     return replace(_at_rows(data, np.flatnonzero(rows)), name=name or data.name, role=role or data.role)
 
 
-def _at_one_of(data: QuantityData, column: int, wanted: Sequence[float], unit: str, at: Place) -> Bools:
+def _at_one_of(data: QuantityData, column: int, targets: Sequence[float], unit: str, at: Place) -> Bools:
     """Rows at one of the wanted values."""
-    held = np.zeros(len(data.points), bool)
-    own = places_of(data)[data.judged, column]
-    for value in wanted:
-        if not np.isclose(own, value, rtol=SAME, atol=0.0).any():
-            there = ", ".join(to_text(float(v), unit) for v in np.unique(own)[:12])
-            raise ConfigurationError(f"{at}: {data.name} has no quantity at {to_text(value, unit)}; it has {there}.")
-        held |= rows_of(data, column, value)
-    return held
+    matching = np.zeros(len(data.points), bool)
+    present = places_of(data)[data.judged, column]
+    for value in targets:
+        if not np.isclose(present, value, rtol=SAME, atol=0.0).any():
+            available = ", ".join(to_text(float(v), unit) for v in np.unique(present)[:12])
+            raise ConfigurationError(
+                f"{at}: {data.name} has no quantity at {to_text(value, unit)}; it has {available}."
+            )
+        matching |= rows_of(data, column, value)
+    return matching
 
 
 def _find_dead_times(data: QuantityData, simulator: Simulator) -> Floats:
     """Energising time at which each dead-time row's quantity is reached [s], by interpolation; (dead-time rows,)."""
     rows = np.flatnonzero(data.dead_time)
-    found = np.full(len(rows), np.nan)
+    dead_times = np.full(len(rows), np.nan)
     mass_density = np.broadcast_to(data.mass_density, data.quantity.shape)
     points = [energised(data.points[row], float(t)) for row in rows.tolist() for t in SEARCHED]
     batch = simulator.once(points) if points else None
     for i, row in enumerate(rows.tolist()):
-        part = slice(i * len(SEARCHED), (i + 1) * len(SEARCHED))
+        columns = slice(i * len(SEARCHED), (i + 1) * len(SEARCHED))
         assert batch is not None
-        own = batch.at_points(part)
-        quantity = data.volumes(own, mass_density[row], Candidates(simulator, ITSELF), points[part])[0]
+        row_batch = batch.at_points(columns)
+        quantity = data.volumes(row_batch, mass_density[row], Candidates(simulator, ITSELF), points[columns])[0]
         above = np.flatnonzero(quantity > data.quantity[row])
         if len(above) and above[0] > 0:
             k = int(above[0])
             share = (data.quantity[row] - quantity[k - 1]) / (quantity[k] - quantity[k - 1])
-            found[i] = SEARCHED[k - 1] + share * (SEARCHED[k] - SEARCHED[k - 1])
-    return found
+            dead_times[i] = SEARCHED[k - 1] + share * (SEARCHED[k] - SEARCHED[k - 1])
+    return dead_times
 
 
 def rms(values: Floats) -> float:
@@ -492,29 +496,29 @@ def without(data: QuantityData, by: str, value: float) -> tuple[QuantityData, Qu
 def folded_record(data: QuantityData, folds: Sequence[Fold]) -> dict[str, Any]:
     """JSON-able figures of the predictions of all rows that were held out, each by the fit that did not see it."""
     rows = np.any([fold.rows for fold in folds], axis=0)
-    part = chosen_rows(data, rows)
+    held_out = chosen_rows(data, rows)
     model = _joined(data, rows, [(fold.rows, fold.model) for fold in folds])
-    record: dict[str, Any] = {"name": data.name, "values": int(part.judged.sum()), "figures": model.figures}
+    record: dict[str, Any] = {"name": data.name, "values": int(held_out.judged.sum()), "figures": model.figures}
     means = [(fold.rows, fold.mean) for fold in folds if fold.mean is not None]
     if len(means) == len(folds):
         record["mean"] = _joined(data, rows, means).figures
-    found = [sister_baseline(model)]
+    baselines = [sister_baseline(model)]
     others = [(fold.rows, fold.baseline) for fold in folds if fold.baseline is not None]
     if len(others) == len(folds):
         baseline = _joined(data, rows, others)
-        beyond = sum(one.extrapolated for _, one in others)
+        beyond = sum(baseline_score.extrapolated for _, baseline_score in others)
         text = "interpolating the other points"
-        found.insert(0, baseline_record(model, baseline, text=text, extrapolated=beyond))
-    record["baselines"] = [one for one in found if one]
+        baselines.insert(0, baseline_record(model, baseline, text=text, extrapolated=beyond))
+    record["baselines"] = [baseline_score for baseline_score in baselines if baseline_score]
     return record
 
 
 def _joined(
-    data: QuantityData, kept: Bools, parts: Sequence[tuple[Bools, QuantityScore | Interpolated]]
+    data: QuantityData, held_out: Bools, parts: Sequence[tuple[Bools, QuantityScore | Interpolated]]
 ) -> QuantityScore:
     """Score of the kept rows from predictions of their parts."""
-    quantity, dead_time = np.full((2, len(kept)), np.nan)
+    quantity, dead_time = np.full((2, len(held_out)), np.nan)
     for rows, score in parts:
         quantity[rows] = score.values
         dead_time[rows & data.dead_time] = score.dead_time
-    return QuantityScore(chosen_rows(data, kept), quantity[kept], dead_time[kept & data.dead_time])
+    return QuantityScore(chosen_rows(data, held_out), quantity[held_out], dead_time[held_out & data.dead_time])

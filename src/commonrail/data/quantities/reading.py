@@ -28,22 +28,22 @@ from commonrail.readers.toml import FileModel, Unit, fault
 # Quantity map found in a file, a matrix or a table with other names, as the columns that a map is read from.
 
 
-def found_table(path: Path, form: FileForm, given: GivenUnits, quantity: str, *, matrix: bool) -> Table:
+def found_table(path: Path, form: FileForm, units: GivenUnits, quantity: str, *, matrix: bool) -> Table:
     """Columns rail_pressure, energising_time and quantity in SI units, a row for each point.
 
-    Units that are `given` count before those of the file, and `quantity` names the column of the quantities; with
+    `units` count before those of the file, and `quantity` names the column of the quantities; with
     `matrix` only a matrix is taken. Raises `InputError` if the file cannot be read, no map is found in it, or a
     number makes no sense.
     """
-    found = replace(read_found_map(path, form, given), column=quantity)
-    if matrix and not found.form.startswith("a matrix"):
-        raise InputError(f'{path}: this is {found.form} and no matrix; state layout = "found".')
-    note(f"{path}: read as {found.form}; {'; '.join(found.said)}.")
-    return take_columns(found, [*COLUMNS[:2], Column(quantity, ("m3", "kg"), domain=Domain.NON_NEGATIVE)], 1)
+    located_map = replace(read_found_map(path, form, units), column=quantity)
+    if matrix and not located_map.form.startswith("a matrix"):
+        raise InputError(f'{path}: this is {located_map.form} and no matrix; state layout = "found".')
+    note(f"{path}: read as {located_map.form}; {'; '.join(located_map.said)}.")
+    return take_columns(located_map, [*COLUMNS[:2], Column(quantity, ("m3", "kg"), domain=Domain.NON_NEGATIVE)], 1)
 
 
 def map_columns(
-    path: Path, wanted: Sequence[Column], form: FileForm = PLAIN, given: GivenUnits = GivenUnits(), least: int = 1
+    path: Path, columns: Sequence[Column], form: FileForm = PLAIN, units: GivenUnits = GivenUnits(), least: int = 1
 ) -> Table:
     """Columns of operating points, perhaps with a quantity; of a file without them the points of its map.
 
@@ -52,16 +52,16 @@ def map_columns(
     fault: InputError | None = None
     try:
         sheet = open_sheet(path, form)
-        has_all = len(has_columns(sheet, wanted)) == len(wanted)
+        has_all = len(has_columns(sheet, columns)) == len(columns)
     except InputError as error:
         has_all, fault = False, error
     if not has_all:
-        quantity = wanted[2].name if len(wanted) > 2 else "quantity"
+        quantity = columns[2].name if len(columns) > 2 else "quantity"
         with suppress(InputError):
-            return found_table(path, form, given, quantity, matrix=False)
+            return found_table(path, form, units, quantity, matrix=False)
     if fault:
         raise fault
-    return take_columns(sheet, wanted, least)
+    return take_columns(sheet, columns, least)
 
 
 Pressure = Annotated[float, Unit("Pa")]
@@ -161,20 +161,20 @@ def _map_rows(model: MapModel, context: Context, at: Place) -> list[MapRow]:
     table = _map_table(model, context, at)
     filters = {"rail_pressure": (model.rail_pressure, "Pa"), "energising_time": (model.energising_time, "s")}
     quantity, unit = table.columns[name], table.units[name]
-    chosen = _choose(table, filters, at)
-    return [MapRow(_point(table, i, model, context), float(quantity[i]), unit, False) for i in chosen]
+    rows = _choose(table, filters, at)
+    return [MapRow(_point(table, i, model, context), float(quantity[i]), unit, False) for i in rows]
 
 
 def _map_table(model: MapModel, context: Context, at: Place) -> Table:
     name = model.quantity_column
     stated = (model.rail_pressure_unit, model.energising_time_unit, model.quantity_unit)
-    given = GivenUnits(*(unit or "" for unit in stated))
+    units = GivenUnits(*(unit or "" for unit in stated))
     if model.layout != "rows":
         return found_table(
-            context.path(model.file, at, model.form), model.form, given, name, matrix=model.layout == "matrix"
+            context.path(model.file, at, model.form), model.form, units, name, matrix=model.layout == "matrix"
         )
-    wanted = [*_point_columns(model), Column(name, ("m3", "kg"), model.quantity_unit, domain=Domain.NON_NEGATIVE)]
-    return map_columns(context.path(model.file, at, model.form), wanted, model.form, given)
+    columns = [*_point_columns(model), Column(name, ("m3", "kg"), model.quantity_unit, domain=Domain.NON_NEGATIVE)]
+    return map_columns(context.path(model.file, at, model.form), columns, model.form, units)
 
 
 def _dead_time_rows(model: MapModel, context: Context, at: Place) -> list[MapRow]:
@@ -182,8 +182,8 @@ def _dead_time_rows(model: MapModel, context: Context, at: Place) -> list[MapRow
     if dead is None:
         return []
     table = context.columns(dead.file, at / "dead_times", _point_columns(dead), 1, dead.form)
-    chosen = _choose(table, {"rail_pressure": (model.rail_pressure, "Pa")}, at / "dead_times")
-    return [MapRow(_point(table, i, model, context), *dead.quantity, True) for i in chosen]
+    rows = _choose(table, {"rail_pressure": (model.rail_pressure, "Pa")}, at / "dead_times")
+    return [MapRow(_point(table, i, model, context), *dead.quantity, True) for i in rows]
 
 
 def _point_columns(model: MapModel | DeadTimesModel) -> list[Column]:
@@ -196,16 +196,16 @@ def _point_columns(model: MapModel | DeadTimesModel) -> list[Column]:
 def _choose(table: Table, filters: Mapping[str, tuple[Sequence[float] | None, str]], at: Place) -> list[int]:
     """Rows that are at one of the wanted values of every column that has any."""
     keep = np.ones(len(table.rows), bool)
-    for column, (wanted, unit) in filters.items():
-        if wanted is None:
+    for column, (targets, unit) in filters.items():
+        if targets is None:
             continue
         values = table.columns[column]
-        near = np.array([np.isclose(values, value, rtol=SAME, atol=0.0) for value in wanted])
-        for value, hits in zip(wanted, near, strict=True):
+        near = np.array([np.isclose(values, value, rtol=SAME, atol=0.0) for value in targets])
+        for value, hits in zip(targets, near, strict=True):
             if not hits.any():
-                there = ", ".join(to_text(float(v), unit) for v in np.unique(values)[:12])
+                available = ", ".join(to_text(float(v), unit) for v in np.unique(values)[:12])
                 raise ConfigurationError(
-                    f"{at / column}: {table.path} has no row at {to_text(value, unit)}; it has {there}."
+                    f"{at / column}: {table.path} has no row at {to_text(value, unit)}; it has {available}."
                 )
         keep &= near.any(axis=0)
     if not keep.any():

@@ -22,7 +22,7 @@ from commonrail.engine.solution import Batch
 from commonrail.physics.connections import widening_leak
 from commonrail.physics.flow import Guide, guide_of
 from commonrail.physics.injector import FUEL_TEMPERATURE
-from commonrail.physics.meters import Given
+from commonrail.physics.meters import QuantityValues
 from commonrail.readers.toml import Unit
 
 PERIODS = Limits(1e-6, 100.0, (1e-3, 10.0), ("ms",))  # between the starts of two strokes [s]
@@ -66,7 +66,7 @@ class ReturnData(QuantityData):
     kind: ClassVar[str] = "return quantities"
     what: ClassVar[str] = "return quantity"
     model: ClassVar[type[MapModel]] = ReturnsModel
-    whole: ClassVar[bool] = True
+    to_horizon: ClassVar[bool] = True
     own_keys: ClassVar[tuple[str, ...]] = ("stroke_period",)
 
     stroke_period: float | None = None
@@ -93,9 +93,11 @@ class ReturnData(QuantityData):
         left = np.array([self.stroke_period - point.duration for point in points])
         return np.asarray(batch.returned_mass + left * leak_at_rest(candidates, points))
 
-    def densities(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint], given: Given) -> Floats:
+    def densities(
+        self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint], meter_values: QuantityValues
+    ) -> Floats:
         """Densities at the end of the return line, (1 or candidates, points) [kg/m³]; see `QuantityData.densities`."""
-        return candidates.densities(_at_the_end(tuple(points)), given)
+        return candidates.densities(_at_the_end(tuple(points)), meter_values)
 
 
 @lru_cache(maxsize=64)  # a simulator prepares the same sequence once, and would keep each new one

@@ -8,7 +8,7 @@ from commonrail.physics.law import physics
 
 
 class Contact(NamedTuple):
-    """Elastic force [N], never pulling, and damping coefficient [N s/m] against approach and parting alike.
+    """Elastic force [N], never pulling, and damping coefficient [N s/m] against approach and separation equally.
 
     Bodies that part faster than 1/β would be held back.
     """
@@ -60,7 +60,7 @@ def contact_over_step(
         damping        c (1 + (k + k β δ̇) dt²/(12 m)) + k β dt²/4 δ̈
 
     the damping being applied to the mean of the velocities before and after the step, which is δ̇ + dt²/6 δ⃛. In these
-    small terms δ̇ is that of half a step before, and the rate of the other forces is neglected: hence third order. A
+    small terms δ̇ is half a step old, and the rate of the other forces is neglected: hence third order. A
     step in which bodies touch or part remains second order, with an error some seven times smaller (`mean_overlap`).
 
     `depth`: overlap δ at the start of the step [m]; `speed`: dδ/dt, half a step before [m/s]; `outer`: all other forces
@@ -81,7 +81,7 @@ def contact_over_step(
 
 
 @physics
-def damped_gain(v: float, gain: float, half: float) -> float:
+def velocity_gain(v: float, gain: float, half: float) -> float:
     """Gain of velocity over a step [m/s] whose contact damping is taken at mid-step (implicit, never unstable).
 
     `v`: velocity half a step before [m/s]; `gain`: dt F/m, without the damping [m/s]; `half`: dt c/(2 m) [1].

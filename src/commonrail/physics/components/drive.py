@@ -85,7 +85,7 @@ class Backward(NamedTuple):
     """Voltages that reduce the current while energising goes on, and after its end [V]."""
 
     falling: float
-    off: float
+    after_end: float
 
 
 class Supply(NamedTuple):
@@ -127,7 +127,7 @@ def during(share: float, rate: Rate) -> Rate:
 
 
 @physics
-def relaxed(rate: Rate, dt: float) -> float:
+def relaxed_rate(rate: Rate, dt: float) -> float:
     """Mean over the step of dφ/dt [V] while the flux relaxes and the gap keeps closing.
 
     With y = dt · decay: (6 r + y r_end)/(6 + 4y + y²), for a gap at rest (6 + y)/(6 + 4y + y²) of r. A rate that
@@ -136,34 +136,36 @@ def relaxed(rate: Rate, dt: float) -> float:
 
     `rate`: for the flux at the start of the step and the gap of mid-step; its value with the gap of the end; its decay.
     """
-    return risen(rate, dt) / damped(rate, dt)
+    return relaxation_numerator(rate, dt) / relaxation_denominator(rate, dt)
 
 
 @physics
-def both_relaxed(first: Rate, second: Rate, dt: float) -> float:
-    """Sum of `relaxed` of two parts of a step [V], over their common denominator.
+def sum_of_relaxed_rates(first: Rate, second: Rate, dt: float) -> float:
+    """Sum of `relaxed_rate` of two parts of a step [V], over their common denominator.
 
-    `first`, `second`: as the argument of `relaxed`.
+    `first`, `second`: as the argument of `relaxed_rate`.
     """
-    one, two = damped(first, dt), damped(second, dt)
-    return (risen(first, dt) * two + risen(second, dt) * one) / (one * two)
+    first_damping, second_damping = relaxation_denominator(first, dt), relaxation_denominator(second, dt)
+    return (relaxation_numerator(first, dt) * second_damping + relaxation_numerator(second, dt) * first_damping) / (
+        first_damping * second_damping
+    )
 
 
 @physics
-def risen(rate: Rate, dt: float) -> float:
-    """Numerator of `relaxed` [V]: 6 r + y r_end."""
+def relaxation_numerator(rate: Rate, dt: float) -> float:
+    """Numerator of `relaxed_rate` [V]: 6 r + y r_end."""
     return 6.0 * rate.flux_rate + dt * rate.decay * rate.at_end
 
 
 @physics
-def damped(rate: Rate, dt: float) -> float:
-    """Denominator of `relaxed` [1]: 6 + 4y + y²."""
+def relaxation_denominator(rate: Rate, dt: float) -> float:
+    """Denominator of `relaxed_rate` [1]: 6 + 4y + y²."""
     y = dt * rate.decay
     return 6.0 + y * (4.0 + y)
 
 
 @physics
-def applied(c: solenoid.Coefficients, voltage: float, now: solenoid.Circuit) -> Rate:
+def apply_voltage(c: solenoid.Coefficients, voltage: float, now: solenoid.Circuit) -> Rate:
     """Flux rate under a given voltage, Eq. (11).
 
     `voltage`: v at the coil [V]; `now`: current with the gap of mid-step.
@@ -174,7 +176,7 @@ def applied(c: solenoid.Coefficients, voltage: float, now: solenoid.Circuit) -> 
 
 
 @physics
-def regulated(
+def current_regulator(
     p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
 ) -> Change:
     """Ideal regulator: v = R i* + G (i* − i) between −quench and +boost; after the end −boost until i = 0.
@@ -184,7 +186,7 @@ def regulated(
 
     `supply`: schedule, and measured trace; `now`: current with the gap of mid-step.
     """
-    return _held(p, c, Backward(p.quench_voltage, p.boost_voltage), supply, now, dt)
+    return regulate_current(p, c, Backward(p.quench_voltage, p.boost_voltage), supply, now, dt)
 
 
 @physics
@@ -195,11 +197,11 @@ def free_wheel(
 
     It does so from the peak to the hold current and after the end of energising: N dφ/dt = −R i − V_d until i = 0.
     """
-    return _held(p, c, Backward(p.diode_voltage, p.diode_voltage), supply, now, dt)
+    return regulate_current(p, c, Backward(p.diode_voltage, p.diode_voltage), supply, now, dt)
 
 
 @physics
-def _held(
+def regulate_current(
     p: Parameters, c: solenoid.Coefficients, backward: Backward, supply: Supply, now: solenoid.Circuit, dt: float
 ) -> Change:
     """Mean flux rate of an ideal regulator with given voltages backwards.
@@ -209,14 +211,14 @@ def _held(
     plan = supply.schedule
     peak = _towards(c, p.peak_current, p.regulator_gain, -backward.falling, p.boost_voltage, now)
     hold = _towards(c, p.hold_current, p.regulator_gain, -backward.falling, p.boost_voltage, now)
-    held = plan.on - plan.peak
+    hold_share = plan.on - plan.peak
     live = Rate(
-        plan.peak * peak.flux_rate + held * hold.flux_rate,
-        plan.peak * peak.at_end + held * hold.at_end,
-        plan.peak * peak.decay + held * hold.decay,
+        plan.peak * peak.flux_rate + hold_share * hold.flux_rate,
+        plan.peak * peak.at_end + hold_share * hold.at_end,
+        plan.peak * peak.decay + hold_share * hold.decay,
     )
-    off = during(1.0 - plan.on, _towards(c, 0.0, p.regulator_gain, -backward.off, 0.0, now))
-    return Change(both_relaxed(live, off, dt), 1.0)
+    quenching = during(1.0 - plan.on, _towards(c, 0.0, p.regulator_gain, -backward.after_end, 0.0, now))
+    return Change(sum_of_relaxed_rates(live, quenching, dt), 1.0)
 
 
 @physics
@@ -238,7 +240,7 @@ def _towards(
 
 
 @physics
-def switched_off(p: Parameters, c: solenoid.Coefficients, now: solenoid.Circuit) -> Rate:
+def quench(p: Parameters, c: solenoid.Coefficients, now: solenoid.Circuit) -> Rate:
     """Flux rate after the end of energising: −boost until the current has gone.
 
     `now`: current with the gap of mid-step.
@@ -253,7 +255,7 @@ def pwm_voltage(p: Parameters, conducting: float) -> float:
 
 
 @physics
-def turned(conducting: float) -> float:
+def toggle_conduction(conducting: float) -> float:
     """State of the PWM after its current has met a limit [1]; `conducting`: state before [1]."""
     return 0.0 if conducting > 0.5 else 1.0
 
@@ -275,11 +277,11 @@ def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: 
     voltage = pwm_voltage(p, s.conducting)
     upwards = 1.0 if conducting else -1.0
     limit = mean + upwards * half_band
-    trial = during(plan.on, applied(c, voltage, now))
-    # change of the current and its distance to the limit, both times the denominator of `relaxed`; the distance is
+    trial = during(plan.on, apply_voltage(c, voltage, now))
+    # change of the current and its distance to the limit, both times the denominator of `relaxed_rate`; the distance is
     # negative where the step begins beyond the limit: the band has moved, wherever the current goes
-    per_change = damped(trial, dt)
-    change = upwards * (dt * risen(trial, dt) * now.slope - 2.0 * now.drift * per_change)
+    per_change = relaxation_denominator(trial, dt)
+    change = upwards * (dt * relaxation_numerator(trial, dt) * now.slope - 2.0 * now.drift * per_change)
     left = upwards * (limit - now.current - now.drift) * per_change
     crossed = change > left
     before = clamp(left / max(abs(change), TINY_CURRENT), 0.0, 1.0) if crossed else 1.0
@@ -287,10 +289,10 @@ def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: 
     # voltages at the limit, and across the band
     hold, band = c.resistance * limit, 2.0 * half_band / max(dt * plan.on * c.per_turn * now.slope, TINY_GAIN)
     swing = clamp((1.0 - before) * (other - hold), -band, band)
-    live = during(plan.on, applied(c, before * voltage + (1.0 - before) * hold + swing, now))
-    off = during(1.0 - plan.on, switched_off(p, c, now))
-    flag = (turned(s.conducting) if crossed else s.conducting) if plan.on > 0.0 else 2.0
-    return Change(both_relaxed(live, off, dt), flag)
+    live = during(plan.on, apply_voltage(c, before * voltage + (1.0 - before) * hold + swing, now))
+    quenching = during(1.0 - plan.on, quench(p, c, now))
+    flag = (toggle_conduction(s.conducting) if crossed else s.conducting) if plan.on > 0.0 else 2.0
+    return Change(sum_of_relaxed_rates(live, quenching, dt), flag)
 
 
 @physics
@@ -298,7 +300,7 @@ def voltage_trace(
     p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
 ) -> Change:
     """Mean flux rate under a measured coil voltage v(t)."""
-    return Change(relaxed(applied(c, supply.trace, now), dt), 1.0)
+    return Change(relaxed_rate(apply_voltage(c, supply.trace, now), dt), 1.0)
 
 
 @physics
@@ -306,4 +308,4 @@ def current_trace(
     p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float
 ) -> Change:
     """Mean flux rate that follows a measured coil current i(t), by the regulator without limits of voltage."""
-    return Change(relaxed(_towards(c, supply.trace, p.regulator_gain, -UNLIMITED, UNLIMITED, now), dt), 1.0)
+    return Change(relaxed_rate(_towards(c, supply.trace, p.regulator_gain, -UNLIMITED, UNLIMITED, now), dt), 1.0)

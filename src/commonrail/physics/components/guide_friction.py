@@ -1,6 +1,6 @@
 """Friction of plunger and needle in their guides: F = −v (c_v + F_c/(|v| + v_0)), on mass 1 and on mass 7.
 
-The viscous part stands for the oil film, the dry part for lateral forces; v_0 rounds the dry part at standstill, so
+The viscous part models the oil film, the dry part lateral forces; v_0 rounds the dry part at standstill, so
 that a needle at rest is not held. The rigid body carries both. The paper neglects it.
 
 The virtual test bench rounds otherwise (`bench_friction`), and on any mass: on purpose. Its truth must be none that a
@@ -15,7 +15,7 @@ from commonrail.physics.components import plunger_needle, rigid_body
 from commonrail.physics.components.plunger_needle import Coefficients, Guides, Loads, Nine, SeatContact
 from commonrail.physics.law import physics
 
-ROUNDED = 0.01  # v_0 [m/s]: half of the dry friction acts at this speed; 76 % of that of the bench
+ROUNDED = 0.01  # v_0 [m/s]: half of the dry friction acts at this speed; 76 % of the bench's value
 
 
 @physics
@@ -64,7 +64,7 @@ def advance_chain(
 
 @physics
 def with_guided(x: Nine, top: float, head: float) -> Nine:
-    """Velocities of the chain [m/s] with those of the guided masses 1 and 7 replaced; positions alike.
+    """Velocities of the chain [m/s] with the guided masses 1 and 7 replaced; used for positions too.
 
     `x`: velocities [m/s]; `top`, `head`: of mass 1 and of mass 7 [m/s].
     """
@@ -91,15 +91,15 @@ def advance_body(c: Coefficients, seat: SeatContact, s: rigid_body.State, load: 
     """
     free = rigid_body.advance(c, seat, s, load, dt).v
     per_mass = dt / c.total_mass
-    held = plunger_needle.at_stop(c.guides, s.z).damping + plunger_needle.on_seat(seat, s.z).damping
-    touching = 1.0 + 0.5 * per_mass * held
-    first = _slowed(c.guides, s.v, touching * free, touching, (per_mass, s.v))
-    v = _slowed(c.guides, s.v, touching * free, touching, (per_mass, 0.5 * (s.v + first)))
+    contact_damping = plunger_needle.at_stop(c.guides, s.z).damping + plunger_needle.on_seat(seat, s.z).damping
+    touching = 1.0 + 0.5 * per_mass * contact_damping
+    first = _slow_down(c.guides, s.v, touching * free, touching, (per_mass, s.v))
+    v = _slow_down(c.guides, s.v, touching * free, touching, (per_mass, 0.5 * (s.v + first)))
     return rigid_body.State(s.z + dt * v, v)
 
 
 @physics
-def _slowed(g: Guides, v: float, free: float, touching: float, friction: tuple[float, float]) -> float:
+def _slow_down(g: Guides, v: float, free: float, touching: float, friction: tuple[float, float]) -> float:
     """Velocity after a step [m/s] in which both guides rub.
 
     `v`, `free`: velocity before the step, and after one without friction times `touching` [m/s]; `touching`: one plus

@@ -1,4 +1,4 @@
-"""Needle seat, and the volumes before and behind it: accumulation volume and SAC, Eq. (3)."""
+"""Needle seat, and the volumes upstream and downstream of it: accumulation volume and SAC, Eq. (3)."""
 
 from __future__ import annotations
 

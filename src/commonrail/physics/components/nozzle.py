@@ -199,7 +199,7 @@ def discharge(c: Coefficients, lift_reached: float, sac: float = 0.0, cylinder: 
 
 @physics
 def change(s: Shape, lift_reached: float) -> float:
-    """Relative change of c_d [1]: linear between the knots, constant before the first and behind the last.
+    """Relative change of c_d [1]: linear between the knots, constant before the first and after the last.
 
     `lift_reached`: as in `discharge` [m].
     """

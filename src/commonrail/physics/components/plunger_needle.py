@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable
 from typing import Annotated, Any, NamedTuple
 
-from commonrail.physics.components.contact import Contact, contact, damped_gain
+from commonrail.physics.components.contact import Contact, contact, velocity_gain
 from commonrail.physics.flow import Guide, guide_of, pipe_area
 from commonrail.physics.law import Domain, Q, physics
 
@@ -56,8 +56,8 @@ def each(kind: type, law: Callable[..., float], shared: str = "") -> Callable[..
     arguments that are one number for all.
     """
     arguments = law.__code__.co_varnames[: law.__code__.co_argcount]
-    one = ", ".join(name if name in shared.split() else f"{name}.{{0}}" for name in arguments)
-    values = ", ".join(f"law({one})".format(field) for field in kind._fields)  # type: ignore[attr-defined]
+    field_arguments = ", ".join(name if name in shared.split() else f"{name}.{{0}}" for name in arguments)
+    values = ", ".join(f"law({field_arguments})".format(field) for field in kind._fields)  # type: ignore[attr-defined]
     names: dict[str, Any] = {"__name__": __name__, "law": physics(law), "kind": kind}
     text = f"def unrolled({', '.join(arguments)}):\n    return kind({values})\n"
     exec(compile(text, f"<{law.__name__} of each of {kind.__name__}>", "exec"), names)
@@ -362,7 +362,7 @@ def forces(c: Coefficients, z: Nine, v: Nine, load: Loads) -> Nine:
 
 @physics
 def with_ends(f: Nine, top: float, tip: float) -> Nine:
-    """Forces [N] with those on the ends, where stop and seat act, replaced; gains of velocity alike.
+    """Forces [N] with the ends replaced, where stop and seat act; used for gains of velocity too.
 
     `f`: forces on the masses [N]; `top`: force on mass 1 [N]; `tip`: force on mass 9 [N].
     """
@@ -418,8 +418,8 @@ def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float
     free = _sum(first, numerov_correction(c, seat, s.z, first))
     gain = with_ends(
         free,
-        damped_gain(s.v.i1, free.i1, 0.5 * m.i1 * stop.damping),
-        damped_gain(s.v.i9, free.i9, 0.5 * m.i9 * rest.damping),
+        velocity_gain(s.v.i1, free.i1, 0.5 * m.i1 * stop.damping),
+        velocity_gain(s.v.i9, free.i9, 0.5 * m.i9 * rest.damping),
     )
     u = _sum(s.v, gain)
     return State(_advanced(s.z, dt, u), u, gain)
@@ -443,7 +443,7 @@ Positions = Nine
 
 @physics
 def lifts(z: Nine) -> Motion:
-    """Lifts at top, shoulder and tip. Also their velocities [m/s], from those of the masses; `z`: positions [m]."""
+    """Lifts at top, shoulder and tip. Also velocities [m/s], from velocities of the masses; `z`: positions [m]."""
     return Motion(z.i1, z.i8, z.i9)
 
 

@@ -40,7 +40,7 @@ class Coefficients(NamedTuple):
 
 
 class State(NamedTuple):
-    """Pressure behind the valve over the last step [Pa], and the liquid that is missing in a cavity there [kg]."""
+    """Pressure downstream of the valve over the last step [Pa], and liquid missing in a cavity there [kg]."""
 
     pressure: float
     cavity: float
@@ -55,7 +55,7 @@ def coefficients(p: Parameters, sound_speed: float, dt: float) -> Coefficients:
 
 @physics
 def without_flow(c: Coefficients, s: State, back: float) -> float:
-    """Pressure p' behind a valve that nothing flows through [Pa]; `back`: wave that arrives [Pa]."""
+    """Pressure p' downstream of a valve without flow [Pa]; `back`: wave that arrives [Pa]."""
     return back - c.per_cavity * s.cavity
 
 
@@ -63,7 +63,7 @@ def without_flow(c: Coefficients, s: State, back: float) -> float:
 def advance(c: Coefficients, without: float, vapour: float, flow: float) -> State:
     """State after a step.
 
-    `without`: as of `without_flow` [Pa]; `vapour`: p_v [Pa]; `flow`: mean flow through the valve [kg/s].
+    `without`: p' of `without_flow` [Pa]; `vapour`: p_v [Pa]; `flow`: mean flow through the valve [kg/s].
     """
     filling = without + c.impedance * flow
     pressure = max(filling, vapour)

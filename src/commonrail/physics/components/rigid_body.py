@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from commonrail.physics.components.contact import damped_gain
+from commonrail.physics.components.contact import velocity_gain
 from commonrail.physics.components.plunger_needle import Coefficients, Loads, Motion, SeatContact, at_stop, on_seat
 from commonrail.physics.law import physics
 
@@ -32,7 +32,7 @@ def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float
     per_mass = dt / c.total_mass
     impulse = per_mass * (force(c, s.z, load) + rest.force - stop.force)
     half = 0.5 * per_mass * (rest.damping + stop.damping)
-    v = s.v + damped_gain(s.v, impulse, half)
+    v = s.v + velocity_gain(s.v, impulse, half)
     return State(s.z + dt * v, v)
 
 
@@ -53,7 +53,7 @@ Positions = float
 
 @physics
 def lifts(z: float) -> Motion:
-    """Lifts at top, shoulder and tip: all equal. Also their velocities [m/s], from that of the body; `z`: lift [m]."""
+    """Lifts at top, shoulder and tip: all equal. Also velocities [m/s], from the body's velocity; `z`: lift [m]."""
     return Motion(z, z, z)
 
 

@@ -52,7 +52,7 @@ class Coefficients(NamedTuple):
 
 
 class State(NamedTuple):
-    """Flux φ through one turn of the coil and flux φ_f that pulls, behind the eddy currents [Wb]."""
+    """Flux φ through one turn of the coil and pulling flux φ_f, delayed by the eddy currents [Wb]."""
 
     flux: float
     pulling_flux: float
@@ -107,7 +107,7 @@ def circuit(c: Coefficients, flux: float, armature_gap: float, closing: float = 
 def magnetic_force(c: Coefficients, pulling_flux: float) -> float:
     """Magnetic force on the armature F_ev of Eq. (12) [N], never negative: it opens the valve.
 
-    `pulling_flux`: φ_f [Wb], behind the eddy currents.
+    `pulling_flux`: φ_f [Wb], delayed by the eddy currents.
     """
     return c.force * pulling_flux * pulling_flux
 
@@ -129,8 +129,8 @@ class DecayParameters(NamedTuple):
 
 
 @physics
-def lagged(before: float, after: float, pulling: float, rising: float, falling: float) -> float:
-    """Pulling flux φ_f [Wb] after a step: it follows the mean of φ over the step, φ itself where there is no lag.
+def follow_flux(before: float, after: float, pulling: float, rising: float, falling: float) -> float:
+    """Pulling flux φ_f [Wb] after a step: it follows the mean of φ over the step, or equals φ without a lag.
 
     `before`, `after`: φ at both ends of the step [Wb]; `pulling`: φ_f before the step [Wb]; `rising`, `falling`: share
     of the difference that a step makes up, 1 − exp(−dt/τ), for either direction [1].
@@ -144,7 +144,7 @@ def lagged(before: float, after: float, pulling: float, rising: float, falling: 
 def lag_rate(flux: float, pulling: float, rising: float, falling: float) -> float:
     """dφ_f/dt [V], for a solver that has both fluxes at one time.
 
-    `flux`, `pulling`: φ and φ_f [Wb]; `rising`, `falling`: lags τ of either direction [s], > 0.
+    `flux`, `pulling`: φ and φ_f [Wb]; `rising`, `falling`: lags τ of both directions [s], > 0.
     """
     ahead = flux - pulling
     return ahead / (rising if ahead > 0.0 else falling)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import pi
 from typing import Annotated, NamedTuple
 
-from commonrail.physics.components.contact import contact, contact_over_step, damped_gain
+from commonrail.physics.components.contact import contact, contact_over_step, velocity_gain
 from commonrail.physics.elementary import sine
 from commonrail.physics.flow import pipe_area
 from commonrail.physics.law import Domain, Q, physics
@@ -108,7 +108,7 @@ def film_of(disc: float, thickness: float, viscosity: float) -> Film:
 
 @physics
 def no_film(c: Coefficients, s: State) -> float:
-    """Damping coefficient of a valve that squeezes no fuel [N s/m]; signature as of `film_damping`."""
+    """Damping coefficient of a valve that squeezes no fuel [N s/m]; same signature as `film_damping`."""
     return 0.0
 
 
@@ -151,8 +151,8 @@ def at_rest(c: Coefficients, seat_pressure: float) -> State:
 
     `seat_pressure`: excess over the return pressure on the seat area [Pa].
     """
-    held = c.spring_preload - c.seat_area * seat_pressure
-    return State(-held / (c.contact_stiffness + c.spring_stiffness), 0.0)
+    seat_force = c.spring_preload - c.seat_area * seat_pressure
+    return State(-seat_force / (c.contact_stiffness + c.spring_stiffness), 0.0)
 
 
 @physics
@@ -170,7 +170,7 @@ def advance(c: Coefficients, s: State, magnetic_force: float, seat_pressure: flo
     """
     force, damping = forces_over_step(c, s, magnetic_force, seat_pressure, dt)
     per_mass = dt * c.per_mass
-    velocity = s.velocity + damped_gain(s.velocity, per_mass * force, 0.5 * per_mass * (damping + film))
+    velocity = s.velocity + velocity_gain(s.velocity, per_mass * force, 0.5 * per_mass * (damping + film))
     return State(s.lift + dt * velocity, velocity)
 
 

@@ -431,7 +431,7 @@ class Home:
         """Write a prior, a value and its standard deviation; an empty text removes it."""
         import tomlkit
 
-        value, sign, sigma = (part.strip() for part in text.replace("+-", "±").partition("±"))
+        value, sign, sigma = (piece.strip() for piece in text.replace("+-", "±").partition("±"))
         if text and not (value and sigma):
             raise InputError(f"A prior is a value and its standard deviation, as in 4 mm ± 0.1 mm, not {text}.")
         prior = tomlkit.inline_table()
@@ -593,8 +593,8 @@ class Home:
         """Map of a run in the formats of control units."""
         files = [f"out/{run}.{ending}" for ending in MAPS.values()]
         if not self.is_fresh(run, files[0]):
-            named = [text for file in files for text in ("--out", file)]
-            await self.project.run("map", f"runs/{run}", "--bands", "none", *named, "--json")
+            out_options = [text for file in files for text in ("--out", file)]
+            await self.project.run("map", f"runs/{run}", "--bands", "none", *out_options, "--json")
         return f"out/{run}.{ending}"
 
     async def export(self, run: str, form: str, path: str) -> str:

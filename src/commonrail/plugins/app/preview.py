@@ -84,12 +84,12 @@ class Preview:
         self._process = None
 
 
-def _drawn(values: Any, count: int = MOST_SAMPLES) -> list[float | None]:
+def _thin_out(values: Any, count: int = MOST_SAMPLES) -> list[float | None]:
     """Means of neighbours, so that a curve has at most `count` values; None where there is none."""
     values = np.asarray(values, dtype=float)
     width = -(-len(values) // count)
     parts = [values[i : i + width].mean() for i in range(0, len(values), width)]
-    return [float(f"{part:.5g}") if np.isfinite(part) else None for part in parts]
+    return [float(f"{value:.5g}") if np.isfinite(value) else None for value in parts]
 
 
 def _compare(data: Any, simulated: Any) -> dict[str, Any]:
@@ -101,9 +101,9 @@ def _compare(data: Any, simulated: Any) -> dict[str, Any]:
     if data.kind == "rate":
         middle = 0.5e6 * (data.bounds[1:] + data.bounds[:-1])
         return answer | {
-            "time": _drawn(middle),
-            "measured": _drawn(measured * 1e6),
-            "simulated": _drawn(simulated * 1e6),
+            "time": _thin_out(middle),
+            "measured": _thin_out(measured * 1e6),
+            "simulated": _thin_out(simulated * 1e6),
         }
     rows = []
     if len(data.points) == len(measured) and "quantities" in data.kind:
@@ -158,10 +158,10 @@ class Worker:
         from commonrail.base.units import to_text
         from commonrail.physics.injector import parameter_quantities
 
-        study, known = self._load(Path(path)), parameter_quantities()
+        study, quantities = self._load(Path(path)), parameter_quantities()
         rows = []
         for p in study.space.parameters:
-            usual = known[p.name].usual if p.name in known else None
+            usual = quantities[p.name].usual if p.name in quantities else None
             low, high = usual or (2.0 * p.lower - p.upper, 2.0 * p.upper - p.lower)
             width = p.upper - p.lower
             low, high = min(p.lower, max(low, p.lower - width)), max(p.upper, min(high, p.upper + width))
@@ -169,10 +169,10 @@ class Worker:
             rows[-1] |= {
                 "least": low,
                 "most": high,
-                "meaning": known[p.name].meaning if p.name in known else "delay of the meter",
+                "meaning": quantities[p.name].meaning if p.name in quantities else "delay of the meter",
             }
-        texts = {n: [to_text(x, q.unit, 4) for x in q.usual] for n, q in known.items() if q.usual}
-        return {"rows": rows, "usual": texts, "meaning": {n: q.meaning for n, q in known.items()}}
+        texts = {n: [to_text(x, q.unit, 4) for x in q.usual] for n, q in quantities.items() if q.usual}
+        return {"rows": rows, "usual": texts, "meaning": {n: q.meaning for n, q in quantities.items()}}
 
     def section(self, injector: str) -> dict[str, Any]:
         """Section of an injector, and its dimensions with marks."""
@@ -183,7 +183,7 @@ class Worker:
         from commonrail.plugins.features.anatomy import still_section
         from commonrail.readers.injector import load_injector
 
-        model, known = load_injector(injector), parameter_quantities()
+        model, quantities = load_injector(injector), parameter_quantities()
         groups = []
         for words, names in GROUPS.items():
             rows = []
@@ -192,8 +192,8 @@ class Worker:
                     source = model.sources.get(name)
                     row = {
                         "name": name,
-                        "meaning": known[name].meaning,
-                        "text": to_text(model.values[name], known[name].unit),
+                        "meaning": quantities[name].meaning,
+                        "text": to_text(model.values[name], quantities[name].unit),
                     }
                     rows.append(row | {"mark": source.mark if source else "E", "source": source.text if source else ""})
             groups += [[words, rows]] if rows else []
@@ -208,8 +208,8 @@ class Worker:
         from commonrail.runs.listing import list_runs
 
         keys = ("state", "title", "reason", "generation", "generations", "refinements", "best", "age", "seconds")
-        found = [{k: getattr(run, k) for k in keys} | {"name": run.folder.name} for run in list_runs(Path(place))]
-        return {"runs": [{k: v if v == v and v != float("inf") else None for k, v in run.items()} for run in found]}
+        rows = [{k: getattr(run, k) for k in keys} | {"name": run.folder.name} for run in list_runs(Path(place))]
+        return {"runs": [{k: v if v == v and v != float("inf") else None for k, v in run.items()} for run in rows]}
 
     def run(self, place: str) -> dict[str, Any]:
         """Course of a run, its best values so far beside its start values, and its process."""

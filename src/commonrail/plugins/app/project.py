@@ -78,9 +78,9 @@ class Project:
     def save(self) -> None:
         """Write the state."""
         write_text(self.folder / STATE, json.dumps(self.state, indent=1, ensure_ascii=False) + "\n")
-        self._changed()
+        self._notify_change()
 
-    def _changed(self) -> None:
+    def _notify_change(self) -> None:
         self.version, self.author = self.version + 1, self._window()
 
     def inside(self, path: str) -> Path | None:
@@ -178,19 +178,19 @@ class Project:
     @property
     def study(self) -> Path | None:
         """File of the latest study."""
-        return next(iter(self._numbered("study", "study.toml")), None)
+        return next(iter(self._list_numbered("study", "study.toml")), None)
 
     @property
     def runs(self) -> list[Path]:
         """Folders of the runs, latest first."""
-        return [place.parent for place in self._numbered("runs/run", "journal.sqlite")]
+        return [place.parent for place in self._list_numbered("runs/run", "journal.sqlite")]
 
-    def _numbered(self, stem: str, file: str) -> list[Path]:
+    def _list_numbered(self, stem: str, file: str) -> list[Path]:
         parent, _, prefix = stem.rpartition("/")
-        found = (
+        paths = (
             p for p in (self.folder / parent).glob(f"{prefix}-*/{file}") if p.parent.name[len(prefix) + 1 :].isdecimal()
         )
-        return sorted(found, key=lambda p: -int(p.parent.name.rpartition("-")[2]))
+        return sorted(paths, key=lambda p: -int(p.parent.name.rpartition("-")[2]))
 
     def _free(self, stem: str) -> str:
         numbers = [1]
@@ -218,9 +218,9 @@ class Project:
             else:
                 forms += [text for text in form if text not in forms]
             sources[name] = source
-        named = [text for source in sources.values() for text in ("--from", source)]
+        from_options = [text for source in sources.values() for text in ("--from", source)]
         bench = [text for key, value in self.state["bench"].items() if value for text in (f"--{key}", value)]
-        record = await self.run("new", folder, "--injector", "injector.toml", *named, *bench, *forms, "--json")
+        record = await self.run("new", folder, "--injector", "injector.toml", *from_options, *bench, *forms, "--json")
 
         def change(document: Any) -> None:
             for block in document["data"]:
@@ -332,7 +332,7 @@ class Project:
                 creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # of Windows
                 **self._place(),
             )
-        self._changed()
+        self._notify_change()
 
     def said(self, run: str) -> str:
         """Last line that the process of a run has written."""

@@ -6,7 +6,7 @@ import importlib.util
 from collections.abc import Callable
 from pathlib import Path
 
-from commonrail.base.arguments import file_path, flag, function, whole
+from commonrail.base.arguments import file_path, flag, function, integer
 from commonrail.base.errors import ConfigurationError
 
 
@@ -39,7 +39,7 @@ def app(
         raise ConfigurationError("The app needs NiceGUI, which is not installed: pip install 'commonrail[app]'.")
     from commonrail.plugins.app.server import listen, serve
 
-    path, port = file_path(folder, "folder"), whole(port, "port", 0, 65535)
+    path, port = file_path(folder, "folder"), integer(port, "port", 0, 65535)
     function(announce, "announce")
     listener = listen(port)
     serve(path, listener, listener.getsockname()[1], announce, opens=flag(opens, "opens"))

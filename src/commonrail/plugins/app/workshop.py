@@ -117,9 +117,9 @@ class Workshop:
                     box = ui.textarea().props(f'outlined aria-label="{words}"').classes("wide")
                     ui.button(self.say("Take"), on_click=lambda: self.paste(box.value)).props("no-caps outline")
 
-    def set_part(self, part: str) -> None:
+    def set_part(self, number: str) -> None:
         """Take a part number or a type."""
-        self.part = self.project.state["part"] = part
+        self.part = self.project.state["part"] = number
         self.project.save()
 
     async def take(self, name: str, chunks: Any) -> None:
@@ -204,7 +204,7 @@ class Workshop:
                 self.row(row)
         with ui.element("div").classes("two"):
             self.cause(self.record.get("diagnosis") or {})
-            self.further(self.record.get("diagnosis") or {}, self.record.get("trim") or {})
+            self.show_next_test_and_trim(self.record.get("diagnosis") or {}, self.record.get("trim") or {})
 
     def row(self, row: dict[str, Any]) -> None:
         """One test in its band."""
@@ -244,15 +244,17 @@ class Workshop:
             ui.label(self.say("Likely cause")).classes("sub").props('role="heading" aria-level="2"')
             if diagnosis["verdict"] == "cannot be told":
                 ui.label(self.say("The measurements do not single out a cause.")).classes("soft")
-            for one in diagnosis["diagnoses"]:
-                if one["probability"] >= 0.01:
+            for candidate in diagnosis["diagnoses"]:
+                if candidate["probability"] >= 0.01:
                     with ui.row().classes("line"):
-                        ui.label(self.say(one["name"])).style("flex: 1")
-                        bar = ui.linear_progress(one["probability"], show_value=False, size="12px").style("width: 40%")
+                        ui.label(self.say(candidate["name"])).style("flex: 1")
+                        bar = ui.linear_progress(candidate["probability"], show_value=False, size="12px").style(
+                            "width: 40%"
+                        )
                         bar.props('aria-hidden="true"')
-                        ui.label(f"{100 * one['probability']:.0f} %").classes("number")
+                        ui.label(f"{100 * candidate['probability']:.0f} %").classes("number")
 
-    def further(self, diagnosis: dict[str, Any], trim: dict[str, Any]) -> None:
+    def show_next_test_and_trim(self, diagnosis: dict[str, Any], trim: dict[str, Any]) -> None:
         """The next test, and the trim."""
         with ui.card().classes("box"):
             if tests := diagnosis.get("next"):

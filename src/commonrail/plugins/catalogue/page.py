@@ -98,12 +98,12 @@ def _commands(e: Exhibit) -> list[str]:
 
 def _curves(e: Exhibit) -> Figure:
     """Rates and lifts at all points."""
-    whole = course_figure(e.solutions)
+    figure = course_figure(e.solutions)
     end = max(end_of_motion(s, p.pulses) for s, p in zip(e.solutions.values(), e.points, strict=True))
-    rate, lifts = (_of_pressures(panel, len(e.points), end * MICROSECOND) for panel in whole.panels[:2])
+    rate, lifts = (_of_pressures(panel, len(e.points), end * MICROSECOND) for panel in figure.panels[:2])
     lasting, back = quantity(e.points[0].pulses[0][1], "s", 3), quantity(e.points[0].initial_pressures()[1], "Pa", 3)
     return replace(
-        whole,
+        figure,
         title=f"Rate and lifts, energised for {lasting}",
         caption=f"Simulated, not measured, in steps of 1 µs; against {back} in the cylinder. "
         "Lifts: needle solid, valve dashed.",
@@ -142,8 +142,8 @@ def _figures(e: Exhibit) -> Table:
 def _origin(injector: Injector) -> str:
     """Sentence on how many values are measured, fitted or estimated."""
     counts = Counter(source.mark for source in injector.sources.values())
-    told = [f"{words}: {counts[mark]}" for mark, words in MARKS.items() if counts[mark]]
-    return f"Of its {sum(counts.values())} values, by origin, {', '.join(told)}."
+    origins = [f"{words}: {counts[mark]}" for mark, words in MARKS.items() if counts[mark]]
+    return f"Of its {sum(counts.values())} values, by origin, {', '.join(origins)}."
 
 
 def _values(injector: Injector) -> Table:

@@ -47,17 +47,19 @@ def catalogue(section: Section | None = None, search: str = "") -> Entries:
     """
     from commonrail.readers.part_number import find_part
 
-    chosen = list(Section) if section is None else [Section(section)]
-    parts = find_part(search) if Section.INJECTORS in chosen and part_digits(search) else ()
-    named = {part.injector for part in parts}
-    found = {s.value: [e for e in _ENTRIES[s]() if _matches(e, search) or e["name"] in named] for s in chosen}
-    return Entries(found, tuple(parts))
+    sections = list(Section) if section is None else [Section(section)]
+    parts = find_part(search) if Section.INJECTORS in sections and part_digits(search) else ()
+    listed_injectors = {match.injector for match in parts}
+    entries = {
+        s.value: [e for e in _ENTRIES[s]() if _matches(e, search) or e["name"] in listed_injectors] for s in sections
+    }
+    return Entries(entries, tuple(parts))
 
 
 def _fuels() -> list[dict[str, Any]]:
     from commonrail.readers.fuel import fuel_catalogue, load_fuel
 
-    fuels = _sound(load_fuel, fuel_catalogue()).values()
+    fuels = _load_all(load_fuel, fuel_catalogue()).values()
     return [{"name": f.name, "title": f.title, "mark": f.mark, "source": f.source} for f in fuels]
 
 
@@ -66,7 +68,7 @@ def _injectors() -> list[dict[str, Any]]:
 
     return [
         {"name": name, "title": i.title, "variant": i.variant.label, "synthetic": i.synthetic}
-        for name, i in _sound(load_injector, injector_catalogue()).items()
+        for name, i in _load_all(load_injector, injector_catalogue()).items()
     ]
 
 
@@ -76,7 +78,7 @@ def _meters() -> list[dict[str, Any]]:
 
     return [
         {"name": name, "law": f"{m.law.value}, order {m.order}", "quantities": ", ".join(m.values)}
-        for name, m in _sound(installed_meter, list(registry.installed("meters"))).items()
+        for name, m in _load_all(installed_meter, list(registry.installed("meters"))).items()
     ]
 
 
@@ -89,22 +91,24 @@ def _features() -> list[dict[str, Any]]:
             "unit": feature.unit,
             "meaning": feature.meaning,
             "found in": " and ".join(
-                word for word, found in (("traces", feature.of_trace), ("simulations", feature.of_simulation)) if found
+                word
+                for word, is_available in (("traces", feature.of_trace), ("simulations", feature.of_simulation))
+                if is_available
             ),
         }
         for feature in known_features().values()
     ]
 
 
-def _sound(load: Callable[[str], _Found], names: Sequence[str]) -> dict[str, _Found]:
+def _load_all(load: Callable[[str], _Found], names: Sequence[str]) -> dict[str, _Found]:
     """Files that can be loaded, by name; one of an installed package that cannot be is named in a warning."""
-    found = {}
+    injectors = {}
     for name in names:
         try:
-            found[name] = load(name)
+            injectors[name] = load(name)
         except CommonrailError as error:
             note(f"commonrail: {error}")
-    return found
+    return injectors
 
 
 def _parameters() -> list[dict[str, Any]]:

@@ -56,20 +56,20 @@ def catalogue(
         return
     from commonrail.plugins.catalogue.run import catalogue as list_entries
 
-    found, parts = list_entries(Section.INJECTORS if report is not None else section, search)
+    entries_by_section, parts = list_entries(Section.INJECTORS if report is not None else section, search)
     if report is not None:
-        _write_gallery(report, [entry["name"] for entry in found["injectors"]], search, json)
+        _write_gallery(report, [entry["name"] for entry in entries_by_section["injectors"]], search, json)
         return
     if json:
-        print_json({"kind": "catalogue", **found, "parts": [part._asdict() for part in parts]})
+        print_json({"kind": "catalogue", **entries_by_section, "parts": [match._asdict() for match in parts]})
         return
-    for name, entries in found.items():
+    for name, entries in entries_by_section.items():
         if entries:
             rows = [[_text(value) for value in entry.values()] for entry in entries]
             print_rows(tuple(entries[0]), rows, name)
-    for part in parts:
-        say(f"commonrail: {part.reason}")
-    if not any(found.values()):
+    for match in parts:
+        say(f"commonrail: {match.reason}")
+    if not any(entries_by_section.values()):
         say(f'commonrail: nothing contains "{search}"{NO_SUCH_PART * bool(part_digits(search))}.')
 
 

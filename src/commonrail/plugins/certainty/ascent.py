@@ -29,7 +29,7 @@ class Ascent(NamedTuple):
     def best(self) -> Ascent:
         """The one that ends highest."""
         best = int(np.argmin(self.cost))
-        return Ascent(*(part[best : best + 1] for part in self))
+        return Ascent(*(row[best : best + 1] for row in self))
 
 
 class _Criterion(NamedTuple):
@@ -39,8 +39,8 @@ class _Criterion(NamedTuple):
 
     def innovations(self, residuals: Floats, unit: Floats) -> Floats:
         likelihood = self.likelihood
-        known = np.isfinite(residuals).all(axis=-1, keepdims=True)
-        data = np.where(known, likelihood.whiten(np.where(known, residuals, 0.0)), np.nan)
+        complete = np.isfinite(residuals).all(axis=-1, keepdims=True)
+        data = np.where(complete, likelihood.whiten(np.where(complete, residuals, 0.0)), np.nan)
         priors = likelihood.priors.residuals(likelihood.space.from_unit(unit.reshape(-1, unit.shape[-1])))
         return np.concatenate([data, priors.reshape(*unit.shape[:-1], -1)], axis=-1)
 
@@ -55,10 +55,10 @@ class _Criterion(NamedTuple):
         return np.where(np.isfinite(cost), cost, np.inf)
 
     def weights(self, innovations: Floats) -> Floats:
-        found = np.ones_like(innovations)
+        weights = np.ones_like(innovations)
         n = self.likelihood.size
-        found[:, :n] = weights_of(self.likelihood, innovations[:, :n])
-        return found
+        weights[:, :n] = weights_of(self.likelihood, innovations[:, :n])
+        return weights
 
     def curvature(self, innovations: Floats) -> Floats:
         return np.ones(len(innovations))

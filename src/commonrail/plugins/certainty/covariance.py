@@ -52,9 +52,9 @@ def covariance_of(likelihood: Likelihood, unit: Floats, slopes: Floats, errors: 
     prior = prior_slopes.T @ prior_slopes
     bread, used, meat = _bread(likelihood, parts, prior, innovations)
     inverse, loose = _inverse(bread)
-    spread = [inverse @ (t * part) @ inverse for t, part in zip(meat, parts, strict=True)]
+    spread = [inverse @ (t * matrix) @ inverse for t, matrix in zip(meat, parts, strict=True)]
     spread.append(inverse @ prior @ inverse)
-    shares = np.array([np.diag(part) for part in spread])
+    shares = np.array([np.diag(matrix) for matrix in spread])
     shares = shares / np.maximum(shares.sum(axis=0), 1e-300)
     freedom = combined_freedom(shares, [noise.freedom for noise in likelihood.noises])
     noise = np.sum(spread, axis=0)
@@ -83,14 +83,14 @@ def _bread(
         slopes = noise.density.slope(u)
         slope[i] = max(float(slopes.mean()), 0.05)
         spread[i] = float(slopes.var()) / slope[i] ** 2
-        if not (noise.known and noise.law is Law.GAUSSIAN):
+        if not (noise.stated and noise.law is Law.GAUSSIAN):
             mean_square[i] = float(np.mean((u * noise.density.weight(u)) ** 2))
-    bread = np.sum([m * part for m, part in zip(slope, parts, strict=True)], axis=0) + prior
+    bread = np.sum([m * matrix for m, matrix in zip(slope, parts, strict=True)], axis=0) + prior
     inverse, _ = _inverse(bread)
-    used = np.array([m * np.sum(inverse * part) for m, part in zip(slope, parts, strict=True)])
+    used = np.array([m * np.sum(inverse * matrix) for m, matrix in zip(slope, parts, strict=True)])
     huber = (1.0 + used / sizes * spread) ** 2
-    known = np.array([noise.known and noise.law is Law.GAUSSIAN for noise in likelihood.noises])
-    meat = np.where(known, 1.0, huber * mean_square * sizes / np.maximum(sizes - used, 1.0))
+    exact = np.array([noise.stated and noise.law is Law.GAUSSIAN for noise in likelihood.noises])
+    meat = np.where(exact, 1.0, huber * mean_square * sizes / np.maximum(sizes - used, 1.0))
     return bread, used, meat
 
 
@@ -98,9 +98,9 @@ def _inverse(matrix: Floats) -> tuple[Floats, Bools]:
     """Pseudo-inverse of a symmetric matrix, scaled to a unit diagonal, and the parameters that it does not hold."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    held = values > NEGLIGIBLE * max(values.max(initial=0.0), 1e-300)
-    inverse = (vectors[:, held] / values[held]) @ vectors[:, held].T
-    loose = (np.sum(vectors[:, held] ** 2, axis=1) < 1.0 - 1e-6) | (np.diag(matrix) <= 0.0)
+    supported = values > NEGLIGIBLE * max(values.max(initial=0.0), 1e-300)
+    inverse = (vectors[:, supported] / values[supported]) @ vectors[:, supported].T
+    loose = (np.sum(vectors[:, supported] ** 2, axis=1) < 1.0 - 1e-6) | (np.diag(matrix) <= 0.0)
     return np.asarray(inverse / np.outer(scale, scale)), loose
 
 

@@ -140,7 +140,7 @@ class Posterior:
         self.feasible = FeasibleSet.of(likelihood.space)
         white = likelihood.whiten(regression.coefficients)
         self._parts = [white[:, block.rows] for block in likelihood.blocks]
-        self._grams = [part @ part.T for part in self._parts]
+        self._grams = [matrix @ matrix.T for matrix in self._parts]
 
     def prior(self, unit: Floats) -> Floats:
         """Part (m,) of the priors; −inf beyond bounds and constraints."""
@@ -182,7 +182,7 @@ class Posterior:
         cost = np.sum((freedom[:, None] + 1.0) * np.log1p(u * u / freedom[:, None]), axis=1)
         cost += 2.0 * self.samples[i] * (scale - constant)
         noise = self.likelihood.noises[i]
-        if noise.known:  # a stated scale, or one of repeated measurements, has its own density
+        if noise.stated:  # a stated scale, or one of repeated measurements, has its own density
             cost += min(noise.freedom, MOST_KNOWN) * (2.0 * scale + np.exp(-2.0 * scale))
         return np.where((log_freedom < 0.0) | (log_freedom > math.log(MOST_FREEDOM)), np.inf, cost)
 
@@ -194,11 +194,11 @@ MOST_ABSORBED = 0.2  # share of the values that courses follow, from which a sca
 
 def integrated(samples: int, noise: FittedNoise, cost: Floats) -> Floats:
     """Cost (m,) of a block of `samples` with the scale of its noise integrated out, as far as it is not known."""
-    fixed = (noise.known and np.isinf(noise.freedom)) or noise.absorbed > MOST_ABSORBED * samples
+    fixed = (noise.stated and np.isinf(noise.freedom)) or noise.absorbed > MOST_ABSORBED * samples
     if noise.law is Law.STUDENT or fixed:  # courses have sizes of their own, which the scale does not change
         return cost
     twice = 2 if noise.law is Law.LAPLACE else 1  # its cost has twice the values for a mean
-    if noise.known:
+    if noise.stated:
         return np.asarray(twice * (samples + twice * noise.freedom) * np.log1p(cost / (twice**2 * noise.freedom)))
     return np.asarray(twice * samples * np.log(np.maximum(cost, 1e-300)))
 
@@ -270,7 +270,7 @@ def _walked(posterior: Posterior, centre: Floats, covariance: Floats, rng: np.ra
     away = rng.standard_normal((WALKERS, d)) @ np.linalg.cholesky(0.5 * covariance + FIRM * np.eye(d)).T
     base = posterior.feasible.within(np.tile(centre, (WALKERS, 1)), centre + away)
     scales = np.tile([0.0, math.log(4.0)], (WALKERS, pairs)) + 0.1 * rng.standard_normal((WALKERS, 2 * pairs))
-    state, kept = np.hstack([base, scales]), list[Floats]()
+    state, samples = np.hstack([base, scales]), list[Floats]()
     logs = posterior(state)
     for step in range(STEPS):
         for moving, pool in ((slice(0, half), state[half:]), (slice(half, None), state[:half])):
@@ -283,8 +283,8 @@ def _walked(posterior: Posterior, centre: Floats, covariance: Floats, rng: np.ra
             state[moving] = np.where(take[:, None], asked, state[moving])
             logs[moving] = np.where(take, new, logs[moving])
         if step >= STEPS // 2 and step % THINNED == 0:
-            kept.append(state.copy())
-    return np.concatenate(kept)
+            samples.append(state.copy())
+    return np.concatenate(samples)
 
 
 def draw(estimate: Estimate, seed: int = 0) -> tuple[Estimate, Draws]:
@@ -393,24 +393,24 @@ class _Population:
         plain = self.likelihood.with_residuals(
             lambda points: regression.residuals(self.likelihood.space.to_unit(points))
         )
-        whole, top = _with_courses(plain, directions), self.top
+        with_courses, top = _with_courses(plain, directions), self.top
         for _ in range(NOISE_TURNS):
             with telling(None):  # a round is a step
-                end = climb(whole, np.clip(top, 0.0, 1.0)[None], turns=40, tolerance=1e-3)
+                end = climb(with_courses, np.clip(top, 0.0, 1.0)[None], turns=40, tolerance=1e-3)
             top, errors = end.unit[0], end.errors[0]
             slopes = regression.slopes(top)
-            covariance = covariance_of(whole, top, slopes, errors)
+            covariance = covariance_of(with_courses, top, slopes, errors)
             plain = plain.estimated(
                 errors, covariance.used.tolist(), covariance.root.T @ slopes, like=self.likelihood.noises
             )
-            whole = _with_courses(plain, directions)
+            with_courses = _with_courses(plain, directions)
         self.top, self._slopes = top, slopes
-        tangents, pulls = whole.whiten(slopes), prior_slopes_at(whole, top)
+        tangents, pulls = with_courses.whiten(slopes), prior_slopes_at(with_courses, top)
         metric = tangents @ tangents.T + pulls.T @ pulls + FIRM * np.eye(len(top))
         self.local = bounded(np.asarray(np.linalg.pinv(metric, hermitian=True), float)) + FIRM * np.eye(len(top))
-        self.noises, self._whole = plain.noises, whole
-        samples = [sample_count(errors[block.rows]) for block in whole.blocks]
-        self.posterior = Posterior(whole, regression, samples)
+        self.noises, self._whole = plain.noises, with_courses
+        samples = [sample_count(errors[block.rows]) for block in with_courses.blocks]
+        self.posterior = Posterior(with_courses, regression, samples)
 
     def better_than(self, before: Estimate) -> Estimate:
         """Estimate at the top of the last regression, with its noise; the one before if the simulated top is worse."""

@@ -15,11 +15,11 @@ BINS = 40
 KINDS = ("corner", "trace")
 
 
-def draw_posterior(found: Certainty, ax: Any, kind: str) -> Any:
+def draw_posterior(certainty: Certainty, ax: Any, kind: str) -> Any:
     """Draw a corner plot into axes (d, d), or the traces of d parameters into axes (d,); new ones by default."""
     if kind not in KINDS:
         raise ConfigurationError(f"The kind of a posterior plot must be one of {', '.join(KINDS)}, not {kind!r}.")
-    d, points, corner = found.d, found.points, kind == "corner"
+    d, points, corner = certainty.d, certainty.points, kind == "corner"
     columns, size = d if corner else 1, 1.9 * max(d, 2)
     if ax is None:
         _, ax = pyplot.subplots(
@@ -29,9 +29,9 @@ def draw_posterior(found: Certainty, ax: Any, kind: str) -> Any:
     if axes.size != d * columns:
         raise ConfigurationError(f"A {kind} plot of {d} parameters needs {d * columns} axes, not {axes.size}.")
     axes = axes.reshape(d, columns)
-    units = found.estimate.likelihood.units
-    labels = [f"{name} [{unit}]" for name, unit in zip(found.names, units, strict=False)]
-    for i, value in enumerate(found.point):
+    units = certainty.estimate.likelihood.units
+    labels = [f"{name} [{unit}]" for name, unit in zip(certainty.names, units, strict=False)]
+    for i, value in enumerate(certainty.point):
         if corner:
             _corner_row(axes[i], points, i, value)
         else:
@@ -51,5 +51,5 @@ def _corner_row(row: Any, points: Any, i: int, value: float) -> None:
     row[i].set_yticks([])
     for j in range(i):
         row[j].plot(points[:, j], points[:, i], ".", markersize=1.0, color=FAMILIES[0], alpha=0.3)
-    for one in row[i + 1 :]:
-        one.set_axis_off()
+    for axes in row[i + 1 :]:
+        axes.set_axis_off()

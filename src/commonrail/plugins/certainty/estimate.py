@@ -84,24 +84,24 @@ def estimate(likelihood: Likelihood, starts: Floats, *, first: int | None = None
     nothing = [0.0] * len(likelihood.blocks)
     white = likelihood.estimated(begun, nothing, correlated=False)
     turns = SHORT if likelihood.space.dimension <= FEW else LONG
-    held = np.arange(first or likelihood.space.dimension, likelihood.space.dimension)
-    fixed = np.tile(held, (len(starts), 1)) if len(held) else None
+    later = np.arange(first or likelihood.space.dimension, likelihood.space.dimension)
+    fixed = np.tile(later, (len(starts), 1)) if len(later) else None
     ends = climb(white, starts, fixed, turns=turns, tolerance=1e-2)
     simulated = white.simulated
     if len(starts) > 1:  # the first noise is that of a start, which is no measure of how near an end is
         white = likelihood.estimated(ends.best.errors[0], nothing, correlated=False)
         sound = np.isfinite(ends.cost)
-        kept = None if fixed is None else fixed[sound]
-        ends = climb(white, ends.unit[sound], kept, errors=ends.errors[sound], turns=turns, tolerance=1e-2)
+        fixed_sound = None if fixed is None else fixed[sound]
+        ends = climb(white, ends.unit[sound], fixed_sound, errors=ends.errors[sound], turns=turns, tolerance=1e-2)
         simulated += white.simulated
     if fixed is not None:
         ends = climb(white, ends.unit, errors=ends.errors, turns=turns, tolerance=1e-2)
     near, noisy = ends.best, white
     agreeing = int(np.count_nonzero(ends.cost - near.cost < AGREED))
     for last in range(rounds):
-        known, slopes = covariance_at(noisy, near)
+        covariance, slopes = covariance_at(noisy, near)
         simulated += noisy.simulated if last else 0
-        noisy = likelihood.estimated(near.errors[0], known.used.tolist(), known.root.T @ slopes)
+        noisy = likelihood.estimated(near.errors[0], covariance.used.tolist(), covariance.root.T @ slopes)
         tolerance = 0.1 if last < rounds - 1 else 1e-2
         near = climb(noisy, near.unit, errors=near.errors, slopes=slopes[None], turns=NEAR, tolerance=tolerance)
         if last == 0 and len(starts) > 1:
@@ -167,33 +167,33 @@ def library(likelihood: Likelihood, many: int, seed: int = 0) -> tuple[Floats, F
     return likelihood.space.to_unit(points[sound]), errors[sound]
 
 
-def assimilated(likelihood: Likelihood, found: tuple[Floats, Floats], many: int) -> Floats:
+def assimilated(likelihood: Likelihood, library: tuple[Floats, Floats], many: int) -> Floats:
     """Starts (k, d), k ≤ `many`: best members of as many ensembles, the best of all, after some Kalman inversion.
 
     From random members the ascents of more than a few parameters end in as many places, most of them far from any that
     agrees with the data. The ensembles have no member in common: that their ascents agree is no chance, though all
     may be led to one place that is not the best.
 
-    `found` (positions, residuals): of `library`.
+    `library`: what `library` returns.
     """
-    unit, errors = found
+    unit, errors = library
     feasible, starts, misfits = FeasibleSet.of(likelihood.space), [], []
     group = groups_of(len(unit), max(len(unit) // ENSEMBLE, 1), unit.shape[1])
-    for one in np.unique(group):
-        own, seen = unit[group == one], errors[group == one]
+    for label in np.unique(group):
+        members, seen = unit[group == label], errors[group == label]
         for _ in range(INVERSIONS):
             scale = np.empty(likelihood.size)  # no noise is known: each data set has that which its members leave
             for b in likelihood.blocks:
                 scale[b.rows] = size_of(seen[:, b.rows])
-            own = moved(feasible, own, seen / scale)
-            seen = likelihood.residuals(likelihood.space.from_unit(own))
+            members = moved(feasible, members, seen / scale)
+            seen = likelihood.residuals(likelihood.space.from_unit(members))
             sound = np.isfinite(seen).all(axis=1)
-            own, seen = own[sound], seen[sound]
-            if len(own) < 2:
+            members, seen = members[sound], seen[sound]
+            if len(members) < 2:
                 break
-        if len(own):
+        if len(members):
             left = _misfits(likelihood, seen)
-            starts.append(own[int(np.argmin(left))])
+            starts.append(members[int(np.argmin(left))])
             misfits.append(float(left.min()))
     return np.array(starts).reshape(-1, unit.shape[1])[np.argsort(misfits, kind="stable")[:many]]
 
@@ -212,12 +212,12 @@ def _misfits(likelihood: Likelihood, errors: Floats) -> Floats:
     return np.where(sound, np.sum(terms, axis=0), np.inf)
 
 
-def starts_from(likelihood: Likelihood, found: tuple[Floats, Floats], many: int) -> Floats:
+def starts_from(likelihood: Likelihood, library: tuple[Floats, Floats], many: int) -> Floats:
     """Starts (k, d): the best member of a library by `_misfits`, and of its best ones those that lie farthest apart.
 
-    `found` (positions, residuals): of `library`.
+    `library`: what `library` returns.
     """
-    unit, errors = found
+    unit, errors = library
     if not len(unit):
         return np.empty((0, likelihood.space.dimension))
     near = unit[np.argsort(_misfits(likelihood, errors), kind="stable")[:CLOSEST]]

@@ -12,6 +12,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown, load_library
+from commonrail.base.record import to_record
 from commonrail.base.text import number
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.plugins.certainty.draws import Draws
@@ -145,7 +146,7 @@ class Certainty(Shown):
             ],
             "noise": _noise(estimate),
             "discrepancy": max(noise.share for noise in estimate.likelihood.noises),
-            "tests": [test._asdict() for test in self.tests],
+            "tests": [to_record(test) for test in self.tests],
         }
 
 
@@ -197,7 +198,7 @@ def _noise(estimate: Estimate) -> list[dict[str, Any]]:
     """Noise of each data set as it was fitted, and the share of the data set in −2 ln L."""
     likelihood = estimate.likelihood
     costs = likelihood.block_costs(likelihood.whiten(estimate.errors))
-    whole = max(float(costs.sum()), 1e-300)
+    total = max(float(costs.sum()), 1e-300)
     return [
         {
             "name": block.name,
@@ -207,9 +208,9 @@ def _noise(estimate: Estimate) -> list[dict[str, Any]]:
             "relative": noise.relative,
             "innovation": noise.scale * noise.density.deviation,
             "unit": block.unit,
-            "stated": noise.known,
+            "stated": noise.stated,
             "values": block.size,
-            "share": float(cost) / whole,
+            "share": float(cost) / total,
             "parameters": float(used),
             "discrepancy": block.noise.discrepancy,
         }

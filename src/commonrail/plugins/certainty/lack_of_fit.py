@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy import special
 
 from commonrail.base.arguments import COUNTS
 from commonrail.base.arrays import Floats
+from commonrail.base.record import Key
 from commonrail.base.text import quantity, significant
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.study import Study
@@ -44,7 +45,7 @@ class LackOfFit(NamedTuple):
     # probability of residuals so large with the stated standard deviation; None where it is estimated
     size: float | None
     suspect: str  # the one that by itself explains most
-    found: bool  # the residuals are no noise, at a level shared by all tests of the fit
+    detected: Annotated[bool, Key("found")]  # the residuals are not noise, at a level shared by all tests of the fit
     sentence: str  # what it looks like, empty for nothing
 
 
@@ -55,7 +56,7 @@ def lack_of_fit(estimate: Estimate, first: int, fixed: Mapping[str, Floats] | No
     residuals by each fixed value, see `fixed_changes`.
     """
     likelihood = estimate.likelihood
-    many = sum(1 + noise.known + bool(noise.scatter) for noise in likelihood.noises) + len(estimate.unit) - first + 1
+    many = sum(1 + noise.stated + bool(noise.scatter) for noise in likelihood.noises) + len(estimate.unit) - first + 1
     level = LEVEL / many
     tests = [_of_block(estimate, i, level) for i in range(len(likelihood.blocks))]
     tests += _beyond_stated(estimate, first, level)
@@ -106,7 +107,7 @@ def _of_block(estimate: Estimate, index: int, level: float) -> LackOfFit:
     tangents = np.hstack([robust * noise.whiten(slopes), pulls.T])
     changes = robust * noise.whiten(np.array(list(suspects.values())))
     score, suspect, _ = _score(values, tangents, list(suspects), changes, agreed(errors))
-    judged = noise.known and block.shots is None
+    judged = noise.stated and block.shots is None
     used = agreed(errors) + estimate.covariance.used[index]
     size = _size(as_normal(noise.law, innovations), used, noise.freedom) if judged else None
     sentence = ""
@@ -116,18 +117,18 @@ def _of_block(estimate: Estimate, index: int, level: float) -> LackOfFit:
         ratio = float(np.sqrt(np.mean(unequal(innovations) ** 2))) / noise.density.deviation
         sentence = f"the residuals of {block.name} are {ratio:.2f} times as large as the noise is stated to be"
     elif noise.scatter:
-        off = _off_as_a_whole(block, noise.scatter, errors, estimate, index)
-        if 2.0 * special.stdtr(block.noise.scatter_freedom, -off) < level:
-            sentence = f"{block.name} is off as a whole by {off:.1f} times what shots and noise scatter by"
+        shift = _off_as_a_whole(block, noise.scatter, errors, estimate, index)
+        if 2.0 * special.stdtr(block.noise.scatter_freedom, -shift) < level:
+            sentence = f"{block.name} is off as a whole by {shift:.1f} times what shots and noise scatter by"
     return LackOfFit(block.name, score, size, suspect, bool(sentence), sentence)
 
 
 def _off_as_a_whole(block: Block, scatter: float, errors: Floats, estimate: Estimate, index: int) -> float:
     """Size of what all values of a block are off by together, in standard deviations."""
     noise = estimate.likelihood.noises[index]
-    whole = noise.whiten(scatter * (errors - block.at_zero))
-    size = float(np.linalg.norm(whole)) * noise.density.deviation
-    return abs(float(whole @ noise.whiten(errors))) / size if size else 0.0
+    common = noise.whiten(scatter * (errors - block.at_zero))
+    size = float(np.linalg.norm(common)) * noise.density.deviation
+    return abs(float(common @ noise.whiten(errors))) / size if size else 0.0
 
 
 def meter_changes(block: Block, errors: Floats) -> dict[str, Floats]:
@@ -169,7 +170,9 @@ def fixed_changes(study: Study, estimate: Estimate, threads: int | None = None) 
     roots = np.sqrt(np.concatenate([row_weights(data) for data in objective.data]))
     residuals = objective.residuals(points)[:, : len(roots)] / roots
     changes = residuals[1:] - residuals[0]
-    return {name: one for name, one in zip(steps, changes, strict=True) if np.isfinite(one).all() and one.any()}
+    return {
+        name: change for name, change in zip(steps, changes, strict=True) if np.isfinite(change).all() and change.any()
+    }
 
 
 def _of_fixed(estimate: Estimate, fixed: Mapping[str, Floats], level: float) -> LackOfFit:
@@ -206,19 +209,19 @@ def _score(
     suspects = np.pad(suspects, ((0, 0), (0, len(innovations) - suspects.shape[1])))
     base = _basis(tangents)
     rest = innovations - base @ (base.T @ innovations)
-    apart = suspects - (suspects @ base) @ base.T
-    imitated = np.linalg.norm(apart, axis=1) < IMITATED * np.maximum(np.linalg.norm(suspects, axis=1), 1e-300)
-    apart, left = apart[~imitated], [name for name, gone in zip(names, imitated, strict=True) if not gone]
+    orthogonal = suspects - (suspects @ base) @ base.T
+    imitated = np.linalg.norm(orthogonal, axis=1) < IMITATED * np.maximum(np.linalg.norm(suspects, axis=1), 1e-300)
+    orthogonal, left = orthogonal[~imitated], [name for name, gone in zip(names, imitated, strict=True) if not gone]
     freedom = len(innovations) - exact - base.shape[1]
     if not left or freedom - len(left) < 1:
         return 1.0, "", {}
     total = float(np.sum(rest**2))
     if not total > 0.0:
         return 1.0, "", {}
-    alone = (apart @ rest) ** 2 / np.sum(apart**2, axis=1)
+    alone = (orthogonal @ rest) ** 2 / np.sum(orthogonal**2, axis=1)
     shares = np.clip((total - alone) / max(total, 1e-300), 0.0, 1.0)
     single = special.betainc(0.5 * (freedom - 1), 0.5, shares)
-    more = _basis(apart)
+    more = _basis(orthogonal)
     explained = min(float(np.sum((more.T @ rest) ** 2)), total)
     share = (total - explained) / max(total, 1e-300)
     together = float(special.betainc(0.5 * (freedom - more.shape[1]), 0.5 * more.shape[1], share))
@@ -233,16 +236,16 @@ def _basis(rows: Floats) -> Floats:
     return np.asarray(vectors[values > 1e-8 * values.max(initial=0.0)].T)
 
 
-def _size(innovations: Floats, used: float, known: float) -> float:
+def _size(innovations: Floats, used: float, scale_freedom: float) -> float:
     """Probability of a sum of squares as large as this by the stated noise.
 
     `innovations` (n,): or the magnitudes of normal variables in their place; `used`: parameters that the data set pays
-    for, and values that are no samples of the noise; `known`: degrees of freedom of the noise; infinite where it is
-    exactly known.
+    for, and values that are no samples of the noise; `scale_freedom`: degrees of freedom of the noise; infinite
+    where it is exactly known.
     """
     freedom, squares = max(len(innovations) - used, 1.0), float(np.sum(innovations**2))
-    if np.isfinite(known):
-        return float(special.betainc(0.5 * known, 0.5 * freedom, known / (known + squares)))
+    if np.isfinite(scale_freedom):
+        return float(special.betainc(0.5 * scale_freedom, 0.5 * freedom, scale_freedom / (scale_freedom + squares)))
     return float(special.chdtrc(freedom, squares))
 
 
@@ -252,5 +255,7 @@ def withdrawal(estimate: Estimate, tests: Sequence[LackOfFit], refusal: str = ""
         if estimate.starts > 1 and estimate.agreeing < 2:
             return f"the search has not converged: {estimate.agreeing} of {estimate.starts} starts agree"
         return "the search has not converged: a better fit is near"
-    alarms = (test.sentence for test in tests if test.found and test.suspect != DISCREPANCY)  # it is in the intervals
+    alarms = (
+        test.sentence for test in tests if test.detected and test.suspect != DISCREPANCY
+    )  # it is in the intervals
     return refusal or next(alarms, "")

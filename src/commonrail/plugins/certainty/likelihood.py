@@ -99,8 +99,8 @@ class Likelihood:
         rounding = np.concatenate([block.rounding for block in blocks])
 
         def residuals(points: Floats, objective: Objective = objective) -> Floats:
-            found = objective.residuals(points)[:, : len(weights)] / np.sqrt(weights)
-            return np.where(np.abs(found) < rounding, 0.0, found)
+            errors = objective.residuals(points)[:, : len(weights)] / np.sqrt(weights)
+            return np.where(np.abs(errors) < rounding, 0.0, errors)
 
         def finer(points: Floats) -> Floats:
             fine = replace(exact, time_step=study.time_step / FINER, same_bits=False)
@@ -126,18 +126,19 @@ class Likelihood:
         self,
         errors: Floats,
         used: Sequence[float],
-        off: Floats | None = None,
+        fitted_courses: Floats | None = None,
         *,
         correlated: bool = True,
         like: Sequence[FittedNoise] | None = None,
     ) -> Likelihood:
         """The same likelihood with the noise that residuals (n,) at the best values show.
 
-        `used`: parameters that each block pays for; `off` (d, n): courses that the residuals may be off by, see
-        `noise_fit.estimate`; `correlated`: estimate autocorrelations too; `like`: as for `fit_noises`.
+        `used`: parameters that each block pays for; `fitted_courses` (d, n): courses that the residuals may be
+        off by, see `noise_fit.estimate`; `correlated`: estimate autocorrelations too; `like`: as for
+        `fit_noises`.
         """
-        off = np.zeros((0, self.size)) if off is None else off
-        return self.with_noises(fit_noises(self.blocks, errors, used, off, correlated=correlated, like=like))
+        fitted_courses = np.zeros((0, self.size)) if fitted_courses is None else fitted_courses
+        return self.with_noises(fit_noises(self.blocks, errors, used, fitted_courses, correlated=correlated, like=like))
 
     def residuals(self, points: Floats) -> Floats:
         """Residuals (m, n) of points (m, d) [SI]; rows of NaN where a simulation failed, which are counted.
@@ -147,18 +148,18 @@ class Likelihood:
         if not len(points):  # a profile of the only parameter has no other to fit
             return np.empty((0, self.size))
         check_stop()
-        found = self._residuals(points)
-        broken: Bools = np.asarray(~np.isfinite(found).all(axis=1))
+        errors = self._residuals(points)
+        broken: Bools = np.asarray(~np.isfinite(errors).all(axis=1))
         self.simulated += len(points)
         self.failed += int(np.count_nonzero(broken))
-        return np.where(broken[:, None], np.nan, found)
+        return np.where(broken[:, None], np.nan, errors)
 
     def whiten(self, errors: Floats) -> Floats:
         """Standardised innovations (…, n) of residuals or of their derivatives (…, n)."""
-        found = np.empty_like(errors)
+        innovations = np.empty_like(errors)
         for block, noise in zip(self.blocks, self.noises, strict=True):
-            found[..., block.rows] = noise.whiten(errors[..., block.rows])
-        return found
+            innovations[..., block.rows] = noise.whiten(errors[..., block.rows])
+        return innovations
 
     def block_costs(self, innovations: Floats) -> Floats:
         """−2 ln L of each block (…, blocks) of innovations (…, n), without its constants; NaN where one is."""
@@ -178,10 +179,10 @@ def central_slopes(likelihood: Likelihood, unit: Floats) -> Floats:
 
     From differences to both sides, simulated in one batch. Zero where a candidate fails.
     """
-    near = [around_position(likelihood.space, one) for one in unit]
-    found = likelihood.residuals(np.concatenate([one.values[1:] for one in near]))
-    below, above = np.moveaxis(found.reshape(len(unit), 2, -1, likelihood.size), 1, 0)
-    slopes = (above - below) / np.array([one.width for one in near])[..., None]
+    near = [around_position(likelihood.space, neighbours) for neighbours in unit]
+    errors = likelihood.residuals(np.concatenate([neighbours.values[1:] for neighbours in near]))
+    below, above = np.moveaxis(errors.reshape(len(unit), 2, -1, likelihood.size), 1, 0)
+    slopes = (above - below) / np.array([neighbours.width for neighbours in near])[..., None]
     return np.where(np.isfinite(slopes), slopes, 0.0)
 
 
@@ -194,15 +195,15 @@ def forward_slopes(likelihood: Likelihood, unit: Floats, errors: Floats, free: B
 def prior_slopes_at(likelihood: Likelihood, unit: Floats) -> Floats:
     """Derivatives (p, d) of the residuals of the priors with respect to positions, at a position (d,)."""
     priors = likelihood.priors
-    found = np.zeros((len(priors), len(unit)))
+    slopes = np.zeros((len(priors), len(unit)))
     if len(priors):
-        found[np.arange(len(priors)), priors.columns] = likelihood.scaled(unit)[priors.columns] / priors.sigmas
-    return found
+        slopes[np.arange(len(priors)), priors.columns] = likelihood.scaled(unit)[priors.columns] / priors.sigmas
+    return slopes
 
 
 def weights_of(likelihood: Likelihood, innovations: Floats) -> Floats:
     """Weights (…, n) that the laws give innovations (…, n)."""
-    found = np.ones_like(innovations)
+    weights = np.ones_like(innovations)
     for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True):
-        found[..., block.rows] = noise.density.weight(innovations[..., block.rows])
-    return found
+        weights[..., block.rows] = noise.density.weight(innovations[..., block.rows])
+    return weights

@@ -54,8 +54,8 @@ def certify_near(study: Study, best: Mapping[str, float], threads: int | None = 
         step = linearised(noisy, top, slopes, errors).full_step()[0][0]
         top, errors = top + step, errors + step @ slopes
         if last < ROUNDS:
-            known = covariance_of(noisy, unit, slopes, errors)
-            noisy = noisy.estimated(errors, known.used.tolist(), known.root.T @ slopes)
+            estimate_covariance = covariance_of(noisy, unit, slopes, errors)
+            noisy = noisy.estimated(errors, estimate_covariance.used.tolist(), estimate_covariance.root.T @ slopes)
     end = Ascent(unit[None], np.zeros(1), errors[None], slopes[None])
     result = replace(estimate_at(noisy, end, slopes), gain=0.0)
     total = result.covariance.noise + np.outer(top - unit, top - unit)
@@ -68,6 +68,6 @@ def certify_near(study: Study, best: Mapping[str, float], threads: int | None = 
     at_top = replace(result, unit=top, point=likelihood.space.from_unit(top))  # where the residuals are
     judged = verdicts_of(result, d, ends, correlation, withdrawal(result, lack_of_fit(at_top, d)))
     return {
-        name: Near(float(f"{error:.{DIGITS}g}") if np.isfinite(error) else None, one.verdict)
-        for name, error, one in zip(study.space.names, deviations.tolist(), judged, strict=False)
+        name: Near(float(f"{error:.{DIGITS}g}") if np.isfinite(error) else None, verdict.verdict)
+        for name, error, verdict in zip(study.space.names, deviations.tolist(), judged, strict=False)
     }

@@ -88,8 +88,8 @@ def unequal(errors: Floats) -> Floats:
     Meters and evaluations state exactly zero before and after an injection, as the model does: such agreement is no
     sample of the noise, and as one it would make outliers of all others.
     """
-    found = errors[errors != 0.0]
-    return found if len(found) else errors
+    nonzero = errors[errors != 0.0]
+    return nonzero if len(nonzero) else errors
 
 
 def sample_count(errors: Floats) -> int:
@@ -144,11 +144,11 @@ class Autoregression:
     @cached_property
     def predictors(self) -> list[Floats]:
         """Coefficients of the best predictors from 0, 1, … `order` former samples, by Levinson's recursion."""
-        found = [np.empty(0)]
+        predictors = [np.empty(0)]
         for k in self.reflections:
-            last = found[-1]
-            found.append(np.append(last - k * last[::-1], k))
-        return found
+            previous = predictors[-1]
+            predictors.append(np.append(previous - k * previous[::-1], k))
+        return predictors
 
     @property
     def innovation_share(self) -> float:
@@ -161,15 +161,15 @@ class Autoregression:
         The first samples are predicted from those that there are, so that nothing is lost at the begin.
         """
         order = min(self.order, errors.shape[-1])
-        found = np.array(errors, float)
+        innovations = np.array(errors, float)
         for lag, factor in enumerate(self.predictors[-1], 1):
-            found[..., lag:] -= factor * errors[..., :-lag]
+            innovations[..., lag:] -= factor * errors[..., :-lag]
         for t in range(order):
-            own = self.predictors[t]
+            predictor = self.predictors[t]
             former = errors[..., :t][..., ::-1]
             wider = np.sqrt(np.prod(1.0 - self.reflections[t:] ** 2))
-            found[..., t] = wider * (errors[..., t] - np.sum(own * former, axis=-1))
-        return found
+            innovations[..., t] = wider * (errors[..., t] - np.sum(predictor * former, axis=-1))
+        return innovations
 
 
 def estimate(series: Floats, most: int = MOST) -> Autoregression:
@@ -195,10 +195,10 @@ def estimate(series: Floats, most: int = MOST) -> Autoregression:
         forward, backward = ahead - k * behind, behind - k * ahead
         reflections.append(k)
         criterion.append(criterion[-1] + samples * float(np.log(1.0 - k * k)) + 2.0)
-    chosen = np.array(reflections[: int(np.argmin(criterion))])
-    if len(chosen):
-        chosen[0] *= 1.0 + BIAS / samples
-    return Autoregression(chosen)
+    selected = np.array(reflections[: int(np.argmin(criterion))])
+    if len(selected):
+        selected[0] *= 1.0 + BIAS / samples
+    return Autoregression(selected)
 
 
 # Growth of the noise with the rate: standard deviations of sigma + relative · rate, as shots scatter about their mean.
@@ -284,7 +284,7 @@ class FittedNoise:
     scale: float  # of an innovation, in the unit of the residuals; `density.deviation` of it are a standard deviation
     freedom: float  # degrees of freedom of the scale; infinite where it is exactly known
     autoregression: Autoregression = WHITE
-    known: bool = False  # the scale is stated, or that of repeated measurements: it does not come from the residuals
+    stated: bool = False  # the scale is stated, or that of repeated measurements: it does not come from the residuals
     growth: Growth = EVEN  # standard deviations of the values relative to each other
     scatter: float = 0.0  # what all values are off by together, as a share of them
     courses: Floats = field(default_factory=lambda: np.empty((0, 0)))  # (k, n), one standard deviation of each
@@ -414,8 +414,8 @@ class Block:
         if not (length and deviations.any()):
             return np.zeros((0, self.size))
         if not self.ordered and self.size <= MOST_ROOTED:  # the root of the covariance itself
-            apart = (self.places[:, None] - self.places[None]) / np.array([length, pressure_length])
-            values, vectors = np.linalg.eigh(np.exp(-0.5 * np.sum(apart**2, axis=-1)))
+            distance = (self.places[:, None] - self.places[None]) / np.array([length, pressure_length])
+            values, vectors = np.linalg.eigh(np.exp(-0.5 * np.sum(distance**2, axis=-1)))
             seen = values > NEGLIGIBLE * values.max()
             return np.asarray(deviations * (vectors[:, seen] * np.sqrt(values[seen])).T)
         live = self.places[deviations > 0.0]
@@ -426,16 +426,16 @@ class Block:
             reach = max(reach, float(np.ptp(live[:, axis])) / min(MOST_BUMPS, max(0.5 * len(live), 1.0)))
             low, high = live[:, axis].min() - 2.0 * reach, live[:, axis].max() + 2.0 * reach
             centres = np.arange(low, high, reach)
-            own = HEIGHT * np.exp(-(((self.places[:, axis] - centres[:, None]) / reach) ** 2))
-            bumps = (bumps[:, None] * own[None]).reshape(-1, self.size)
+            profile = HEIGHT * np.exp(-(((self.places[:, axis] - centres[:, None]) / reach) ** 2))
+            bumps = (bumps[:, None] * profile[None]).reshape(-1, self.size)
         bumps = deviations * bumps
         size = np.sum(bumps**2, axis=1)
         return np.asarray(bumps[size > NEGLIGIBLE * size.max()])
 
     def stated_courses(self) -> Floats:
         """Courses of the discrepancy that the study states."""
-        whole = np.full(self.size, self.noise.discrepancy)
-        return self.courses(whole, self.noise.length, self.noise.pressure_length)
+        deviations = np.full(self.size, self.noise.discrepancy)
+        return self.courses(deviations, self.noise.length, self.noise.pressure_length)
 
     def model_courses(self, rate: Floats) -> Floats:
         """Courses (k, n) of a discrepancy of one unit, in proportion to the values: what no parameter can mend.
@@ -463,9 +463,9 @@ class Block:
 
 def spread(block: Block, courses: Floats, size: int) -> Floats:
     """Courses (k, n) of a block as residuals (k, size) of a fit, zero in the other blocks."""
-    found = np.zeros((len(courses), size))
-    found[:, block.rows] = courses
-    return found
+    widened = np.zeros((len(courses), size))
+    widened[:, block.rows] = courses
+    return widened
 
 
 def block_of(data: DataSet, start: int) -> Block:
@@ -492,10 +492,10 @@ def row_weights(data: DataSet) -> Floats:
 
     Repeated quantities say nothing of the dead times of a map: these keep a standard deviation of one tolerance.
     """
-    found = np.full(len(data.measured), data.weight)
+    weights = np.full(len(data.measured), data.weight)
     if data.noise.sigma is not None and math.isfinite(data.noise.freedom):
-        found[~data.judged] /= (data.noise.sigma * data.residual_scale) ** 2
-    return found
+        weights[~data.judged] /= (data.noise.sigma * data.residual_scale) ** 2
+    return weights
 
 
 def _plain(data: DataSet, values: Floats) -> Floats:
@@ -517,7 +517,7 @@ def fit_noise(
     block: Block,
     errors: Floats,
     used: float,
-    off: Floats | None = None,
+    fitted_courses: Floats | None = None,
     *,
     correlated: bool = True,
     rate: Floats | None = None,
@@ -525,27 +525,29 @@ def fit_noise(
 ) -> FittedNoise:
     """Noise of a block from its residuals at the best values.
 
-    `errors` (n,); `used`: parameters that the block pays for: trace of its part of the influence matrix; `off` (d, n):
-    courses that the fitted values may be off by, see `estimate`; `correlated`: estimate the
-    autocorrelation where the noise model has one, and look for outliers and for growth with the rate; `rate` (n,):
-    rates that the noise may grow with, in the unit of the residuals; the simulated ones by default. They have no noise:
-    weights by measured ones would favour values that are too low. `more` (k, n): courses that the values are off by
-    besides those that the study states.
+    `errors` (n,); `used`: parameters that the block pays for: trace of its part of the influence matrix;
+    `fitted_courses` (d, n): courses that the fitted values may be off by, see `estimate`; `correlated`: estimate
+    the autocorrelation where the noise model has one, and look for outliers and for growth with the rate; `rate`
+    (n,): rates that the noise may grow with, in the unit of the residuals; the simulated ones by default. They have
+    no noise: weights by measured ones would favour values that are too low. `more` (k, n): courses that the values
+    are off by besides those that the study states.
     """
     rate = errors - block.at_zero if rate is None else rate
-    off = np.zeros((0, len(errors))) if off is None else off
-    whole = block.noise.scatter * rate[None] if block.noise.scatter else None
+    fitted_courses = np.zeros((0, len(errors))) if fitted_courses is None else fitted_courses
+    scatter_course = block.noise.scatter * rate[None] if block.noise.scatter else None
     stated = block.stated_courses() if block.noise.discrepancy else None
-    courses = _stacked(np.zeros((0, len(errors))), whole, stated, more)
+    courses = _stacked(np.zeros((0, len(errors))), scatter_course, stated, more)
     if block.shots is not None:
         return replace(block.shots, courses=courses)
     if not len(courses):
-        return _fit(block, errors, used, off, correlated, rate)
+        return _fit(block, errors, used, fitted_courses, correlated, rate)
     noise = replace(_rough(block, errors), courses=courses)
     for _ in range(PASSES):  # the noise is what the courses leave
         rest, spent = errors - noise.explained(errors), used + noise.absorbed
         rest = rest if not errors.any() else np.where(errors == 0.0, 0.0, rest)  # exact agreement stays no sample
-        noise = replace(_fit(block, rest, spent, off, correlated, rate), courses=courses, scatter=block.noise.scatter)
+        noise = replace(
+            _fit(block, rest, spent, fitted_courses, correlated, rate), courses=courses, scatter=block.noise.scatter
+        )
     return noise
 
 
@@ -560,13 +562,15 @@ def _rough(block: Block, errors: Floats) -> FittedNoise:
     return FittedNoise(Law.GAUSSIAN, max(scale, np.finfo(float).tiny ** 0.25), math.inf)
 
 
-def _fit(block: Block, errors: Floats, used: float, off: Floats, correlated: bool, rate: Floats) -> FittedNoise:
+def _fit(
+    block: Block, errors: Floats, used: float, fitted_courses: Floats, correlated: bool, rate: Floats
+) -> FittedNoise:
     """Noise whose courses are taken away from the errors (n,)."""
-    growth = _growth(block, errors, rate, off) if correlated else EVEN
-    errors, off = errors / growth.shape, off / growth.shape
-    law = _law(block, errors, off, correlated)
+    growth = _growth(block, errors, rate, fitted_courses) if correlated else EVEN
+    errors, fitted_courses = errors / growth.shape, fitted_courses / growth.shape
+    law = _law(block, errors, fitted_courses, correlated)
     free = correlated and block.ordered and block.noise.correlation is not Correlation.WHITE
-    regression = _regression(errors, off, law) if free else WHITE
+    regression = _regression(errors, fitted_courses, law) if free else WHITE
     sigma = block.noise.sigma
     if sigma is not None:
         floor = block.noise.discrepancy if not block.noise.length else 0.0
@@ -607,7 +611,7 @@ def fit_noises(
     blocks: Sequence[Block],
     errors: Floats,
     used: Sequence[float],
-    off: Floats,
+    fitted_courses: Floats,
     *,
     correlated: bool = True,
     like: Sequence[FittedNoise] | None = None,
@@ -615,14 +619,21 @@ def fit_noises(
     """Noise of all blocks of a fit, with a discrepancy of the model that is one share of the values of all of them.
 
     One share makes data sets comparable: by scales of their own a curve of 900 samples would outweigh a map of 88
-    quantities. Where a study states discrepancies, or gains nothing by one, there is none. `errors`, `off` as for
-    `fit_noise`, of all blocks; `like`: noises whose discrepancy and drifts are taken, which are otherwise estimated.
+    quantities. Where a study states discrepancies, or gains nothing by one, there is none. `errors`,
+    `fitted_courses` as for `fit_noise`, of all blocks; `like`: noises whose discrepancy and drifts are taken, which
+    are otherwise estimated.
     """
-    parts = [(b, errors[b.rows], own, off[:, b.rows]) for b, own in zip(blocks, used, strict=True)]
-    drifts = [_drift(*part) if correlated else None for part in parts] if like is None else [one.drift for one in like]
+    parts = [
+        (b, errors[b.rows], block_used, fitted_courses[:, b.rows]) for b, block_used in zip(blocks, used, strict=True)
+    ]
+    drifts = (
+        [_drift(*arguments) if correlated else None for arguments in parts]
+        if like is None
+        else [prior_noise.drift for prior_noise in like]
+    )
     first = [
-        replace(fit_noise(*part, correlated=correlated, more=more), drift=more)
-        for part, more in zip(parts, drifts, strict=True)
+        replace(fit_noise(*arguments, correlated=correlated, more=more), drift=more)
+        for arguments, more in zip(parts, drifts, strict=True)
     ]
     if any(block.noise.discrepancy for block in blocks) or not correlated:
         return first
@@ -632,8 +643,8 @@ def fit_noises(
 
     def trial(size: float) -> tuple[float, list[FittedNoise]]:
         noises = [
-            replace(fit_noise(*part, more=_stacked(size * own, drift)), share=size, drift=drift)
-            for part, own, drift in zip(parts, courses, drifts, strict=True)
+            replace(fit_noise(*arguments, more=_stacked(size * courses_of_block, drift)), share=size, drift=drift)
+            for arguments, courses_of_block, drift in zip(parts, courses, drifts, strict=True)
         ]
         return sum(cost_of(b, noise, e) for noise, (b, e, _, _) in zip(noises, parts, strict=True)), noises
 
@@ -644,20 +655,20 @@ def fit_noises(
     return _lowest(trial, SHARES, begin) or first
 
 
-def _shows(noise: FittedNoise, part: tuple[Block, Floats, float, Floats], courses: Floats) -> bool:
+def _shows(noise: FittedNoise, arguments: tuple[Block, Floats, float, Floats], courses: Floats) -> bool:
     """True if residuals lie along courses (k, n) by more than noise: score test of a component of their variance.
 
     q = Σ (c·u)² over the whitened courses c has the mean Σ c·c and the variance 2 Σ (c·c′)².
     """
     if not len(courses):
         return False
-    u, moves = noise.whiten(part[1]) / noise.density.deviation, noise.whiten(courses)
+    u, moves = noise.whiten(arguments[1]) / noise.density.deviation, noise.whiten(courses)
     gram = moves @ moves.T
     return bool(np.sum((moves @ u) ** 2) - np.trace(gram) > LEAST_SCORE * math.sqrt(2.0 * float(np.sum(gram**2))))
 
 
 def _stacked(*courses: Floats | None) -> Floats:
-    return np.vstack([one for one in courses if one is not None])
+    return np.vstack([rows for rows in courses if rows is not None])
 
 
 Trial = TypeVar("Trial")
@@ -677,53 +688,55 @@ def _lowest(trial: Callable[[float], tuple[float, Trial]], sizes: Floats, limit:
     return best
 
 
-def _drift(block: Block, errors: Floats, used: float, off: Floats) -> Floats | None:
+def _drift(block: Block, errors: Floats, used: float, fitted_courses: Floats) -> Floats | None:
     """Courses (k, n) of a slow drift of the record, in their size; None where it gains no more than chance."""
     if not block.ordered or block.noise.sigma is not None or block.shots is not None or sample_count(errors) < LEAST:
         return None
-    plain = fit_noise(block, errors, used, off)
+    plain = fit_noise(block, errors, used, fitted_courses)
     if plain.law is not Law.GAUSSIAN:  # outliers pull courses after them
         return None
     courses = plain.sigma * block.drift_courses() / max(float(np.max(np.abs(block.offset))), 1e-300)
 
     def trial(size: float) -> tuple[float, Floats]:
-        return cost_of(block, fit_noise(block, errors, used, off, more=size * courses), errors), size * courses
+        return cost_of(
+            block, fit_noise(block, errors, used, fitted_courses, more=size * courses), errors
+        ), size * courses
 
     return _lowest(trial, DRIFTS, cost_of(block, plain, errors) - GAIN)
 
 
-def _growth(block: Block, errors: Floats, rate: Floats, off: Floats) -> Growth:
+def _growth(block: Block, errors: Floats, rate: Floats, fitted_courses: Floats) -> Growth:
     """Growth of the noise with the rate: as stated, or as the innovations show it."""
     if not block.ordered:
         return EVEN
     if block.noise.sigma is not None:
         return Growth.of(rate, block.noise.relative / block.noise.sigma)
     white = block.noise.correlation is Correlation.WHITE
-    innovations = (WHITE if white else _regression(errors, off, Law.STUDENT)).whiten(errors)
+    innovations = (WHITE if white else _regression(errors, fitted_courses, Law.STUDENT)).whiten(errors)
     sampled = errors != 0.0 if errors.any() else np.ones(len(errors), bool)  # exact agreement is no sample
     growth = growth_of(innovations[sampled], rate[sampled])
     return growth.at(rate) if growth.slope else EVEN
 
 
-def _law(block: Block, errors: Floats, off: Floats, correlated: bool) -> Law:
+def _law(block: Block, errors: Floats, fitted_courses: Floats, correlated: bool) -> Law:
     if block.noise.law is not Law.AUTO:
         return block.noise.law
     if not correlated:
         return Law.GAUSSIAN
     white = WHITE
     if block.ordered and block.noise.correlation is not Correlation.WHITE:
-        white = _regression(errors, off, Law.STUDENT)
+        white = _regression(errors, fitted_courses, Law.STUDENT)
     innovations = unequal(np.abs(white.whiten(errors)))
     robust = _NORMAL * float(np.median(innovations))
     many = len(innovations) >= FAR_LEAST and np.mean(innovations > FAR * robust) > FAR_SHARE
     return Law.STUDENT if many else Law.GAUSSIAN
 
 
-def _regression(errors: Floats, off: Floats, law: Law) -> Autoregression:
+def _regression(errors: Floats, fitted_courses: Floats, law: Law) -> Autoregression:
     """Autoregression of errors, outliers cut; what the fit may be off by is then smaller in proportion."""
     cut = _cut(errors, law)
     share = np.sqrt(np.sum(cut**2) / max(float(np.sum(errors**2)), 1e-300))
-    return estimate(np.vstack([cut, share * off]))
+    return estimate(np.vstack([cut, share * fitted_courses]))
 
 
 def _cut(errors: Floats, law: Law) -> Floats:
@@ -747,7 +760,7 @@ def with_shots(blocks: Sequence[Block], data: Sequence[DataSet]) -> tuple[Block,
     for i, block in enumerate(blocks):
         if block.noise.shots:
             groups.setdefault(block.noise.shots, []).append(i)
-    found = list(blocks)
+    updated = list(blocks)
     for name, members in groups.items():
         kinds = {(data[i].kind, blocks[i].size) for i in members}
         if len(members) < 2 or len(kinds) > 1:
@@ -757,16 +770,16 @@ def with_shots(blocks: Sequence[Block], data: Sequence[DataSet]) -> tuple[Block,
             )
         shots = np.array([blocks[i].at_zero for i in members])
         mean = -shots.mean(axis=0)
-        apart = shots + mean
-        used = sample_count(apart)  # the mean shot
+        deviations = shots + mean
+        used = sample_count(deviations)  # the mean shot
         noise = fit_noise(
             replace(
                 blocks[members[0]], noise=replace(blocks[members[0]].noise, shots="", discrepancy=0.0, scatter=0.0)
             ),
-            apart.reshape(-1),
+            deviations.reshape(-1),
             used,
             rate=np.tile(mean, len(members)),
         )
         for i in members:
-            found[i] = replace(blocks[i], shots=replace(noise.at(mean), known=True))
-    return tuple(found)
+            updated[i] = replace(blocks[i], shots=replace(noise.at(mean), stated=True))
+    return tuple(updated)

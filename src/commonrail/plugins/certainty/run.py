@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from commonrail.base.arguments import fraction, instance, thread_count, whole
+from commonrail.base.arguments import fraction, instance, integer, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError, SimulationError
 from commonrail.calibration.constraints import parse_constraints
@@ -78,8 +78,8 @@ def certainty(
         If the best values cannot be simulated.
     """
     instance(study, Study, "study")
-    starts = whole(starts, "starts", 1)
-    level, limit, seed = fraction(level, "level"), fraction(limit, "limit"), whole(seed, "seed", 0)
+    starts = integer(starts, "starts", 1)
+    level, limit, seed = fraction(level, "level"), fraction(limit, "limit"), integer(seed, "seed", 0)
     threads, d = thread_count(threads), study.space.dimension
     free = with_uncertain_free(study)
     likelihood = Likelihood.of(free, threads)
@@ -94,8 +94,10 @@ def certainty(
     result = estimate(likelihood, begin, first=d)
     note("drawing from the posterior ...")
     result, draws = drawn(result, seed)
-    given = None if keep is False else study.space.point(best)
-    return assess(free, result, draws, d, rows, given=given, keep=keep, level=level, limit=limit, threads=threads)
+    calibrated = None if keep is False else study.space.point(best)
+    return assess(
+        free, result, draws, d, rows, calibrated=calibrated, keep=keep, level=level, limit=limit, threads=threads
+    )
 
 
 def drawn(result: Estimate, seed: int) -> tuple[Estimate, Draws]:
@@ -151,7 +153,7 @@ def assess(
     d: int,
     rows: Mapping[str, Floats],
     *,
-    given: Floats | None = None,
+    calibrated: Floats | None = None,
     keep: bool | None = False,
     level: float = 0.95,
     limit: float = LIMIT,
@@ -160,8 +162,8 @@ def assess(
     """Intervals, tests and verdicts of an estimate and its draws.
 
     `study`: with its uncertain quantities free; `d`: number of parameters of the study itself, the first ones; `rows`:
-    coefficients (d,) of sums, by their texts; `given` (d,): values [SI] that stay the calibrated ones if `keep`, as for
-    `certainty`.
+    coefficients (d,) of sums, by their texts; `calibrated` (d,): values [SI] that stay the calibrated ones if `keep`,
+    as for `certainty`.
     """
     space = result.likelihood.space
     points = space.from_unit(draws.unit)
@@ -172,9 +174,9 @@ def assess(
     tests = lack_of_fit(result, d, fixed_changes(study, result, threads))
     reason = withdrawal(result, tests, draws.refusal)
     wrong = bool(reason) or any(noise.share for noise in result.likelihood.noises)
-    values = given if given is not None and (keep or wrong) else result.point[:d]
-    for one in (result.point[:d], values):
-        low, high = np.minimum(low, one), np.maximum(high, one)
+    values = calibrated if calibrated is not None and (keep or wrong) else result.point[:d]
+    for point in (result.point[:d], values):
+        low, high = np.minimum(low, point), np.maximum(high, point)
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = np.nan_to_num(np.corrcoef(draws.unit.T).reshape(len(result.unit), -1))
     judged = replace(result, point=np.append(values, result.point[d:]))
@@ -202,8 +204,8 @@ def judge(fit: FinishedFit) -> None:
     fit.identified.draws = result.points[:: max(len(result.points) // KEPT, 1)]
     record = result.record()
     fit.shared[CERTAINTY], fit.identified.sections[CERTAINTY] = result, record
-    for one in record["parameters"]:
-        fit.identified[one["name"]] |= {key: one[key] for key in ("standard_error", "verdict")}
+    for parameter in record["parameters"]:
+        fit.identified[parameter["name"]] |= {key: parameter[key] for key in ("standard_error", "verdict")}
 
 
 KEPT = 1000  # draws in a run folder

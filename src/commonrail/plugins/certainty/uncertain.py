@@ -98,12 +98,12 @@ def _check(study: Study, data: DataSet, key: str, name: str) -> None:
 
 def _parameter(name: str, value: float, deviation: float, source: str) -> Parameter:
     """Quantity with its deviation as a prior, free as far to both sides as its domain admits."""
-    known = known_quantity(name)
-    low, high = (_farthest(known.domain, value, side * REACH * deviation) for side in (-1.0, 1.0))
+    quantity = known_quantity(name)
+    low, high = (_farthest(quantity.domain, value, side * REACH * deviation) for side in (-1.0, 1.0))
     if not low < high:
-        raise ConfigurationError(f"{name} cannot deviate from {value:g} {known.unit}; do not state it as uncertain.")
+        raise ConfigurationError(f"{name} cannot deviate from {value:g} {quantity.unit}; do not state it as uncertain.")
     prior = Prior(value, deviation, source)
-    return Parameter(name, value, low, high, known.unit, mark="E", source=source, prior=prior)
+    return Parameter(name, value, low, high, quantity.unit, mark="E", source=source, prior=prior)
 
 
 def _with_parameters(space: Space, more: Sequence[Parameter]) -> Space:

@@ -53,8 +53,8 @@ def certainty(
         if combination or limit != LIMIT:
             study, best = read_fit(run)
             asked = {"combinations": combination, "limit": 0.01 * limit, "starts": starts}
-            found = certify(study, best, threads=threads, note=bar.note, **asked)  # type: ignore[arg-type]
-            record = read_result(run) | {"certainty": found.record()}
+            certified = certify(study, best, threads=threads, note=bar.note, **asked)  # type: ignore[arg-type]
+            record = read_result(run) | {"certainty": certified.record()}
         else:
             estimate_again(run, starts=starts, threads=threads, listener=Listener(note=bar.note))
             record = read_result(run)

@@ -14,7 +14,7 @@ from commonrail.base import registry
 from commonrail.base.input import read_plain
 from commonrail.base.output import write_text
 from commonrail.base.text import counted
-from commonrail.calibration.optimisers.registry import named
+from commonrail.calibration.optimisers.registry import find_optimiser
 from commonrail.cli.model_name import read_model_name
 from commonrail.compiler.target import package_versions
 from commonrail.physics.injector import Injector, Source
@@ -97,8 +97,8 @@ def uses_of(model: str) -> list[Use]:
 
     `InputError` if it is none of them, or a record of the run is broken.
     """
-    found = read_model_name(model)
-    injector, run = found.injector, found.folder
+    model_and_run = read_model_name(model)
+    injector, run = model_and_run.injector, model_and_run.folder
     record, study = _records(run)
     software = record.get("software") or package_versions()
     summary = metadata.metadata("commonrail")["Summary"]
@@ -109,12 +109,12 @@ def uses_of(model: str) -> list[Use]:
         *_values(injector.sources, "injector value"),
         Use("fuel", injector.fuel.name, f"{injector.fuel.title}, {MARKS[injector.fuel.mark]}: {injector.fuel.source}"),
     ]
-    for meter in found.meters:
+    for meter in model_and_run.meters:
         uses += _values(meter.sources, f"meter {meter.name}")
     uses += _of_record(record)
     uses += [Use("library", f"{name} {software[name]}", name) for name in LIBRARIES if software.get(name)]
     stated = {model, injector.name, record.get("injector", {}).get("name"), study.get("injector")}
-    return [*uses, *_packages(injector, found.meters, record, stated)]
+    return [*uses, *_packages(injector, model_and_run.meters, record, stated)]
 
 
 class _Part(FileModel):
@@ -185,9 +185,9 @@ def _source(text: str, synthetic: str) -> str:
 
 def _values(sources: Mapping[str, Source], kind: str) -> Iterator[Use]:
     """One line for all values of one source."""
-    known = {name: source for name, source in sources.items() if source != UNSTATED}
-    for source in dict.fromkeys(known.values()):
-        names = [name for name, one in known.items() if one == source]
+    stated = {name: source for name, source in sources.items() if source != UNSTATED}
+    for source in dict.fromkeys(stated.values()):
+        names = [name for name, other in stated.items() if other == source]
         others = f" and {counted(len(names) - 1, 'other')}" if len(names) > 1 else ""
         yield Use(kind, names[0] + others, f"{MARKS[source.mark]}: {source.text}")
 
@@ -200,7 +200,7 @@ def _of_record(record: Mapping[str, Any]) -> Iterator[Use]:
         if "prior" in parameter:
             yield Use("prior", parameter["name"], parameter["prior"]["source"])
     if method := record.get("optimiser", {}).get("method"):
-        entry = named(method)
+        entry = find_optimiser(method)
         yield Use("optimiser", method, entry.citation if entry else "of a package that is not installed")
     if "certainty" in record:
         yield Use("intervals", "smoothed importance sampling", "Vehtari et al. 2024")
@@ -221,12 +221,12 @@ def _packages(
         "optimisers": {record.get("optimiser", {}).get("method")},
         "data": {data["kind"] for data in record.get("data", ())},
     }
-    found: dict[str, registry.Entry] = {}
+    entries: dict[str, registry.Entry] = {}
     for group, names in used.items():
         for name, entry in registry.installed(group).items():
             if name in names:
-                found.setdefault(entry.distribution, entry)
-    for name, entry in found.items():
+                entries.setdefault(entry.distribution, entry)
+    for name, entry in entries.items():
         yield Use("package", f"{name} {entry.version}", entry.citation())
 
 
@@ -234,12 +234,16 @@ def references_of(uses: Sequence[Use]) -> list[Reference]:
     """Works to be cited: the tool, works that a source names, packages, and sources of data or with an address."""
     text = read_plain(Path(__file__).with_name("references.bib")).decode()
     named_in = "\n".join(use.source for use in uses)
-    found = [_tool(uses[0])]
-    found += [one for one in read_bibtex(text) if re.search(rf"(?<!\w){re.escape(one.fields['shorthand'])}", named_in)]
+    references = [_tool(uses[0])]
+    references += [
+        reference
+        for reference in read_bibtex(text)
+        if re.search(rf"(?<!\w){re.escape(reference.fields['shorthand'])}", named_in)
+    ]
     notes: dict[str, Use] = {}
     for use in uses:
         if use.kind == "package" and use.source.lstrip().startswith("@"):
-            found += read_bibtex(use.source.strip() + "\n")
+            references += read_bibtex(use.source.strip() + "\n")
         elif use.kind == "package" or (use.kind.startswith("data") and SYNTHETIC not in use.source):
             notes.setdefault(use.source, use)
         elif address := _ADDRESS.search(use.source):
@@ -247,8 +251,8 @@ def references_of(uses: Sequence[Use]) -> list[Reference]:
     for note, use in notes.items():
         key = re.sub(r"\W+", "-", f"{use.kind.split()[0]}-{use.name}").strip("-")
         title = use.name if use.kind == "package" else f"{use.kind}: {use.name}"
-        found.append(Reference(key, "misc", {"title": _escaped(title), "note": _escaped(note)}))
-    return list({one.key: one for one in found}.values())
+        references.append(Reference(key, "misc", {"title": _escape(title), "note": _escape(note)}))
+    return list({reference.key: reference for reference in references}.values())
 
 
 def _tool(use: Use) -> Reference:
@@ -259,11 +263,11 @@ def _tool(use: Use) -> Reference:
     return Reference("commonrail", "software", fields | {"note": f"Licence {about['License-Expression']}"})
 
 
-def _escaped(text: str) -> str:
+def _escape(text: str) -> str:
     """Text of a BibTeX field, without what LaTeX would read as commands."""
     return re.sub(r"([&%#_$])", r"\\\1", re.sub(r"[{}\\]", "", text))
 
 
 def write_bibtex(path: Path, references: Sequence[Reference]) -> None:
     """Write a BibTeX file, whole or not at all; `OutputError` if it cannot be written."""
-    write_text(path, "\n".join(one.bibtex() for one in references))
+    write_text(path, "\n".join(reference.bibtex() for reference in references))

@@ -96,8 +96,8 @@ def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
 def comparison_tiles(record: Record) -> list[Tile]:
     """Error of each model on each kind of data."""
     return [
-        Tile(f"error of {label}", *view.merit(own, label))
-        for view, own in by_kind(record["data"])
+        Tile(f"error of {label}", *view.merit(kind_data, label))
+        for view, kind_data in by_kind(record["data"])
         for label in record["labels"]
     ]
 
@@ -113,8 +113,8 @@ def comparison_lines(record: Record) -> list[str]:
     labels, data = list(record["labels"]), record["data"]
     lines = [f"{counted(len(labels), 'model')} on {counted(len(data), 'data set')}; nothing was fitted."]
     if len(labels) > 1:
-        for view, own in by_kind(data):
-            lines += _nearest(*view.leading(own), [d["name"] for d in own], labels)
+        for view, kind_data in by_kind(data):
+            lines += _nearest(*view.leading(kind_data), [d["name"] for d in kind_data], labels)
     failed = sum(len(failures) for d in data for failures in d.get("failures", {}).values())
     if failed:
         lines.append(f"{counted(failed, 'point')} could not be simulated or judged; the last table says why.")

@@ -68,7 +68,7 @@ def compare(
 
 
 def _compared(
-    named: Sequence[NamedModel], files: Sequence[Path], threads: int | None
+    models: Sequence[NamedModel], files: Sequence[Path], threads: int | None
 ) -> tuple[Comparison, dict[str, Any]]:
     from commonrail.calibration.study_file import load_study
     from commonrail.plugins.compare.file import comparison_record
@@ -76,33 +76,33 @@ def _compared(
 
     studies = [load_study(file) for file in files]
     say(SIMULATING)
-    meters = {model.label: model.meters for model in named}
+    meters = {model.label: model.meters for model in models}
     comparison = compare_models(
-        {model.label: model.injector for model in named}, studies, threads=threads, meters=meters
+        {model.label: model.injector for model in models}, studies, threads=threads, meters=meters
     )
     if not comparison.simulated:
         first = next(f for of_model in comparison.failures.values() for failures in of_model for f in failures)
         raise SimulationError(f"No model could be simulated on any of the data. {first.sentence}")
-    texts = {model.label: model.text for model in named}
+    texts = {model.label: model.text for model in models}
     record = comparison_record(comparison, texts, [str(file) for file in files])
-    return comparison, record | {"warnings": _warnings(comparison, named)}
+    return comparison, record | {"warnings": _warnings(comparison, models)}
 
 
-def _warnings(comparison: Comparison, named: Sequence[NamedModel]) -> list[dict[str, str]]:
+def _warnings(comparison: Comparison, models: Sequence[NamedModel]) -> list[dict[str, str]]:
     """Findings of implausible errors, shifts and gains, each once; printed to stderr and returned as records."""
     from commonrail.base.record import to_record
     from commonrail.calibration.plausibility import of_model
 
-    found: dict[Finding, None] = {}
-    for model in named:
+    findings: dict[Finding, None] = {}
+    for model in models:
         scores = iter(comparison.scores[model.label])
         for study in comparison.studies:
-            own = [next(scores) for _ in study.data]
-            for finding in of_model(study, model.injector, own, fitted=model.run is not None):
-                found[finding] = None
-    for finding in found:
+            study_scores = [next(scores) for _ in study.data]
+            for finding in of_model(study, model.injector, study_scores, fitted=model.run is not None):
+                findings[finding] = None
+    for finding in findings:
         say(f"warning: {finding.sentence}")
-    return list(to_record(tuple(found)))
+    return list(to_record(tuple(findings)))
 
 
 def _print(record: dict[str, Any]) -> None:

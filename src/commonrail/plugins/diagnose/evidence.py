@@ -76,8 +76,8 @@ def moments(parts: Parts, centre: Floats, quantities: Floats) -> tuple[Floats, F
     Regressed on the parameters, so that few parts suffice: the covariance is that of the linear part and of what it
     leaves. None where too few parts could be simulated.
     """
-    there = np.isfinite(quantities).all(axis=1)
-    z, y = (parts.values - centre)[there], quantities[there]
+    complete = np.isfinite(quantities).all(axis=1)
+    z, y = (parts.values - centre)[complete], quantities[complete]
     n, d = z.shape
     if n < d + 1 + SPARE_DRAWS:
         return None
@@ -99,17 +99,19 @@ def responses(
     sound = moments(parts, centre, simulate(parts))
     if sound is None:
         return ()
-    found = [Response(None, np.zeros(1), sound[0][None], sound[1][None])]
+    fault_responses = [Response(None, np.zeros(1), sound[0][None], sound[1][None])]
     for item in faults:
-        made = [(s, moments(parts, centre, simulate(parts.with_fault(injector, item, s)))) for s in SIZES.tolist()]
-        there = [(s, *pair) for s, pair in made if pair is not None]
-        if len(there) < 2:
+        by_size = [(s, moments(parts, centre, simulate(parts.with_fault(injector, item, s)))) for s in SIZES.tolist()]
+        usable = [(s, *pair) for s, pair in by_size if pair is not None]
+        if len(usable) < 2:
             note(f"Parts with the fault {item.name} could not be simulated; it is left out.")
             continue
-        sizes, mean, scatter = (np.array(column) for column in zip(*there, strict=True))
+        sizes, mean, scatter = (np.array(column) for column in zip(*usable, strict=True))
         fine = FINE[(sizes[0] <= FINE) & (sizes[-1] >= FINE)]
-        found.append(Response(item, fine, PchipInterpolator(sizes, mean)(fine), interp1d(sizes, scatter, axis=0)(fine)))
-    return tuple(found)
+        fault_responses.append(
+            Response(item, fine, PchipInterpolator(sizes, mean)(fine), interp1d(sizes, scatter, axis=0)(fine))
+        )
+    return tuple(fault_responses)
 
 
 class Judged(NamedTuple):
@@ -136,7 +138,7 @@ def regressed(covariance: Floats, n: int) -> tuple[Floats, Floats]:
 
 
 def judge(
-    found: Sequence[Response],
+    fault_responses: Sequence[Response],
     measured: Floats,
     noise: BenchNoise,
     sound: float,
@@ -146,24 +148,27 @@ def judge(
 ) -> Judged:
     """Probabilities after a measurement.
 
-    `found`: sound parts first; `measured` (tests,) [m³]; `sound`: probability before it that the part is sound, all
+    `fault_responses`: sound parts first; `measured` (tests,) [m³]; `sound`: probability before it that the part is
+    sound, all
     faults being equally likely; `fails` (tests,): results outside their bands; `freedom`: degrees of freedom of the
     covariances, above 2. A fault has the probability zero if at each size it moves a result that fails, or departs
     from sound parts, the other way by more than `SLIGHT`.
     """
-    prior = np.log(np.where([r.fault is None for r in found], sound, (1.0 - sound) / max(len(found) - 1, 1)))
-    middle, scatter = found[0].mean[0], found[0].scatter[0]
+    prior = np.log(
+        np.where([r.fault is None for r in fault_responses], sound, (1.0 - sound) / max(len(fault_responses) - 1, 1))
+    )
+    middle, scatter = fault_responses[0].mean[0], fault_responses[0].scatter[0]
     deviation = np.hypot(np.sqrt(np.diag(scatter)), noise.deviation(middle))
     departure = (measured - middle) / deviation
     departs = np.where(np.asarray(fails) | (np.abs(departure) > DEPARTS), np.sign(departure), 0.0)
     logs, weights, fits = [], [], []
-    for r in found:
-        off = measured - r.mean
+    for r in fault_responses:
+        residual = measured - r.mean
         spread = noise.deviation(r.mean)
-        covariance = r.scatter + spread[:, :, None] * np.eye(off.shape[1]) * spread[:, None, :]
+        covariance = r.scatter + spread[:, :, None] * np.eye(residual.shape[1]) * spread[:, None, :]
         scale = np.sqrt(np.einsum("sii->si", covariance))
         matrix = covariance / (scale[:, :, None] * scale[:, None, :])
-        x = (off / scale)[:, :, None]
+        x = (residual / scale)[:, :, None]
         distance = np.einsum("sti,sti->s", x, np.linalg.solve(matrix, x))
         tails = (freedom + len(measured)) * np.log1p(distance / (freedom - 2.0))
         log = -0.5 * (tails + np.linalg.slogdet(matrix)[1]) - np.log(scale).sum(axis=1)
@@ -172,6 +177,6 @@ def judge(
         logs.append(logsumexp(allowed) - np.log(len(log)))
         shown = log if contrary.all() else allowed
         weights.append(np.exp(shown - logsumexp(shown)))
-        fits.append(chdtrc(off.shape[1], distance[np.argmax(shown)]))
+        fits.append(chdtrc(residual.shape[1], distance[np.argmax(shown)]))
     joint = prior + np.array(logs)
     return Judged(np.exp(joint - logsumexp(joint)), tuple(weights), np.array(fits))

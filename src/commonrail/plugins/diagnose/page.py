@@ -32,9 +32,9 @@ def diagnosis_lines(record: Record) -> list[str]:
     lines = [f"{record['plan']}: {_verdict(record)}{_outside(record)}"]
     if record["verdict"] == "unexplained":
         return lines + ([record["synthetic"]] if record["synthetic"] else [])
-    named = [d for d in record["diagnoses"] if d["probability"] >= LEAST]
-    rest = sum(d["probability"] for d in record["diagnoses"] if d not in named)
-    words = ", ".join(f"{d['name']} {_share(d['probability'])}" for d in named)
+    likely = [d for d in record["diagnoses"] if d["probability"] >= LEAST]
+    rest = sum(d["probability"] for d in record["diagnoses"] if d not in likely)
+    words = ", ".join(f"{d['name']} {_share(d['probability'])}" for d in likely)
     lines.append(f"Probabilities: {words}; all others together {_share(rest)}.")
     if record["next"]:
         lines.append(_next_sentence(record["next"][0], record["nominal"]))
@@ -77,16 +77,16 @@ def _place(item: Record) -> str:
 
 def _next_sentence(item: Record, nominal: bool) -> str:
     """The test and what is expected; beside nominal quantities those of the model are no more than relative."""
-    (first, second), (one, other) = item["names"], item["expected"]
+    (first, second), (first_value, other) = item["names"], item["expected"]
     at = _place(item)
-    apart = f"{fixed(one, 2, MM3)} mm³ if {first}, {fixed(other, 2, MM3)} mm³ if {second}"
+    expected = f"{fixed(first_value, 2, MM3)} mm³ if {first}, {fixed(other, 2, MM3)} mm³ if {second}"
     if nominal and item["sound"]:
-        away = (f"{signed(100.0 * (value / item['sound'] - 1.0), 1)} %" for value in (one, other))
-        apart = f"{apart} by the model alone ({' and '.join(away)} from a sound part)"
-    how = f"{fixed(item['separation'], 1)} standard deviations apart"
+        away = (f"{signed(100.0 * (value / item['sound'] - 1.0), 1)} %" for value in (first_value, other))
+        expected = f"{expected} by the model alone ({' and '.join(away)} from a sound part)"
+    separation = f"{fixed(item['separation'], 1)} standard deviations apart"
     if item["tells"]:
-        return f"Next test: {at}; expected {apart}, {how}."
-    return f"No single test tells {first} and {second} apart; the best is {at}: {apart}, {how}."
+        return f"Next test: {at}; expected {expected}, {separation}."
+    return f"No single test tells {first} and {second} apart; the best is {at}: {expected}, {separation}."
 
 
 def _distance(row: Record, key: str) -> float:
@@ -208,8 +208,8 @@ def _noise(noise: float | str) -> str:
     if noise not in BENCHES:
         return f"{percent(noise, 1)} % of a quantity, as stated"
     bench = BENCHES[str(noise)]
-    one, other, band = (percent(value, 0) for value in bench[:3])
-    shares = f"{one} % of a delivery and {band} % of its half band, {other} % of a return"
+    delivery, other, band = (percent(value, 0) for value in bench[:3])
+    shares = f"{delivery} % of a delivery and {band} % of its half band, {other} % of a return"
     return f"{noise}: {shares}; {bench.mark}: {bench.source}"
 
 
@@ -306,8 +306,8 @@ def judgement_html(record: Record, command: str) -> str:
     tests = plan_section(record["plan"])._replace(lines=judgement_lines({**record, "synthetic": ""})[1:])
     sections = [diagnosis_section(diagnosis), *([trim_section(trimmed)] if trimmed else [])]
     tests = tests._replace(tiles=[*tiles, *(tile for section in sections[1:] for tile in section.tiles)])
-    own = [tests, *(section._replace(lines=(), tiles=()) for section in sections)]
-    return bench_html(record, "Judgement", own, command)
+    judgement_sections = [tests, *(section._replace(lines=(), tiles=()) for section in sections)]
+    return bench_html(record, "Judgement", judgement_sections, command)
 
 
 JUDGEMENT = Presenter.of_record(

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import Quantity, fraction, instance, thread_count, whole
+from commonrail.base.arguments import Quantity, fraction, instance, integer, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import InputError, SimulationError
@@ -87,8 +87,8 @@ class PlanBench:
         """The bench at other tests, with its pressures; their names need not differ."""
         point, name = self.data.points[0], self.data.name
         pressures = point.at_start(point.cylinder_pressure), point.at_start(point.return_pressure)
-        named = tuple(replace(test, name=f"{test.name} ({i})") for i, test in enumerate(tests))
-        return replace(self, data=PlanData.of(TestPlan(name, named), self.injector, pressures, name))
+        tests_by_name = tuple(replace(test, name=f"{test.name} ({i})") for i, test in enumerate(tests))
+        return replace(self, data=PlanData.of(TestPlan(name, tests_by_name), self.injector, pressures, name))
 
     def _leak_per_area(self, i: int) -> float:
         """Volume per stroke that a leak of the valve's seat adds to a test, over its effective area, Eq. (4) [m].
@@ -109,11 +109,11 @@ class PlanBench:
         """Quantities (parts, tests) [m³] of parts without noise; NaN where a simulation failed."""
         columns = [j for j, name in enumerate(parts.names) if name != SEAT_LEAK]
         simulator = Simulator(self.injector, [parts.names[j] for j in columns], self.time_step, self.threads)
-        found = self.data.simulated(simulator, parts.values[:, columns])
+        quantities = self.data.simulated(simulator, parts.values[:, columns])
         if SEAT_LEAK in parts.names:
             leaks = np.array([self._leak_per_area(i) for i in range(len(self.data.tests))])
-            found = found + parts.values[:, [parts.names.index(SEAT_LEAK)]] * leaks
-        return found
+            quantities = quantities + parts.values[:, [parts.names.index(SEAT_LEAK)]] * leaks
+        return quantities
 
 
 class NextTest(NamedTuple):
@@ -238,16 +238,20 @@ class Diagnosis(Shown):
         return np.hypot(np.sqrt(np.diag(sound.scatter[0])), noise.deviation(sound.mean[0]))
 
     def _row(self, i: int) -> dict[str, Any]:
-        found = self.responses[i]
-        row = {"name": found.name, "probability": float(self.judged.probabilities[i]), "fit": float(self.judged.fit[i])}
-        if found.fault is None:
+        response = self.responses[i]
+        row = {
+            "name": response.name,
+            "probability": float(self.judged.probabilities[i]),
+            "fit": float(self.judged.fit[i]),
+        }
+        if response.fault is None:
             return {**row, "meaning": "within makers' tolerances", "parameter": "", "size": [], "source": ""}
-        sizes = [found.fault.size_text(self.injector, s) for s in self.size(found.name)]
-        source = f"{found.fault.source.mark}: {found.fault.source.text}"
+        sizes = [response.fault.size_text(self.injector, s) for s in self.size(response.name)]
+        source = f"{response.fault.source.mark}: {response.fault.source.text}"
         return {
             **row,
-            "meaning": found.fault.meaning,
-            "parameter": found.fault.names[0],
+            "meaning": response.fault.meaning,
+            "parameter": response.fault.names[0],
             "size": sizes,
             "source": source,
         }
@@ -301,24 +305,24 @@ def diagnose(
         If sound parts cannot be simulated.
     """
     instance(injector, Injector, "injector")
-    known = read_table(faults)
+    table = read_table(faults)
     share, prior = read_noise(noise), fraction(sound, "sound")
-    step, count = check_step(time_step), whole(draws, "draws", 40, 4096)
+    step, count = check_step(time_step), integer(draws, "draws", 40, 4096)
     plan = results if isinstance(results, TestPlan) else load_plan(results)
     data = measured_tests(plan.at_stroke_rate(stroke_rate), injector, (cylinder_pressure, return_pressure))
     note_without_rate(data.name, data.tests)
-    parts, centre = sound_parts(injector, known, count)
+    parts, centre = sound_parts(injector, table, count)
     bench = PlanBench(injector, data, step, thread_count(threads))
-    found = responses(injector, parts, centre, visible_faults(injector, data, known), bench)
-    if not found:
+    fault_responses = responses(injector, parts, centre, visible_faults(injector, data, table), bench)
+    if not fault_responses:
         raise SimulationError(f"Hardly any sound part can be simulated at the tests of {data.name}.")
-    _note_edges(data, found[0])
-    factors = nominal_factors(data, found[0].mean[0]) if nominal else np.ones(len(data.tests))
-    found = tuple(r.scaled(factors) for r in found)
+    _note_edges(data, fault_responses[0])
+    factors = nominal_factors(data, fault_responses[0].mean[0]) if nominal else np.ones(len(data.tests))
+    fault_responses = tuple(r.scaled(factors) for r in fault_responses)
     measured = np.array([test.bench for test in data.tests], float)
     fails = [state is not State.INSIDE for state in _states(data)]
-    judged = judge(found, measured, bench_noise(data.tests, share), prior, fails=fails)
-    result = Diagnosis(injector, data, found, judged, (), share, prior, step, factors)
+    judged = judge(fault_responses, measured, bench_noise(data.tests, share), prior, fails=fails)
+    result = Diagnosis(injector, data, fault_responses, judged, (), share, prior, step, factors)
     if len(result.leading) == 1:
         return result
     return replace(result, next=next_tests(result, bench, parts, centre))
@@ -376,25 +380,26 @@ def nominal_factors(data: PlanData, sound: Floats) -> Floats:
 
 def measured_tests(plan: TestPlan, injector: Injector, pressures: tuple[Quantity, Quantity]) -> PlanData:
     """Tests of a plan that have a result; `InputError` if there are fewer than two."""
-    there = tuple(test for test in plan.tests if test.bench is not None)
-    if len(there) < 2:
+    with_result = tuple(test for test in plan.tests if test.bench is not None)
+    if len(with_result) < 2:
         raise InputError(
-            f"{plan.name}: {len(there)} of {len(plan.tests)} tests have a result in the column bench, and at least two "
+            f"{plan.name}: {len(with_result)} of {len(plan.tests)} tests have a result in the column bench, "
+            "and at least two "
             "are needed."
         )
-    if len(there) < len(plan.tests):
+    if len(with_result) < len(plan.tests):
         left = [test.name for test in plan.tests if test.bench is None]
         note(f"{plan.name}: {listed(left)} {'has' if len(left) == 1 else 'have'} no result in the column bench.")
-    return PlanData.of(replace(plan, tests=there), injector, pressures, plan.name, synthetic=plan.synthetic)
+    return PlanData.of(replace(plan, tests=with_result), injector, pressures, plan.name, synthetic=plan.synthetic)
 
 
-def visible_faults(injector: Injector, data: PlanData, known: FaultTable) -> tuple[Any, ...]:
+def visible_faults(injector: Injector, data: PlanData, table: FaultTable) -> tuple[Any, ...]:
     """Faults whose parameters the model has, and that a test can show: a leak of the seat needs a return."""
     returns = any(test.measure is Measure.RETURN for test in data.tests)
-    return tuple(f for f in known.of_model(injector) if returns or set(f.names) != {SEAT_LEAK})
+    return tuple(f for f in table.of_model(injector) if returns or set(f.names) != {SEAT_LEAK})
 
 
-def sound_parts(injector: Injector, known: FaultTable, count: int) -> tuple[Parts, Floats]:
+def sound_parts(injector: Injector, table: FaultTable, count: int) -> tuple[Parts, Floats]:
     """Sound parts, evenly drawn (a Sobol' sequence), and the part as drawn in the parameters that scatter [SI].
 
     `InputError` if the table states the scatter of no parameter that the model reads.
@@ -402,7 +407,7 @@ def sound_parts(injector: Injector, known: FaultTable, count: int) -> tuple[Part
     from scipy.special import ndtri  # slow to import
     from scipy.stats import qmc
 
-    scatter = known.scatter_of(injector)
+    scatter = table.scatter_of(injector)
     if not scatter:
         raise InputError(f"The table of faults states the scatter of no parameter that {injector.name} reads.")
     middle = np.array([injector.values[name] for name in scatter])
@@ -415,19 +420,19 @@ def sound_parts(injector: Injector, known: FaultTable, count: int) -> tuple[Part
 # sizes that its quantities leave, differ most in standard deviations of what is expected of them.
 
 
-def next_tests(found: Diagnosis, bench: PlanBench, parts: Parts, centre: Floats) -> tuple[NextTest, ...]:
+def next_tests(diagnosis: Diagnosis, bench: PlanBench, parts: Parts, centre: Floats) -> tuple[NextTest, ...]:
     """The three best tests of a grid, the best first."""
-    tests, n = _candidates(found.data, found.injector), len(found.data.tests)
-    first, second = found.judged.order[:2]
-    tried = bench.at((*found.data.tests, *tests))
-    expected = [_expected(found, i, tried, parts, centre, n) for i in (first, second)]
-    there = [pair for pair in expected if pair is not None]
-    if len(there) < 2:
+    tests, n = _candidates(diagnosis.data, diagnosis.injector), len(diagnosis.data.tests)
+    first, second = diagnosis.judged.order[:2]
+    tried = bench.at((*diagnosis.data.tests, *tests))
+    expected = [_expected(diagnosis, i, tried, parts, centre, n) for i in (first, second)]
+    simulated_pairs = [pair for pair in expected if pair is not None]
+    if len(simulated_pairs) < 2:
         return ()
-    (mean, deviation), (other, spread) = there
+    (mean, deviation), (other, spread) = simulated_pairs
     separation = np.abs(mean - other) / np.hypot(deviation, spread)
     sound = tried(Parts((), np.empty((1, 0))))[0, n:]
-    names = found.responses[first].name, found.responses[second].name
+    names = diagnosis.responses[first].name, diagnosis.responses[second].name
     columns = (values.tolist() for values in (sound, mean, other, deviation, spread, separation))
     rows = [NextTest(t, q, names, (a, b), (c, d), s) for t, q, a, b, c, d, s in zip(tests, *columns, strict=True)]
     return tuple(rows[k] for k in np.argsort(-separation, kind="stable")[:3].tolist())
@@ -456,17 +461,17 @@ def _quantile(response: Response, weights: Floats, share: float) -> float:
 
 
 def _expected(
-    found: Diagnosis, i: int, bench: PlanBench, parts: Parts, centre: Floats, n: int
+    diagnosis: Diagnosis, i: int, bench: PlanBench, parts: Parts, centre: Floats, n: int
 ) -> tuple[Floats, Floats] | None:
     """Mean and standard deviation of the tests behind the first n, given the results of these (tests,) [m³]."""
-    response, weights = found.responses[i], found.judged.weights[i]
-    measured = np.array([test.bench for test in found.data.tests], float) / found.factors
-    noise = bench_noise((*found.data.tests, *bench.data.tests[n:]), found.noise)
+    response, weights = diagnosis.responses[i], diagnosis.judged.weights[i]
+    measured = np.array([test.bench for test in diagnosis.data.tests], float) / diagnosis.factors
+    noise = bench_noise((*diagnosis.data.tests, *bench.data.tests[n:]), diagnosis.noise)
     means, variances = [], []
     sizes = [0.0] if response.fault is None else [_quantile(response, weights, q) for q in QUANTILES]
     for size in sizes:
-        made = parts if response.fault is None else parts.with_fault(found.injector, response.fault, size)
-        pair = moments(parts, centre, bench(made))
+        faulty_parts = parts if response.fault is None else parts.with_fault(diagnosis.injector, response.fault, size)
+        pair = moments(parts, centre, bench(faulty_parts))
         if pair is None:
             continue
         mean, scatter = pair

@@ -195,7 +195,7 @@ def trim(
     data = measured_tests(replace(plan, tests=used), injector, (cylinder_pressure, return_pressure))
     grid = _grid(data, rail_pressures, energising_times)
     bench = PlanBench(injector, data, check_step(time_step), thread_count(threads))
-    kept, drawn, trimming = regression(bench, grid, read_table(faults), deviation, size)
+    usable, drawn, trimming = regression(bench, grid, read_table(faults), deviation, size)
     sound = drawn * nominal_factors(data, drawn) if nominal else drawn
     measured = np.array([test.bench for test in data.tests], float)
     classes = np.round((sound - measured) / (sound / drawn * trimming.slopes[: len(sound)]) / size)
@@ -208,15 +208,19 @@ def trim(
             "a sound part; a trim is for sound parts: check the results, or find the fault by diagnose."
         )
     return PartTrim(
-        injector, data, sound, classes, size, tuple(grid[k] for k in kept), corrections, trimming, distances
+        injector, data, sound, classes, size, tuple(grid[k] for k in usable), corrections, trimming, distances
     )
 
 
 def _grid(data: PlanData, pressures: Sequence[float] | None, times: Sequence[float] | None) -> tuple[PlanTest, ...]:
     """Points of the map as tests, those of the plan's range by default."""
 
-    def axis(given: Sequence[float] | None, own: list[float], unit: str, what: str) -> list[float]:
-        values = np.linspace(min(own), max(own), GRID) if given is None else array(given, unit, what, 1)
+    def axis(requested: Sequence[float] | None, plan_values: list[float], unit: str, what: str) -> list[float]:
+        values = (
+            np.linspace(min(plan_values), max(plan_values), GRID)
+            if requested is None
+            else array(requested, unit, what, 1)
+        )
         return list(dict.fromkeys(np.asarray(values, float).tolist()))
 
     p = axis(pressures, [t.rail_pressure for t in data.tests], "Pa", "rail_pressures")
@@ -226,7 +230,7 @@ def _grid(data: PlanData, pressures: Sequence[float] | None, times: Sequence[flo
 
 
 def regression(
-    bench: PlanBench, grid: Sequence[PlanTest], known: FaultTable, noise: float | str, step: float
+    bench: PlanBench, grid: Sequence[PlanTest], table: FaultTable, noise: float | str, step: float
 ) -> tuple[list[int], Floats, Trimming]:
     """Points of the grid that can be trimmed, quantities of the drawn part at the tests (tests,) [m³], and the gain.
 
@@ -241,18 +245,18 @@ def regression(
             f"{bench.data.name}: the nominal quantity of the test {tests[i].name} hardly rises with the energising "
             "time, so that no part can be trimmed there; leave it out of the table."
         )
-    kept = [i for i in range(len(grid)) if good[n + i]]
-    if not kept:
+    usable = [i for i in range(len(grid)) if good[n + i]]
+    if not usable:
         raise InputError(f"No point of the map can be trimmed: {_reasons(slopes[n:], middle[n:])}.")
-    if len(kept) < len(grid):
+    if len(usable) < len(grid):
         reasons = _reasons(slopes[n:], middle[n:])
-        note(f"{len(grid) - len(kept)} of {len(grid)} points of the map are left out: {reasons}.")
-    use = [*range(n), *(n + i for i in kept)]
-    parts, centre = sound_parts(injector, known, DRAWS)
-    made = moments(parts, centre, bench.at([tests[i] for i in use])(parts))
-    if made is None:
+        note(f"{len(grid) - len(usable)} of {len(grid)} points of the map are left out: {reasons}.")
+    use = [*range(n), *(n + i for i in usable)]
+    parts, centre = sound_parts(injector, table, DRAWS)
+    grid_moments = moments(parts, centre, bench.at([tests[i] for i in use])(parts))
+    if grid_moments is None:
         raise SimulationError(f"Hardly any sound part can be simulated at the tests of {bench.data.name}.")
-    mean, scatter = made
+    mean, scatter = grid_moments
     slopes, bench_deviation = slopes[use], bench_noise(bench.data.tests, noise).deviation(mean[:n])
     needed = scatter / np.outer(slopes, slopes)
     needed[:n, :n] += np.diag((bench_deviation / slopes[:n]) ** 2 + step**2 / 12.0)
@@ -260,7 +264,7 @@ def regression(
     spread = np.asarray(np.sqrt(np.diag(scatter)), float)
     after = np.asarray(np.sqrt(np.maximum(left, 0.0)) * slopes[n:])
     measured = np.asarray(np.hypot(spread[:n], bench_deviation))
-    return kept, middle[:n], Trimming(gain, slopes, spread[n:], after, measured)
+    return usable, middle[:n], Trimming(gain, slopes, spread[n:], after, measured)
 
 
 def _reasons(slopes: Floats, middle: Floats) -> str:

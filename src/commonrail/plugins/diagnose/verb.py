@@ -130,5 +130,9 @@ def judge(
     from commonrail.plugins.diagnose.page import judgement_html
 
     injector, tests, settings = bench.read(report, stroke_rate)
-    own = {"sound": parse(sound, "1", "--sound"), "step": parse(step, "s", "--step"), **sound_parts.read()}
-    bench.show(judge_part(injector, tests, **settings, **own), settings, report, judgement_html)
+    judgement_options = {
+        "sound": parse(sound, "1", "--sound"),
+        "step": parse(step, "s", "--step"),
+        **sound_parts.read(),
+    }
+    bench.show(judge_part(injector, tests, **settings, **judgement_options), settings, report, judgement_html)

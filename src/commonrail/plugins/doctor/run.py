@@ -17,12 +17,12 @@ from commonrail.base import registry
 from commonrail.base.child import python, same_modules
 from commonrail.base.choices import Precision
 from commonrail.base.errors import CommonrailError
-from commonrail.calibration.optimisers.registry import named
+from commonrail.calibration.optimisers.registry import find_optimiser
 from commonrail.compiler import cache, target
 from commonrail.compiler.target import package_version as version
 from commonrail.data.registry import find_kind
 from commonrail.engine.job import VECTORS
-from commonrail.engine.lanes import compiled
+from commonrail.engine.lanes import load_loop
 from commonrail.engine.machine_code import COMPILERS, INSTALL, objection
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
@@ -55,8 +55,8 @@ def ask_child(module: str, arguments: list[str], seconds: float, run: Runner = r
         return {"failed": f"not done within {seconds:g} s"}
     if done.returncode != 0:
         return {"failed": _reason(done)}
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
+    answer: dict[str, Any] = json.loads(done.stdout)
+    return answer
 
 
 def _reason(done: subprocess.CompletedProcess[str]) -> str:
@@ -77,16 +77,16 @@ def first_simulation() -> dict[str, Any]:
     """Seconds to the first result, where its kernel came from, and the result's figures [SI]."""
     case = load_injector("virtual-lino-2016")
     begin = time.perf_counter()
-    found = simulate(case, POINT)
+    solution = simulate(case, POINT)
     seconds = time.perf_counter() - begin
-    code = compiled(case.wired(), Precision.F64, False)
+    code = load_loop(case.wired(), Precision.F64, False)
     return {
         "seconds": seconds,
         "origin": code.origin,
         "processor": code.processor,
-        "status": found.status.name,
-        "volume": found.injected_volume if found.injected_volume == found.injected_volume else None,
-        "balance": found.balance if found.balance == found.balance else None,
+        "status": solution.status.name,
+        "volume": solution.injected_volume if solution.injected_volume == solution.injected_volume else None,
+        "balance": solution.balance if solution.balance == solution.balance else None,
     }
 
 
@@ -105,7 +105,7 @@ def machine() -> dict[str, Any]:
         "threads": usable_threads(),
         "memory_bytes": _memory(),
         "python": platform.python_version(),
-        "versions": {name: found for name in target.PACKAGES if (found := version(name))},
+        "versions": {name: installed for name in target.PACKAGES if (installed := version(name))},
     }
 
 
@@ -120,8 +120,8 @@ def instruction_sets() -> list[str]:
         from llvmlite import binding
     except ModuleNotFoundError:
         return []
-    found = binding.get_host_cpu_features()
-    return [name for name in FEATURES if found.get(name, False)]
+    features = binding.get_host_cpu_features()
+    return [name for name in FEATURES if features.get(name, False)]
 
 
 def load() -> float | None:
@@ -212,18 +212,18 @@ def package_facts(has_libraries: bool) -> Iterator[Fact]:
     With `has_libraries` libraries of compiled simulations are used: what is in them needs NumPy alone.
     """
     for package in ("numpy", *WITHOUT_LIBRARIES):
-        found = version(package)
+        installed = version(package)
         needless = has_libraries and package in WITHOUT_LIBRARIES
         lacking = f"Simulations by a library do without; {WITHOUT_LIBRARIES[package]} it. " if needless else ""
         cure = f"{lacking}Install it: {INSTALL if package in COMPILERS else f'pip install {package}'}."
-        yield Fact(package, found or "not installed", OK if found else cure, not needless)
+        yield Fact(package, installed or "not installed", OK if installed else cure, not needless)
 
 
 def cache_facts(folder: Callable[[], Path | None] | None = None) -> Iterator[Fact]:
     """Folder of compiled simulations, what is there, and whether it is whole."""
     usual = cache.places()[0]
-    found = (folder or cache.cache_folder)()
-    if found is None:
+    cache_path = (folder or cache.cache_folder)()
+    if cache_path is None:
         cure = (
             f"No place for compiled simulations is writable and private, so every run compiles anew: make {usual} "
             "writable for you alone, or name another place in XDG_CACHE_HOME."
@@ -231,13 +231,13 @@ def cache_facts(folder: Callable[[], Path | None] | None = None) -> Iterator[Fac
         yield Fact("kernel cache", "none", cure)
         return
     fallen_back = f"{usual} cannot be used and this place may be emptied at any time: make that one yours alone."
-    yield Fact("kernel cache", str(found), OK if found.parent == usual else fallen_back)
-    files = list(found.glob(f"*{cache.ENDING}"))
+    yield Fact("kernel cache", str(cache_path), OK if cache_path.parent == usual else fallen_back)
+    files = list(cache_path.glob(f"*{cache.ENDING}"))
     damaged = sum(cache.read(path)[0] is None for path in files)
     size = sum(path.lstat().st_size for path in files)
     renewed = f"{damaged} of them differ from what was written and are compiled anew when they are used."
     yield Fact("kernels in it", f"{len(files)}, {size / 1e6:.1f} MB", renewed if damaged else OK)
-    old = sum(path.name != found.name for path in found.parent.glob("kernels-*"))
+    old = sum(path.name != cache_path.name for path in cache_path.parent.glob("kernels-*"))
     if old:
         cure = (
             "Other versions made them, perhaps still in use; those beside the cache above that are not may be deleted."
@@ -268,11 +268,11 @@ def kernel_facts(run: Callable[[], dict[str, Any]] | None = None) -> Iterator[Fa
     yield self_check(first)
 
 
-def self_check(found: dict[str, Any]) -> Fact:
+def self_check(simulation: dict[str, Any]) -> Fact:
     """Check that mass is conserved and the quantity is that of the paper's injector."""
-    volume, balance = found["volume"], found["balance"]
+    volume, balance = simulation["volume"], simulation["balance"]
     if volume is None or balance is None:
-        value, sound = found["status"], False
+        value, sound = simulation["status"], False
     else:
         value = f"{volume * 1e9:.1f} mm³ injected, mass kept to {abs(balance):.0e}"
         sound = abs(balance) < BALANCE and abs(volume / VOLUME - 1.0) < TOLERANCE
@@ -306,7 +306,7 @@ class Plugin(NamedTuple):
 
 # How a part is tried; those of all other groups are loaded.
 _TRIALS: dict[str, Callable[[str], object]] = {
-    "optimisers": named,
+    "optimisers": find_optimiser,
     "data": find_kind,
     "injectors": load_injector,
     "fuels": load_fuel,
@@ -319,13 +319,13 @@ def installed_plugins() -> list[Plugin]:
     """Installed packages by name, each part of them tried."""
     unused = {entry: why for group in registry.GROUPS for entry, why in registry.unused(group).items()}
     parts = [*(entry for group in registry.GROUPS for entry in registry.installed(group).values()), *unused]
-    found = []
+    plugins = []
     for name in sorted({entry.distribution for entry in parts}):
-        own = [entry for entry in parts if entry.distribution == name]
-        texts = [f"{entry.group} {entry.name}" for entry in own]
-        broken = [why for entry in own if (why := unused.get(entry) or _fault(entry))]
-        found.append(Plugin(name, own[0].version, own[0].citation(), texts, broken))
-    return found
+        entries = [entry for entry in parts if entry.distribution == name]
+        texts = [f"{entry.group} {entry.name}" for entry in entries]
+        broken = [why for entry in entries if (why := unused.get(entry) or _fault(entry))]
+        plugins.append(Plugin(name, entries[0].version, entries[0].citation(), texts, broken))
+    return plugins
 
 
 def _fault(entry: registry.Entry) -> str:

@@ -93,7 +93,7 @@ def linked_text(variant: Variant, prefix: str = "cr") -> str:
     texts, plain = _portable(source_of(variant)), TARGETS["linux64"]
     system = System(plain.triple, plain.processor)
     names = {name: f"{prefix}_{name}" for name in texts}
-    return str(lower.optimised(texts, names, system, "hidden", vectors=False)[1])
+    return str(lower.optimise(texts, names, system, "hidden", vectors=False)[1])
 
 
 def vectors_of(target: Target) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ from commonrail.engine import plan
 from commonrail.engine.job import Outcome, make_rows
 from commonrail.engine.plan import BACKFLOW
 from commonrail.engine.status import Status
-from commonrail.engine.time_step import TIME_STEPS, Medium, bears, limiting, room_left
+from commonrail.engine.time_step import TIME_STEPS, Medium, is_stable, limiting, room_left
 from commonrail.physics.fuel import Fuel
 from commonrail.physics.fuel_polynomials import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths
@@ -50,7 +50,7 @@ def step_condition(variant: Variant) -> str:
     if variant.actuation is not Actuation.DIRECT:
         symbols[_CHAMBER] = room_left(symbols, _Symbol("lift", lines))
     medium = Medium(*(_Symbol(f"medium[{i}]", lines) for i in range(len(Medium._fields))))  # type: ignore[arg-type]
-    found = bears(variant, symbols, medium, _Symbol("dt", lines))  # type: ignore[arg-type]
+    found = is_stable(variant, symbols, medium, _Symbol("dt", lines))  # type: ignore[arg-type]
     used = sorted({name for group in limiting(variant.actuation) for name in group})
     statements = "".join(f"    {line}\n" for line in _used(lines, found.text))
     return (
@@ -169,7 +169,7 @@ def fuel_table(fuel: Fuel, exact_at: float) -> FuelTable:
 ENERGISINGS = 16  # that a simulation holds at once
 HEAD = 2048  # bytes before the working rows of a state; the compiler checks that they are enough
 MOST_SLOTS = 1 << 24  # of a ring buffer: 16 s of a wave's travel at 1 us
-_TOLERANCE = 1e-6  # of the range of temperature, as `Fuel.defined_at` grants it [K]
+_TOLERANCE = 1e-6  # of the range of temperature, as `Fuel.is_defined_at` grants it [K]
 
 _BOUNDS = {  # smallest and largest value, and which of them are outside themselves
     Domain.POSITIVE: (0.0, math.inf, 1, 0),

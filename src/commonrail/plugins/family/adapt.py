@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from commonrail.base.arguments import file_path, fraction, instance, instances, thread_count, whole
+from commonrail.base.arguments import file_path, fraction, instance, instances, integer, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, InputError, SimulationError
 from commonrail.base.hooks import note
@@ -325,9 +325,9 @@ def advise(
     at = instances(points, OperatingPoint, "points")
     if len(at) < 2:
         raise InputError("A reference point is chosen among at least two points; give more candidates.")
-    share, count = fraction(flow_spread, "flow_spread"), whole(draws, "draws", 2, 100_000)
+    share, count = fraction(flow_spread, "flow_spread"), integer(draws, "draws", 2, 100_000)
     space = Space([flow_about_drawing(part, share), *scattering(known, part)])
-    own, scaled = _simulated(part, at, space, (count, whole(seed, "seed")), thread_count(threads))
+    own, scaled = _simulated(part, at, space, (count, integer(seed, "seed")), thread_count(threads))
     return _advice(at, own, scaled)
 
 

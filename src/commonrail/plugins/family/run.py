@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from commonrail.base.arguments import file_path, instance, thread_count, whole
+from commonrail.base.arguments import file_path, instance, integer, thread_count
 from commonrail.base.output import summed, writing
 from commonrail.calibration.search import Checkpoint
 from commonrail.data.records import LABELS, MEASURED
@@ -60,7 +60,7 @@ def resume_family(
     `family` is given if it was made in Python and not read from a file; other arguments and errors are those of
     `commonrail.resume`.
     """
-    path, generations = file_path(folder, "folder"), whole(generations, "generations")
+    path, generations = file_path(folder, "folder"), integer(generations, "generations")
     work = _work(listener, threads, workers)
     return FAMILIES.resume(path, work, study=family, generations=generations, as_begun=as_begun)
 
@@ -132,5 +132,5 @@ FAMILIES: FitKind[Family, FamilyFit] = FitKind(
     load=load_family,
     content=_content,
     results=(RECORD, TYPE, f"{MODELS}/*"),
-    chosen=("name", "seed"),
+    options=("name", "seed"),
 )

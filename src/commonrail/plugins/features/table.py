@@ -79,7 +79,7 @@ def find_feature(name: str) -> Feature:
     entry = None if name in FEATURES else registry.find("features", name)
     if entry is None:
         return FEATURES[known_name(name, FEATURES)]
-    feature = entry.part(Feature, "a Feature")
+    feature = entry.load_as(Feature, "a Feature")
     if feature.name != name:
         raise entry.refused(f'is to be a Feature of this name, and that of {entry.target} is called "{feature.name}"')
 

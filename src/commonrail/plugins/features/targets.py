@@ -128,7 +128,7 @@ class FeatureData(ToleratedData):
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
         """One term for each data set; the features are found in traces outside of its batch."""
-        return [term_of(d, partial(_in_term, d), which_failed, whole=d.returned is not None) for d in group]
+        return [term_of(d, partial(_in_term, d), which_failed, to_horizon=d.returned is not None) for d in group]
 
     @property
     def samples(self) -> int:
@@ -155,7 +155,7 @@ class FeatureData(ToleratedData):
         by_mass = np.isfinite(stated) & np.array([target.feature != RETURNED for target in self.targets])
         if not by_mass.any():
             return np.ones((1, len(self.targets)))
-        given = candidates.given(self.meter) if self.meter is not None else None
+        given = candidates.meter_values(self.meter) if self.meter is not None else None
         density = np.reshape(self.curve.density_of(candidates, given), (-1, 1))
         return np.where(by_mass, density / stated, 1.0)
 

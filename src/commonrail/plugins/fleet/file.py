@@ -73,44 +73,44 @@ def fleet_record(fleet: Fleet, entries: Sequence[Entry], status: str, clock: Map
 
 def spread_of(values: Sequence[float | None]) -> Record | None:
     """Minimum, quartiles, maximum and count of what is a number; None if nothing is."""
-    known = np.array([value for value in values if value is not None])
-    if not len(known):
+    finite_values = np.array([value for value in values if value is not None])
+    if not len(finite_values):
         return None
-    low, q1, median, q3, high = np.quantile(known, [0.0, 0.25, 0.5, 0.75, 1.0]).tolist()
-    return {"minimum": low, "q1": q1, "median": median, "q3": q3, "maximum": high, "count": len(known)}
+    low, q1, median, q3, high = np.quantile(finite_values, [0.0, 0.25, 0.5, 0.75, 1.0]).tolist()
+    return {"minimum": low, "q1": q1, "median": median, "q3": q3, "maximum": high, "count": len(finite_values)}
 
 
 def _sorted(values: Sequence[float | None]) -> list[float]:
     """At most 400 of the sorted values, evenly spread: a curve of them, for a figure."""
-    known = np.sort([value for value in values if value is not None])
-    places = np.unique(np.linspace(0, len(known) - 1, min(len(known), 400)).round().astype(int))
-    found: list[float] = known[places].tolist() if len(known) else []
-    return found
+    ordered = np.sort([value for value in values if value is not None])
+    places = np.unique(np.linspace(0, len(ordered) - 1, min(len(ordered), 400)).round().astype(int))
+    sample: list[float] = ordered[places].tolist() if len(ordered) else []
+    return sample
 
 
 def _data(fleet: Fleet, finished: Sequence[Entry]) -> list[Record]:
-    found = []
+    records = []
     for data in fleet.template.model.data:
         rows = [d for entry in finished for d in entry.record["data"] if d["name"] == data.name]
         if not rows:
             continue
         spreads = {key: spread_of([row[key] for row in rows]) for key in ("start", "best")}
         common = {key: rows[0][key] for key in ("measure", "unit")}
-        found.append({"name": data.name, "role": data.role, **common, **spreads, "injectors": len(rows)})
-    return found
+        records.append({"name": data.name, "role": data.role, **common, **spreads, "injectors": len(rows)})
+    return records
 
 
 def _parameter(name: str, unit: str, finished: Sequence[Entry]) -> Record:
-    own = [entry.record["parameters"][name] for entry in finished]
+    parameter_records = [entry.record["parameters"][name] for entry in finished]
     return {
         "name": name,
         "unit": unit,
         "meaning": known_quantity(name).meaning,
-        "best": spread_of([p["best"] for p in own]),
-        "position": spread_of([p["position"] for p in own]),
-        "at_bound": sum(p["at_bound"] for p in own),
-        "verdicts": dict(sorted(Counter(p["verdict"] for p in own).items())),
-        **{key: own[0][key] for key in ("lower", "upper", "prior")},
+        "best": spread_of([p["best"] for p in parameter_records]),
+        "position": spread_of([p["position"] for p in parameter_records]),
+        "at_bound": sum(p["at_bound"] for p in parameter_records),
+        "verdicts": dict(sorted(Counter(p["verdict"] for p in parameter_records).items())),
+        **{key: parameter_records[0][key] for key in ("lower", "upper", "prior")},
     }
 
 
@@ -121,12 +121,12 @@ def _worst(entry: Entry) -> Record:
 
 def _warnings(finished: Sequence[Entry]) -> list[Record]:
     """For each kind of warning how many injectors have it, and the first of them with its sentence."""
-    found: dict[str, list[tuple[str, str]]] = {}
+    by_code: dict[str, list[tuple[str, str]]] = {}
     for entry in finished:
         first = {w["code"]: w["sentence"] for w in reversed(entry.record["warnings"])}
         for code, sentence in first.items():
-            found.setdefault(code, []).append((entry.name, sentence))
-    rows = [{"code": code, "injectors": len(f), "first": f[0][0], "sentence": f[0][1]} for code, f in found.items()]
+            by_code.setdefault(code, []).append((entry.name, sentence))
+    rows = [{"code": code, "injectors": len(f), "first": f[0][0], "sentence": f[0][1]} for code, f in by_code.items()]
     return sorted(rows, key=lambda row: (-row["injectors"], row["code"]))
 
 
@@ -184,8 +184,8 @@ def result_columns(fleet: Fleet, entries: Sequence[Entry], why: str = "") -> dic
     Values are SI unless the head gives another unit. Only the last column, the processor time, depends on the clock.
     `why` is the reason of injectors that are not done.
     """
-    found = {entry.name: entry for entry in entries}
-    rows = [found.get(name) for name in fleet.supply.names]
+    by_name = {entry.name: entry for entry in entries}
+    rows = [by_name.get(name) for name in fleet.supply.names]
     columns: dict[str, list[Value]] = {
         "injector": list(fleet.supply.names),
         "status": [PENDING if entry is None else entry.status for entry in rows],
@@ -199,11 +199,11 @@ def result_columns(fleet: Fleet, entries: Sequence[Entry], why: str = "") -> dic
             columns[f"{measure} {data.name} [{unit}]"] = [_of_data(r, data.name) for r in records]
     units = units_of(fleet)
     for name, unit in units.items():
-        own = [r["parameters"][name] if r else {} for r in records]
+        parameter_records = [r["parameters"][name] if r else {} for r in records]
         head = f" [{unit}]" if unit != "1" else ""
-        columns[name + head] = [p.get("best") for p in own]
-        columns[f"{name} standard error{head}"] = [p.get("standard_error") for p in own]
-        columns[f"{name} verdict"] = [p.get("verdict", "") for p in own]
+        columns[name + head] = [p.get("best") for p in parameter_records]
+        columns[f"{name} standard error{head}"] = [p.get("standard_error") for p in parameter_records]
+        columns[f"{name} verdict"] = [p.get("verdict", "") for p in parameter_records]
     columns["warnings"] = [len(r["warnings"]) if r else None for r in records]
     columns["seed"] = [r.get("seed") for r in records]
     columns["processor time [s]"] = [None if entry is None else entry.seconds for entry in rows]

@@ -111,15 +111,15 @@ class Journal(JournalFile):
 
     def write_inputs(self, inputs: Mapping[str, str]) -> None:
         """Keep the fingerprints of a new fleet."""
-        kept = [put("input", *item) for item in inputs.items()]
-        self._write(("DELETE FROM input", ()), *kept)
+        statements = [put("input", *item) for item in inputs.items()]
+        self._write(("DELETE FROM input", ()), *statements)
 
     @property
     def targets(self) -> list[dict[str, str]]:
         """Versions, and the processor that was compiled for, of the processes that have calibrated; the latest last."""
         with trusted(self.path):
-            found = json.loads(dict(self._table("about")).get("targets", "[]"))
-            return [{str(name): str(text) for name, text in target.items()} for target in found]
+            targets = json.loads(dict(self._table("about")).get("targets", "[]"))
+            return [{str(name): str(text) for name, text in target.items()} for target in targets]
 
     def note_target(self, target: Mapping[str, str]) -> None:
         """Keep the target of this process as the latest, if it is not that already."""
@@ -133,7 +133,7 @@ class Journal(JournalFile):
 
     def write(self, entry: Entry) -> None:
         """Keep an injector; one that is there is replaced."""
-        texts = [json.dumps(part, sort_keys=True, allow_nan=False) for part in (entry.inputs, entry.record)]
+        texts = [json.dumps(content, sort_keys=True, allow_nan=False) for content in (entry.inputs, entry.record)]
         self._write(
             put("injector", entry.name, entry.status, entry.reason, entry.attempts, *texts, entry.seconds, now())
         )
@@ -178,10 +178,12 @@ def entries_of(
             continue
         if name not in inputs:
             raise StudyError(f'{folder} has injector "{name}", which {fleet.supply.path} has no more; {_CURE}')
-        own = inputs[name]
-        if own != entry.inputs:
-            changed = next(s for s in {**entry.inputs, **own} if entry.inputs.get(s) != own.get(s))
-            what = "is missing now" if own.get(changed) == MISSING_FILE else "has changed since"
+        current_inputs = inputs[name]
+        if current_inputs != entry.inputs:
+            changed = next(
+                s for s in {**entry.inputs, **current_inputs} if entry.inputs.get(s) != current_inputs.get(s)
+            )
+            what = "is missing now" if current_inputs.get(changed) == MISSING_FILE else "has changed since"
             raise StudyError(
                 f'{folder} has injector "{name}" calibrated to other data: its file of "{changed}" {what}; {_CURE}'
             )
@@ -191,8 +193,8 @@ def entries_of(
 def _common(fleet: Fleet, shared: Mapping[Path, str]) -> dict[str, str]:
     """Inputs that determine the result of every injector, by name: texts where readable, fingerprints of files."""
     template = fleet.template
-    found = {"seed": str(fleet.seed), "leave_out": ", ".join(template.left_out)}
-    found |= {f"version of {name}": version for name, version in package_versions().items()}
-    found[f"file {template.path.name}"] = sha256(template.text.encode())
+    fingerprints = {"seed": str(fleet.seed), "leave_out": ", ".join(template.left_out)}
+    fingerprints |= {f"version of {name}": version for name, version in package_versions().items()}
+    fingerprints[f"file {template.path.name}"] = sha256(template.text.encode())
     names = {Path(os.path.abspath(path)): name for name, path in shared_files(template).items()}
-    return found | {f"file {names.get(path, path.name)}": digest for path, digest in shared.items()}
+    return fingerprints | {f"file {names.get(path, path.name)}": digest for path, digest in shared.items()}

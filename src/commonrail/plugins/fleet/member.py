@@ -85,17 +85,17 @@ def _text(fleet: Fleet, name: str, files: Mapping[str, Path]) -> str:
 
 
 def _data(data: Mapping[str, Any], files: Mapping[str, Path], base: Path) -> dict[str, Any]:
-    own = dict(data, file=str(files[data["name"]].absolute()))
+    member_data = dict(data, file=str(files[data["name"]].absolute()))
     for key in _COURSES:
-        if isinstance(own.get(key), dict) and "file" in own[key]:
-            own[key] = dict(own[key], file=_absolute(base, own[key]["file"]))
-    if "dead_times" in own:
+        if isinstance(member_data.get(key), dict) and "file" in member_data[key]:
+            member_data[key] = dict(member_data[key], file=_absolute(base, member_data[key]["file"]))
+    if "dead_times" in member_data:
         dead = files.get(data["name"] + DEAD_TIMES)
         if dead is None:
-            del own["dead_times"]
+            del member_data["dead_times"]
         else:
-            own["dead_times"] = dict(own["dead_times"], file=str(dead.absolute()))
-    return own
+            member_data["dead_times"] = dict(member_data["dead_times"], file=str(dead.absolute()))
+    return member_data
 
 
 def shared_files(template: Template) -> dict[str, Path]:
@@ -157,11 +157,11 @@ class Calibrations:
     def __init__(self, first: Study | None) -> None:
         self.first = first
 
-    def __call__(self, given: Study | Path) -> Attempt:
+    def __call__(self, source: Study | Path) -> Attempt:
         """Attempt at a study, which may be its file."""
         start = time.thread_time()  # on a busy machine too it says what the work costs
         try:
-            study = load_study(given) if isinstance(given, Path) else given
+            study = load_study(source) if isinstance(source, Path) else source
             record = calibrate_study(study)
         except CommonrailError as error:
             return failed(error, time.thread_time() - start)
@@ -213,16 +213,16 @@ def _fixed(injector: Injector, name: str) -> dict[str, Any]:
 
 def _data_record(data: DataSet, start: Score, best: Score) -> dict[str, Any]:
     measure, unit = data.error_head
-    found = {"name": data.name, "role": data.role.value, "measure": measure, "unit": unit}
-    return found | {"start": number(start.error), "best": number(best.error)}
+    scores = {"name": data.name, "role": data.role.value, "measure": measure, "unit": unit}
+    return scores | {"start": number(start.error), "best": number(best.error)}
 
 
 def _parameters(calibration: Calibration, certain: Mapping[str, Near]) -> dict[str, dict[str, Any]]:
     space = calibration.study.space
-    found = {}
+    records = {}
     for p in space.parameters:
         best = calibration.best[p.name]
-        found[p.name] = {
+        records[p.name] = {
             "best": best,
             "standard_error": certain[p.name].standard_error,
             "verdict": certain[p.name].verdict.value,
@@ -232,4 +232,4 @@ def _parameters(calibration: Calibration, certain: Mapping[str, Near]) -> dict[s
             "upper": p.upper,
             "prior": None if p.prior is None else {"value": p.prior.value, "sigma": p.prior.sigma},
         }
-    return found
+    return records

@@ -51,11 +51,11 @@ def _correlations(columns: Floats) -> list[list[float | None]]:
     """Matrix (d, d) of the columns of (n, d)."""
     if len(columns) < FEWEST:
         return []
-    apart = columns - columns.mean(axis=0)
-    sizes = np.sqrt((apart**2).sum(axis=0))
+    deviations = columns - columns.mean(axis=0)
+    sizes = np.sqrt((deviations**2).sum(axis=0))
     varies = sizes > 1e-9 * np.maximum(np.abs(columns).max(axis=0), 1e-300) * np.sqrt(len(columns))
     matrix = np.full((columns.shape[1],) * 2, np.nan)
-    unit = apart[:, varies] / sizes[varies]
+    unit = deviations[:, varies] / sizes[varies]
     matrix[np.ix_(varies, varies)] = np.clip(unit.T @ unit, -1.0, 1.0)
     return [[None if np.isnan(v) else round(float(v), 4) for v in row] for row in matrix]
 
@@ -68,8 +68,8 @@ def _outliers(finished: Sequence[Entry], names: Sequence[str], columns: Floats) 
     scatter = _TO_SIGMA * np.median(np.abs(columns - median), axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         far = np.where(scatter > 0.0, (columns - median) / scatter, 0.0)
-    rows, found = np.nonzero(np.abs(far) > FAR)
-    order = np.argsort(-np.abs(far[rows, found]), kind="stable")[:MOST_OUTLIERS]
+    rows, columns_far = np.nonzero(np.abs(far) > FAR)
+    order = np.argsort(-np.abs(far[rows, columns_far]), kind="stable")[:MOST_OUTLIERS]
     return [
         {
             "injector": finished[i].name,
@@ -78,7 +78,7 @@ def _outliers(finished: Sequence[Entry], names: Sequence[str], columns: Floats) 
             "median": float(median[j]),
             "deviations": round(float(far[i, j]), 2),
         }
-        for i, j in zip(rows[order].tolist(), found[order].tolist(), strict=True)
+        for i, j in zip(rows[order].tolist(), columns_far[order].tolist(), strict=True)
     ]
 
 
@@ -102,12 +102,12 @@ def _each(finished: Sequence[Entry], values: Floats, costs: Floats) -> dict[str,
 
 def histograms(record: Record, names: dict[str, str]) -> list[Figure]:
     """Histogram of each parameter between its bounds; `names` are short names of the parameters."""
-    found = record.get("population", {}).get("histograms", {})
-    return [_population_histogram(names.get(name, name), one) for name, one in found.items()]
+    histogram_records = record.get("population", {}).get("histograms", {})
+    return [_population_histogram(names.get(name, name), histogram) for name, histogram in histogram_records.items()]
 
 
-def _population_histogram(name: str, found: Record) -> Figure:
-    edges, counts = found["edges"], found["counts"]
+def _population_histogram(name: str, histogram: Record) -> Figure:
+    edges, counts = histogram["edges"], histogram["counts"]
     x = points(100.0 * edge for edge in edges for _ in (0, 1))
     y = (0.0, *(float(count) for count in counts for _ in (0, 1)), 0.0)
     panel = Panel("injectors", (Series("", "solid", x, y, family=0),))
@@ -163,8 +163,8 @@ def outlier_table(record: Record) -> Table:
 
 def each_injector(record: Record) -> dict[str, Any]:
     """Names, units and values that the page shows of an injector on demand; empty if none is calibrated."""
-    found = record.get("population")
-    if not found or not found["each"]:
+    population = record.get("population")
+    if not population or not population["each"]:
         return {}
     units = [shown_unit(p["upper"] or p["best"]["median"], p["unit"]) for p in record["parameters"]]
     parameters = [
@@ -177,7 +177,7 @@ def each_injector(record: Record) -> dict[str, Any]:
         for p, (unit, factor) in zip(record["parameters"], units, strict=True)
     ]
     each = [
-        {**one, "values": [factor * v for v, (_, factor) in zip(one["values"], units, strict=True)]}
-        for one in found["each"]
+        {**injector, "values": [factor * v for v, (_, factor) in zip(injector["values"], units, strict=True)]}
+        for injector in population["each"]
     ]
-    return {"parameters": parameters, "each": each, "more": found["more"]}
+    return {"parameters": parameters, "each": each, "more": population["more"]}

@@ -201,11 +201,11 @@ class _Run:
         for name in names:
             path = self._study(name)
             try:
-                given = path if shared else load_study(path)
+                study_source = path if shared else load_study(path)
             except CommonrailError as error:
                 self._keep(name, failed(error), 1)
             else:
-                yield Task(name, package, given, self.fleet.time_limit)
+                yield Task(name, package, study_source, self.fleet.time_limit)
 
     def _study(self, name: str) -> Path:
         self.journal.check_place()
@@ -240,10 +240,10 @@ class _Run:
         if self.pending:
             self.journal.note_target(describe().record)
         study_of = (lambda name: load_study(self._study(name))) if self.pending else None
-        found = target_warnings(self.journal, self.in_order(), study_of)
-        for warning in found:
+        warnings = target_warnings(self.journal, self.in_order(), study_of)
+        for warning in warnings:
             note(f"{self.folder}: {warning['sentence']}")
-        return found
+        return warnings
 
     def _package(self) -> Package:
         """Try the first studies, so that a fault of all is told at once, and compile what the workers will load."""

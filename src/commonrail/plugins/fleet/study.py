@@ -76,10 +76,10 @@ class _Cells:
 
     def groups(self, columns: Sequence[int]) -> Groups:
         """Rows, in their order, by the texts in columns; the groups are in the order of their first rows."""
-        found: dict[tuple[str, ...], list[int]] = {}
+        rows_by_key: dict[tuple[str, ...], list[int]] = {}
         for i, row in enumerate(self.rows):
-            found.setdefault(tuple(row[column] for column in columns), []).append(i)
-        return {key: np.array(places, dtype=np.intp) for key, places in found.items()}
+            rows_by_key.setdefault(tuple(row[column] for column in columns), []).append(i)
+        return {key: np.array(places, dtype=np.intp) for key, places in rows_by_key.items()}
 
     def cells(self, rows: IndexArray) -> list[list[str]]:
         return [self.rows[row] for row in rows]
@@ -212,19 +212,21 @@ class RowSupply:
         self.names = checked_names(self._parts, path)
         for name, parts in _parts(second, layout, layout.with_dead_times).items() if second else ():
             if name in self._parts:
-                self._parts[name] |= {data + DEAD_TIMES: part for data, part in parts.items()}
+                self._parts[name] |= {data + DEAD_TIMES: table_part for data, table_part in parts.items()}
 
     def deliver(self, name: str, folder: Path) -> dict[str, Path]:
         """Write an injector's rows to files of its own, one for each part of the table."""
         parts = self._parts[name]
-        files = {part: folder / f"rows-{i}.csv" for i, part in enumerate(dict.fromkeys(parts.values()), start=1)}
-        for part, file in files.items():
-            write_text(file, f"# rows of {part.table.path.name}\n{part.text()}")
-        return {source: files[part] for source, part in parts.items()}
+        files = {
+            table_part: folder / f"rows-{i}.csv" for i, table_part in enumerate(dict.fromkeys(parts.values()), start=1)
+        }
+        for table_part, file in files.items():
+            write_text(file, f"# rows of {table_part.table.path.name}\n{table_part.text()}")
+        return {source: files[table_part] for source, table_part in parts.items()}
 
     def fingerprints(self, name: str) -> dict[str, str]:
         """SHA-256 of the rows of each data set."""
-        return {source: sha256(part.text().encode()) for source, part in self._parts[name].items()}
+        return {source: sha256(table_part.text().encode()) for source, table_part in self._parts[name].items()}
 
     def fingerprints_read(self, name: str, read: Mapping[Path, str]) -> dict[str, str]:
         """SHA-256 of the rows: the table is in memory, and the files written from it are compared as they are read."""
@@ -276,9 +278,9 @@ def _check_dead_times(layout: Layout, path: Path | None) -> None:
 
 def _check_columns(table: Table, second: Table | None, layout: Layout) -> None:
     """Refuse a name in [columns] that no table has, and one table for several curves without the column "data"."""
-    known = [name for one in (table, second) if one for name in names_of(one)]
+    column_names = [name for file in (table, second) if file for name in names_of(file)]
     for key, column in layout.columns.items():
-        if column not in known:
+        if column not in column_names:
             find_column(table, column, f"which {layout.at / 'columns'} gives for {key}")
     if len(layout.data) > 1 and not all(d.selects_rows for d in layout.data):
         find_column(table, layout.column(DATA), f"which says to which data set of {layout.study} a row belongs")
@@ -289,20 +291,20 @@ def _parts(table: Table, layout: Layout, data: Sequence[str]) -> Parts:
     if layout.column(DATA) in names_of(table):
         keys.append(find_column(table, layout.column(DATA), "the names of the data sets"))
     form = _form(table, keys, layout)
-    found: Parts = {}
-    for (name, *named), rows in table.groups(keys).items():
+    parts_by_injector: Parts = {}
+    for (name, *data_name), rows in table.groups(keys).items():
         check_name(name, table, int(rows[0]))
-        own = found.setdefault(name, {})
-        if named and named[0] in layout.left_out:
+        injector_parts = parts_by_injector.setdefault(name, {})
+        if data_name and data_name[0] in layout.left_out:
             continue
-        if named and named[0] not in data:
+        if data_name and data_name[0] not in data:
             raise InputError(
-                f'{table.place(int(rows[0]))}: {layout.study} has no such data set "{named[0]}"'
-                f"{nearest(named[0], data)}; correct or remove the row."
+                f'{table.place(int(rows[0]))}: {layout.study} has no such data set "{data_name[0]}"'
+                f"{nearest(data_name[0], data)}; correct or remove the row."
             )
-        part = _Part(table, form, rows)
-        own |= dict.fromkeys(named or data, part)
-    return found
+        table_part = _Part(table, form, rows)
+        injector_parts |= dict.fromkeys(data_name or data, table_part)
+    return parts_by_injector
 
 
 def _form(table: Table, keys: Sequence[int], layout: Layout) -> _Form:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import array, chosen, plain_text, positive, settle
+from commonrail.base.arguments import array, enum_member, plain_text, positive, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.data.base import Role
@@ -76,7 +76,10 @@ class FmuData:
     def __post_init__(self) -> None:
         for what in ("name", "source", "synthetic"):
             plain_text(getattr(self, what), f"{what} of the data")
-        weight, role = positive("1")(self.weight, f"weight of {self.name}"), chosen(self.role, Role, "role of the data")
+        weight, role = (
+            positive("1")(self.weight, f"weight of {self.name}"),
+            enum_member(self.role, Role, "role of the data"),
+        )
         settle(self, role=role, weight=weight, measured=self.measured, tolerances=self.tolerances)
         if len(self.measured) != sum(run.size for run in self.runs):
             raise ConfigurationError(f"{self.name}: there is not one measured value for each output at each time.")
@@ -94,7 +97,7 @@ class FmuData:
 
 def by_set(data: Sequence[FmuData], values: Floats) -> list[Floats]:
     """Values (…, all) of data sets, one after the other, as those of each (…, m)."""
-    return np.split(values, np.cumsum([len(one.measured) for one in data])[:-1], axis=-1)
+    return np.split(values, np.cumsum([len(data_set.measured) for data_set in data])[:-1], axis=-1)
 
 
 def fmu_curve(
@@ -132,12 +135,14 @@ def fmu_curve(
     at = array(times, "1", f"times of {name}", 1)
     if len(at) == 0 or at[0] < 0.0 or not (np.diff(at) > 0.0).all() or not at[-1] > 0.0:
         raise ConfigurationError(f"{name}: the times must increase from 0 or later; sort the rows.")
-    columns = {output: array(own, "1", f"{output} of {name}", 1) for output, own in measured.items()}
-    for output, own in columns.items():
-        if len(own) != len(at):
-            raise ConfigurationError(f"{name}: {output} has {len(own)} values for {len(at)} times.")
+    columns = {output: array(column, "1", f"{output} of {name}", 1) for output, column in measured.items()}
+    for output, column in columns.items():
+        if len(column) != len(at):
+            raise ConfigurationError(f"{name}: {output} has {len(column)} values for {len(at)} times.")
     run = Run(dict(start or {}), inputs, float(at[-1]), tuple(columns), at)
-    tolerances = [np.full(len(own), _tolerance(name, output, own, tolerance)) for output, own in columns.items()]
+    tolerances = [
+        np.full(len(column), _tolerance(name, output, column, tolerance)) for output, column in columns.items()
+    ]
     return FmuData(name, (run,), np.concatenate(list(columns.values())), np.concatenate(tolerances), **more)
 
 
@@ -170,23 +175,23 @@ def fmu_rows(
     ConfigurationError
         As `fmu_curve`.
     """
-    columns = {output: array(own, "1", f"{output} of {name}", 1) for output, own in measured.items()}
-    for output, own in columns.items():
-        if len(own) != len(settings):
-            raise ConfigurationError(f"{name}: {output} has {len(own)} values for {len(settings)} rows.")
+    columns = {output: array(column, "1", f"{output} of {name}", 1) for output, column in measured.items()}
+    for output, column in columns.items():
+        if len(column) != len(settings):
+            raise ConfigurationError(f"{name}: {output} has {len(column)} values for {len(settings)} rows.")
     if not stop > 0.0:
         raise ConfigurationError(f"{name}: the end of the simulations must be greater than zero.")
-    sizes = np.array([_tolerance(name, output, own, tolerance) for output, own in columns.items()])
-    runs = tuple(Run(dict(one), inputs, stop, tuple(columns), np.array([stop])) for one in settings)
+    sizes = np.array([_tolerance(name, output, column, tolerance) for output, column in columns.items()])
+    runs = tuple(Run(dict(start), inputs, stop, tuple(columns), np.array([stop])) for start in settings)
     table = np.column_stack(list(columns.values()))
     return FmuData(name, runs, table.ravel(), np.tile(sizes, len(settings)), **more)
 
 
-def _tolerance(name: str, output: str, measured: Floats, given: Mapping[str, float] | float | None) -> float:
-    stated = given.get(output) if isinstance(given, Mapping) else given
+def _tolerance(name: str, output: str, measured: Floats, tolerance: Mapping[str, float] | float | None) -> float:
+    stated = tolerance.get(output) if isinstance(tolerance, Mapping) else tolerance
     if stated is not None:
         return float(stated)
-    found = SHARE * float(np.ptp(measured))
-    if not found > 0.0:
+    share_of_range = SHARE * float(np.ptp(measured))
+    if not share_of_range > 0.0:
         raise ConfigurationError(f"{name}: {output} has no range of which a share could be the tolerance; state one.")
-    return found
+    return share_of_range

@@ -26,9 +26,9 @@ def fmu_record(fit: FmuFit) -> dict[str, Any]:
         "fmu": {"name": study.fmu.name, "version": study.fmu.version, "sha256": study.fmu.digest},
         "step": study.step,
         "parameters": _parameters(fit),
-        "data": [_data(fit, one) for one in study.data],
+        "data": [_data(fit, data) for data in study.data],
         "evaluations": counts | {"simulations": counts.pop("injections"), "failures": _failures(fit)},
-        "messages": dict(fit.told),  # of the session that ended the run, which may not have met all failures
+        "messages": dict(fit.messages),  # of the session that ended the run, which may not have met all failures
     }
 
 
@@ -46,8 +46,8 @@ def _parameters(fit: FmuFit) -> list[dict[str, Any]]:
             "at_bound": p.is_at_bound(fit.best[p.name]),
             "mark": p.mark,
             "source": p.source,
-            "standard_error": fit.found[p.name]["standard_error"],
-            "verdict": fit.found[p.name]["verdict"],
+            "standard_error": fit.estimates[p.name]["standard_error"],
+            "verdict": fit.estimates[p.name]["verdict"],
         }
         for p in fit.study.space.parameters
     ]
@@ -62,8 +62,8 @@ def _failures(fit: FmuFit) -> list[dict[str, Any]]:
 
 def _data(fit: FmuFit, data: FmuData) -> dict[str, Any]:
     values = {label: fit.simulated[label][data.name] for label in LABELS}
-    rms = {label: number(np.sqrt(np.mean(data.residuals(own) ** 2))) for label, own in values.items()}
-    largest = {label: number(np.max(np.abs(data.residuals(own)))) for label, own in values.items()}
+    rms = {label: number(np.sqrt(np.mean(data.residuals(simulated) ** 2))) for label, simulated in values.items()}
+    largest = {label: number(np.max(np.abs(data.residuals(simulated)))) for label, simulated in values.items()}
     return {
         "name": data.name,
         "role": data.role.value,
@@ -83,7 +83,7 @@ def _outputs(fit: FmuFit, data: FmuData) -> list[dict[str, Any]]:
     """Courses or, of simulations that are compared at their ends, values by the number of the simulation."""
     names, count = data.runs[0].outputs, len(data.runs[0].times)
     parts = {"measured": data.measured, **{label: fit.simulated[label][data.name] for label in LABELS}}
-    shaped = {label: own.reshape(len(data.runs), len(names), count) for label, own in parts.items()}
+    shaped = {label: array.reshape(len(data.runs), len(names), count) for label, array in parts.items()}
     tolerances = data.tolerances.reshape(len(data.runs), len(names), count)
     single = len(data.runs) == 1
     return [
@@ -93,7 +93,7 @@ def _outputs(fit: FmuFit, data: FmuData) -> list[dict[str, Any]]:
             "tolerance": float(tolerances[0, k, 0]),
             "axis": "time" if single else "row",
             "at": data.runs[0].times.tolist() if single else list(range(1, len(data.runs) + 1)),
-            **{label: [number(v) for v in own[:, k, :].ravel()] for label, own in shaped.items()},
+            **{label: [number(v) for v in array[:, k, :].ravel()] for label, array in shaped.items()},
         }
         for k, name in enumerate(names)
     ]

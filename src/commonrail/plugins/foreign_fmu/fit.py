@@ -14,7 +14,7 @@ from commonrail.base.hooks import held_interrupts, note
 from commonrail.calibration.identifiability import identify_at
 from commonrail.calibration.search import Checkpoint, Listeners, Progress, Recorder, Search, SearchResult
 from commonrail.plugins.foreign_fmu.data import by_set
-from commonrail.plugins.foreign_fmu.fmu import FmuSimulator, opened
+from commonrail.plugins.foreign_fmu.fmu import FmuSimulator, open_simulator
 from commonrail.plugins.foreign_fmu.study import FmuObjective, FmuStudy
 
 STOPPED = "not judged: the search was stopped"
@@ -30,13 +30,13 @@ class FmuFit(SearchResult):
     study : FmuStudy
     simulated : mapping of str to mapping of str to (m,) array
         For "start" and "best": values of each data set by its name, NaN where a simulation failed.
-    found : mapping of str to mapping
+    estimates : mapping of str to mapping
         Effect, standard error and verdict of each parameter, as `identify_at` gives them; of a search that was stopped
         the verdict alone says so, and the numbers are None.
     step_effect : mapping of str to float
         Largest change of a value of each data set in tolerances, with the best values and half the communication step;
         NaN where that could not be simulated. Empty if it was stopped.
-    told : mapping of str to str
+    messages : mapping of str to str
         The first message of the FMU with each status of failed candidates.
     best, cost, start_cost, history, counts, status, reason, seconds, simulations, failures, convergence, ends
         As in `commonrail.calibration.search.SearchResult`; values are in the units of the FMU.
@@ -44,9 +44,9 @@ class FmuFit(SearchResult):
 
     study: FmuStudy
     simulated: Mapping[str, Mapping[str, Floats]]
-    found: Mapping[str, Mapping[str, Any]]
+    estimates: Mapping[str, Mapping[str, Any]]
     step_effect: Mapping[str, float]
-    told: Mapping[str, str]
+    messages: Mapping[str, str]
 
 
 def calibrate_fmu(
@@ -90,29 +90,31 @@ def calibrate_fmu(
     note(f"{study.fmu.path}: the code of this FMU runs with your rights; run none that you do not trust.")
     for sentence in study.notes:
         note(sentence)
-    how = study.fmu, study.space.names, study.data, study.step, study.time_limit, processes
-    with opened(*how) as simulator, held_interrupts() as stop:
+    simulator_settings = study.fmu, study.space.names, study.data, study.step, study.time_limit, processes
+    with open_simulator(*simulator_settings) as simulator, held_interrupts() as stop:
         objective = FmuObjective(study, simulator)
         search = Search(study, objective, None, Listeners(progress, recorder, stop), checkpoint)
         simulator.check_stop = lambda: search.check_stop()
         result = search.to_end()
         start, best = study.space.reference, np.array(list(result.best.values()))
-        simulated = {label: _simulated(study, simulator, x) for label, x in (("start", start), ("best", best))}
+        simulated = {label: _simulate(study, simulator, x) for label, x in (("start", start), ("best", best))}
         # a search that was stopped is judged when it is resumed: simulations about the best values may take long
-        found = {name: dict(NOT_JUDGED) for name in study.space.names}
+        estimates = {name: dict(NOT_JUDGED) for name in study.space.names}
         effect = {}
         if result.status == "finished":
-            found = dict(identify_at(study.space, objective, best))
-            finer = _simulated(study, simulator, best, finer=2)
+            estimates = dict(identify_at(study.space, objective, best))
+            finer = _simulate(study, simulator, best, finer=2)
             effect = {
                 data.name: float(np.max(np.abs(finer[data.name] - simulated["best"][data.name]) / data.tolerances))
                 for data in study.data
             }
-        told = {key.name.lower(): text for key, text in simulator.told.items()}
-        return FmuFit(study=study, simulated=simulated, found=found, step_effect=effect, told=told, **vars(result))
+        messages = {key.name.lower(): text for key, text in simulator.messages.items()}
+        return FmuFit(
+            study=study, simulated=simulated, estimates=estimates, step_effect=effect, messages=messages, **vars(result)
+        )
 
 
-def _simulated(study: FmuStudy, simulator: FmuSimulator, x: Floats, finer: int = 1) -> dict[str, Floats]:
+def _simulate(study: FmuStudy, simulator: FmuSimulator, x: Floats, finer: int = 1) -> dict[str, Floats]:
     """Values of each data set with values of the free parameters (d,), at the communication step or a finer one."""
     parts = by_set(study.data, simulator.simulate(study.data, x[None, :], finer).values[0])
-    return {data.name: part for data, part in zip(study.data, parts, strict=True)}
+    return {data.name: values_of_set for data, values_of_set in zip(study.data, parts, strict=True)}

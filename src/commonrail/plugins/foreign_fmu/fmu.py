@@ -85,33 +85,35 @@ class Fmu:
 
     def number(self, name: str) -> FmuVariable:
         """Variable that is a real number; `InputError` for another."""
-        found = self.variable(name)
-        if found.type not in REAL:
-            raise InputError(f"{self.path}: {name} is of type {found.type}, and a real number is expected.")
-        return found
+        variable = self.variable(name)
+        if variable.type not in REAL:
+            raise InputError(f"{self.path}: {name} is of type {variable.type}, and a real number is expected.")
+        return variable
 
     def outside(self, name: str, value: float, what: str) -> str:
         """Sentence on a value that lies outside the limits that the FMU states; empty where it does not.
 
         `name`: of the variable; `value`: in the unit of the FMU; `what`: words for the value.
         """
-        found = self.variable(name)
-        if found.lower <= value <= found.upper:
+        variable = self.variable(name)
+        if variable.lower <= value <= variable.upper:
             return ""
-        beyond, limit = ("below the min", found.lower) if value < found.lower else ("above the max", found.upper)
-        return (
-            f"{what} of {name}, {_in_unit(value, found)}, lies {beyond} that the FMU states, {_in_unit(limit, found)}"
+        beyond, limit = (
+            ("below the min", variable.lower) if value < variable.lower else ("above the max", variable.upper)
         )
+        stated = _in_unit(limit, variable)
+        return f"{what} of {name}, {_in_unit(value, variable)}, lies {beyond} that the FMU states, {stated}"
 
     def adjustable(self, name: str) -> FmuVariable:
         """Variable whose value can be set before the initialization; `InputError` for another."""
-        found = self.variable(name)
-        if not found.settable:
+        variable = self.variable(name)
+        if not variable.settable:
             raise InputError(
-                f"{self.path}: {name} cannot be set (causality {found.causality}, variability {found.variability}); "
+                f"{self.path}: {name} cannot be set (causality {variable.causality}, "
+                f"variability {variable.variability}); "
                 "name a parameter or an input."
             )
-        return found
+        return variable
 
 
 def read_fmu(path: str | Path) -> Fmu:
@@ -133,13 +135,16 @@ def read_fmu(path: str | Path) -> Fmu:
     if description.coSimulation is None:
         raise InputError(f"{file}: the FMU is not for co-simulation; export it for co-simulation.")
     _check_binary(file, names, description.coSimulation.modelIdentifier, fmpy)
-    named = Counter(one.name for one in description.modelVariables)
-    if len(named) < len(description.modelVariables):
+    name_counts = Counter(variable.name for variable in description.modelVariables)
+    if len(name_counts) < len(description.modelVariables):
         raise InputError(
-            f"{file}: {named.most_common(1)[0][0]} is the name of more than one variable, which the standard forbids; "
+            f"{file}: {name_counts.most_common(1)[0][0]} is the name of more than one variable, "
+            "which the standard forbids; "
             "export the FMU anew with names that differ."
         )
-    variables = {one.name: _variable(one) for one in description.modelVariables if not one.dimensions}
+    variables = {
+        variable.name: _variable(variable) for variable in description.modelVariables if not variable.dimensions
+    }
     return Fmu(file, sha256(content), description.modelName, description.fmiVersion, variables, content)
 
 
@@ -165,33 +170,41 @@ def _names(content: bytes) -> list[str]:
 
 
 def _check_binary(file: Path, names: list[str], model: str, fmpy: Any) -> None:
-    wanted = [
+    accepted_names = [
         f"binaries/{folder}/{model}{fmpy.sharedLibraryExtension}" for folder in (fmpy.platform, fmpy.platform_tuple)
     ]
-    if not any(name in names for name in wanted):
-        held = sorted({name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") > 1})
+    if not any(name in names for name in accepted_names):
+        platforms = sorted(
+            {name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") > 1}
+        )
         raise InputError(
             f"{file}: the FMU has no binary {model}{fmpy.sharedLibraryExtension} for this machine ({fmpy.platform}), "
-            f"only folders for {', '.join(held) or 'none'}; "
+            f"only folders for {', '.join(platforms) or 'none'}; "
             "export it for this platform too, or compile its sources with `fmpy compile`."
         )
 
 
-def _variable(one: Any) -> FmuVariable:
-    unit = one.unit or (one.declaredType.unit if one.declaredType is not None else None)
-    settable = one.causality == "input" or (one.variability != "constant" and one.initial in ("exact", "approx"))
-    start = None if one.start is None else str(one.start)
-    words = one.name, one.causality, one.variability, one.type, unit or "1", start
+def _variable(description: Any) -> FmuVariable:
+    unit = description.unit or (description.declaredType.unit if description.declaredType is not None else None)
+    settable = description.causality == "input" or (
+        description.variability != "constant" and description.initial in ("exact", "approx")
+    )
+    start = None if description.start is None else str(description.start)
+    words = description.name, description.causality, description.variability, description.type, unit or "1", start
     return FmuVariable(
-        *words, settable, one.description or "", _limit(one, "min", -math.inf), _limit(one, "max", math.inf)
+        *words,
+        settable,
+        description.description or "",
+        _limit(description, "min", -math.inf),
+        _limit(description, "max", math.inf),
     )
 
 
-def _limit(one: Any, which: str, otherwise: float) -> float:
+def _limit(description: Any, which: str, otherwise: float) -> float:
     """Limit of a variable, by its own statement or that of its type."""
-    stated = getattr(one, which, None)
-    if stated is None and one.declaredType is not None:
-        stated = getattr(one.declaredType, which, None)
+    stated = getattr(description, which, None)
+    if stated is None and description.declaredType is not None:
+        stated = getattr(description.declaredType, which, None)
     try:
         return otherwise if stated is None else float(stated)
     except ValueError:
@@ -207,7 +220,7 @@ def _short(error: BaseException) -> str:
 
 
 @contextmanager
-def unpacked(fmu: Fmu) -> Iterator[Path]:
+def unpack(fmu: Fmu) -> Iterator[Path]:
     """Folder with the files of an FMU, removed at the end; `InputError` if the archive cannot be unpacked."""
     with tempfile.TemporaryDirectory(prefix="commonrail-fmu-", ignore_cleanup_errors=True) as temporary:
         folder = Path(temporary)
@@ -272,7 +285,7 @@ FATAL_EXIT = 71  # of a process whose FMU may not be called any more
 LONGEST = 300  # characters of a message
 DISCARD, ERROR = 2, 3  # statuses of the standard
 _STATUSES = {DISCARD: FmuStatus.FMU_DISCARDED, ERROR: FmuStatus.FMU_ERROR}
-_Found = tuple[Floats | None, FmuStatus, str]
+_Outcome = tuple[Floats | None, FmuStatus, str]
 _NEAR = 1e-6  # share of a communication step that rounding may move the end by
 
 
@@ -289,7 +302,7 @@ class Answered(NamedTuple):
 
     values: Floats
     status: int
-    told: str
+    message: str
 
 
 @dataclass(frozen=True)
@@ -316,8 +329,8 @@ class FmuWork:
         run = self.runs[number]
         _keep_the_output_clean()
         start = {**run.start, **dict(zip(self.names, values, strict=True))}
-        found, status, told = _simulated(self.folder, run, start, self.step / finer)
-        return Answered(np.full(run.size, np.nan) if found is None else found, int(status), told)
+        simulated, status, message = _simulate(self.folder, run, start, self.step / finer)
+        return Answered(np.full(run.size, np.nan) if simulated is None else simulated, int(status), message)
 
 
 @functools.cache
@@ -333,7 +346,7 @@ def _description(folder: str) -> Any:
     return read_model_description(folder, validate=False)
 
 
-def _simulated(folder: str, run: Run, start: Mapping[str, StartValue], step: float) -> _Found:
+def _simulate(folder: str, run: Run, start: Mapping[str, StartValue], step: float) -> _Outcome:
     from fmpy.fmi1 import FMICallException
     from fmpy.simulation import instantiate_fmu
 
@@ -347,19 +360,19 @@ def _simulated(folder: str, run: Run, start: Mapping[str, StartValue], step: flo
             require_functions=False,
         )
     except Exception as error:  # whatever loading a library may raise
-        return None, FmuStatus.FMU_NOT_STARTED, _told(said, error)
+        return None, FmuStatus.FMU_NOT_STARTED, _first_message(said, error)
     _end_at_discard(instance, FMICallException)
     try:
-        found = _courses(instance, folder, run, start, step)
+        courses = _courses(instance, folder, run, start, step)
     except _Discarded as error:
-        return _freed(instance, (None, FmuStatus.FMU_DISCARDED, _told(said, error)))
+        return _free(instance, (None, FmuStatus.FMU_DISCARDED, _first_message(said, error)))
     except FMICallException as error:
         if error.status not in _STATUSES:
             os._exit(FATAL_EXIT)  # the standard forbids any further call of the FMU
-        return _freed(instance, (None, _STATUSES[error.status], _told(said, error)))
+        return _free(instance, (None, _STATUSES[error.status], _first_message(said, error)))
     except Exception as error:  # a termination that the FMU asks for, a value that it cannot take
-        return _freed(instance, (None, FmuStatus.FMU_ERROR, _told(said, error)))
-    return _freed(instance, _sampled(found, run, step))
+        return _free(instance, (None, FmuStatus.FMU_ERROR, _first_message(said, error)))
+    return _free(instance, _sample(courses, run, step))
 
 
 def _courses(instance: Any, folder: str, run: Run, start: Mapping[str, StartValue], step: float) -> Any:
@@ -384,24 +397,24 @@ def _signals(run: Run) -> Any:
         return None
     table = np.zeros(len(run.inputs.times), [("time", float), *((name, float) for name in run.inputs.values)])
     table["time"] = run.inputs.times
-    for name, own in run.inputs.values.items():
-        table[name] = own
+    for name, course in run.inputs.values.items():
+        table[name] = course
     return table
 
 
-def _sampled(found: Any, run: Run, step: float) -> _Found:
+def _sample(table: Any, run: Run, step: float) -> _Outcome:
     """Values at the times of a run, linear between communication points."""
-    times = found["time"]
+    times = table["time"]
     if times[-1] < run.times[-1] - _NEAR * step:
         return None, FmuStatus.FMU_ENDED_EARLY, f"the simulation ended at {times[-1]:.6g} s"
-    courses = [np.asarray(found[name], float) for name in run.outputs]
-    for name, own in zip(run.outputs, courses, strict=True):
-        if not np.isfinite(own).all():
+    courses = [np.asarray(table[name], float) for name in run.outputs]
+    for name, course in zip(run.outputs, courses, strict=True):
+        if not np.isfinite(course).all():
             return None, FmuStatus.FMU_NOT_FINITE, f"{name} is not finite"
-    return np.concatenate([np.interp(run.times, times, own) for own in courses]), FmuStatus.FMU_OK, ""
+    return np.concatenate([np.interp(run.times, times, course) for course in courses]), FmuStatus.FMU_OK, ""
 
 
-def _freed(instance: Any, result: _Found) -> _Found:
+def _free(instance: Any, result: _Outcome) -> _Outcome:
     instance.freeInstance()
     return result
 
@@ -414,9 +427,9 @@ def _end_at_discard(instance: Any, failure: Any) -> None:
     """End a simulation at a step that is discarded: FMPy would repeat it for ever."""
     step = instance.doStep
 
-    def once(*given: Any, **named: Any) -> Any:
+    def once(*args: Any, **kwargs: Any) -> Any:
         try:
-            return step(*given, **named)
+            return step(*args, **kwargs)
         except failure as error:
             if error.status == DISCARD:
                 raise _Discarded(str(error)) from error
@@ -429,7 +442,7 @@ def _text(message: Any) -> str:
     return message.decode("utf-8", "replace") if isinstance(message, bytes) else str(message)
 
 
-def _told(said: list[str], error: BaseException) -> str:
+def _first_message(said: list[str], error: BaseException) -> str:
     return " ".join(" ".join([str(error), *said[-1:]]).split())[:LONGEST]
 
 
@@ -453,38 +466,38 @@ class FmuSimulator:
         self._package, self._workers, self._limit = pack(work), workers, time_limit
         self._runs = work.runs
         self._first: dict[str, int] = {}
-        for one in data:
-            self._first[one.name] = sum(len(before.runs) for before in data[: len(self._first)])
+        for data_set in data:
+            self._first[data_set.name] = sum(len(before.runs) for before in data[: len(self._first)])
         self.check_stop: Callable[[], None] = lambda: None
-        self.told: dict[FmuStatus, str] = {}  # the first message with each status
+        self.messages: dict[FmuStatus, str] = {}  # the first message with each status
 
     def simulate(self, data: Sequence[FmuData], values: Floats, finer: int = 1) -> Simulated:
         """Values of data sets, one after the other, for candidates (n, names) in the units of the FMU.
 
         `finer` communication steps replace one.
         """
-        numbers = [self._first[one.name] + i for one in data for i in range(len(one.runs))]
+        numbers = [self._first[data_set.name] + i for data_set in data for i in range(len(data_set.runs))]
         edges = np.cumsum([0, *(self._runs[number].size for number in numbers)])
-        found = np.full((len(values), edges[-1]), np.nan)
+        simulated = np.full((len(values), edges[-1]), np.nan)
         statuses = np.zeros((len(values), len(numbers)), np.int8)
         rows = enumerate(tuple(row) for row in values.tolist())
         tasks = (self._task((i, k), Asked(n, row, finer)) for i, row in rows for k, n in enumerate(numbers))
         for task, outcome in self._workers.run(tasks, check_stop=self.check_stop):
             assert isinstance(task.name, tuple)
             i, k = task.name
-            answered = self._answered(outcome, edges[k + 1] - edges[k])
+            answered = self._answer(outcome, edges[k + 1] - edges[k])
             statuses[i, k] = answered.status
-            found[i, edges[k] : edges[k + 1]] = answered.values
+            simulated[i, edges[k] : edges[k + 1]] = answered.values
             if answered.status:
-                self.told.setdefault(FmuStatus(answered.status), answered.told)
+                self.messages.setdefault(FmuStatus(answered.status), answered.message)
         first = np.argmax(statuses > 0, axis=1)
-        return Simulated(found, statuses[np.arange(len(values)), first])
+        return Simulated(simulated, statuses[np.arange(len(values)), first])
 
     def _task(self, name: tuple[int, int], asked: Asked) -> Task:
         # a simulation that was lost once is not tried again: an FMU that crashed would do so again
         return Task(name, self._package, asked, self._limit, losses=USUAL.failures - 1)
 
-    def _answered(self, outcome: object, size: int) -> Answered:
+    def _answer(self, outcome: object, size: int) -> Answered:
         if isinstance(outcome, Answer):
             assert isinstance(outcome.result, Answered)
             return outcome.result
@@ -498,7 +511,7 @@ class FmuSimulator:
 
 
 @contextmanager
-def opened(
+def open_simulator(
     fmu: Fmu, names: Sequence[str], data: Sequence[FmuData], step: float, time_limit: float, processes: int | None
 ) -> Iterator[FmuSimulator]:
     """Simulator of an FMU with its processes (all usable processors if None), ended with the block.
@@ -506,8 +519,8 @@ def opened(
     Communication step and time limit of one simulation are in s. `InputError` if the FMU cannot be unpacked,
     `StudyError` if the processes cannot be started.
     """
-    runs = tuple(run for one in data for run in one.runs)
-    with unpacked(fmu) as folder:
+    runs = tuple(run for data_set in data for run in data_set.runs)
+    with unpack(fmu) as folder:
         work = FmuWork(str(folder), fmu.digest, tuple(names), runs, step)
         with Workers.processes(processes) as workers:
             yield FmuSimulator(work, data, workers, time_limit)

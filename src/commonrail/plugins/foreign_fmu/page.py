@@ -88,7 +88,7 @@ def fmu_lines(record: Record) -> list[str]:
 def _step_lines(record: Record) -> list[str]:
     """Sentence for each data set whose values depend on the communication step; none of an interrupted search."""
     lines = []
-    for data in (one for one in record["data"] if "half_step" in one):
+    for data in (data_record for data_record in record["data"] if "half_step" in data_record):
         moved = data["half_step"]
         if moved is None:
             lines.append(f"{data['name']}: with half the communication step the FMU could not be simulated.")
@@ -120,7 +120,7 @@ def fmu_tables(record: Record) -> list[Table]:
         ("rms, best", lambda d: significant(d["rms"]["best"], 3)),
         ("largest, best", lambda d: significant(d["largest"]["best"], 3)),
     ]
-    found = [
+    tables = [
         tabulated("Parameters", record["parameters"], parameters, note),
         tabulated("Errors in tolerances", record["data"], errors, "", 2),
     ]
@@ -132,18 +132,18 @@ def fmu_tables(record: Record) -> list[Table]:
             ("meaning", "sentence"),
             ("first message", lambda f: record["messages"].get(f["status"], "")),
         ]
-        found.append(tabulated("Failures", failures, columns, "", 4))
-    return found
+        tables.append(tabulated("Failures", failures, columns, "", 4))
+    return tables
 
 
 def fmu_figures(record: Record) -> list[Figure]:
     """Measured and simulated values of each data set, one panel for each output."""
-    found = []
+    figures = []
     for data in record["data"]:
         panels = tuple(_panel(output, origin_of(data)) for output in data["outputs"])
         axis = "time, s" if data["outputs"][0]["axis"] == "time" else "row"
-        found.append(Figure(data["name"], f"Values of {data['name']} ({data['role']}).", axis, panels))
-    return found
+        figures.append(Figure(data["name"], f"Values of {data['name']} ({data['role']}).", axis, panels))
+    return figures
 
 
 def _panel(output: Record, origin: str) -> Panel:

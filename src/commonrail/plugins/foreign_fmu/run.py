@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from commonrail.base.arguments import file_path, instance, whole
+from commonrail.base.arguments import file_path, instance, integer
 from commonrail.base.csv_output import write_csv
 from commonrail.base.output import summed
 from commonrail.calibration.search import Checkpoint
@@ -51,7 +51,7 @@ def resume_fmu(
     `study` is given if it was made in Python and not read from a file; other arguments and errors are those of
     `calibrate_fmu_into` and `commonrail.resume`.
     """
-    path, generations = file_path(folder, "folder"), whole(generations, "generations")
+    path, generations = file_path(folder, "folder"), integer(generations, "generations")
     return FMUS.resume(path, _work(listener, processes), study=study, generations=generations, as_begun=as_begun)
 
 
@@ -70,7 +70,7 @@ def _work(listener: Listener, processes: int | None) -> Work[FmuStudy, FmuFit]:
 def _content(study: FmuStudy) -> str:
     """Fingerprint of a study: equal fingerprints mean identical searches, but for simulations that are given up."""
     rows, method = study.space.rows, study.method
-    how = study.seed, study.step, study.time_limit, study.loss, study.loss_scale
+    settings = study.seed, study.step, study.time_limit, study.loss, study.loss_scale
     return fingerprint_of(
         study.title,
         study.fmu.digest,
@@ -78,7 +78,7 @@ def _content(study: FmuStudy) -> str:
         (rows.matrix, rows.labels),
         study.data,
         replace(method, evolution=replace(method.evolution, generations=0)),
-        *how,
+        *settings,
     )
 
 

@@ -48,29 +48,29 @@ _NEAR = 1e-6  # share of a step by which rounding may bring samples closer toget
 def _notes_on(fmu: Fmu, data: FmuData, step: float) -> Iterator[str]:
     """Sentences on samples closer together than communication points, and on inputs that the FMU need not take."""
     inputs = data.runs[0].inputs  # all simulations of a data set share them
-    if closer := _closer(data.runs[0].times, step):
+    if closer := _describe_spacing(data.runs[0].times, step):
         yield f"The samples of {data.name} {closer}: outputs are linear between them; lower the step."
     if inputs is None:
         return
-    if closer := _closer(inputs.times, step):
+    if closer := _describe_spacing(inputs.times, step):
         yield f"The inputs of {data.name} {closer}: inputs are held between them; lower the step."
-    yield from _beyond(fmu, data.name, inputs)
+    yield from _find_inputs_beyond_limits(fmu, data.name, inputs)
 
 
-def _closer(times: Floats, step: float) -> str:
+def _describe_spacing(times: Floats, step: float) -> str:
     """Words on times that are closer together than communication points; empty if they are not."""
-    apart = float(np.median(np.diff(times))) if len(times) > 1 else math.inf
-    if apart >= step * (1.0 - _NEAR):
+    spacing = float(np.median(np.diff(times))) if len(times) > 1 else math.inf
+    if spacing >= step * (1.0 - _NEAR):
         return ""
-    return f"are {to_text(apart, 's')} apart, and the communication points {to_text(step, 's')}"
+    return f"are {to_text(spacing, 's')} apart, and the communication points {to_text(step, 's')}"
 
 
-def _beyond(fmu: Fmu, data: str, inputs: FmuInputs) -> Iterator[str]:
+def _find_inputs_beyond_limits(fmu: Fmu, data: str, inputs: FmuInputs) -> Iterator[str]:
     """Sentence on each input whose course leaves the limits that the FMU states, which noise can do."""
     for name, course in inputs.values.items():
         ends = ((np.min(course), "smallest"), (np.max(course), "largest"))
-        found = (fmu.outside(name, float(value), f"{data}: the {word} value") for value, word in ends)
-        yield from (f"{sentence}." for sentence in found if sentence)
+        sentences = (fmu.outside(name, float(value), f"{data}: the {word} value") for value, word in ends)
+        yield from (f"{sentence}." for sentence in sentences if sentence)
 
 
 TIME_LIMIT = 60.0  # of one simulation [s]; far longer than one should take, so that a busy machine ends none
@@ -113,10 +113,10 @@ class FmuStudy:
         settle(self, files=self.files)
         if self.loss is Loss.KINDS:
             raise ConfigurationError(f'The loss of a study of an FMU is "squares" or "soft_l1", not "{self.loss}".')
-        names = [one.name for one in self.data]
+        names = [data_set.name for data_set in self.data]
         if len(set(names)) < len(names):
             raise ConfigurationError("Two data sets of the study have one name; rename one.")
-        if all(one.role is not Role.FIT for one in self.data):
+        if all(data_set.role is not Role.FIT for data_set in self.data):
             raise ConfigurationError(f"{self.title}: no data set has role fit; give at least one the role fit.")
         self._check_variables()
 
@@ -128,16 +128,16 @@ class FmuStudy:
     @property
     def synthetic(self) -> str:
         """Synthetic parts of the data, empty if there are none."""
-        return " ".join(dict.fromkeys(one.synthetic for one in self.data if one.synthetic))
+        return " ".join(dict.fromkeys(data_set.synthetic for data_set in self.data if data_set.synthetic))
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences on a step that is coarser than the data, and on inputs beyond the limits of the FMU."""
-        return tuple(sentence for one in self.data for sentence in _notes_on(self.fmu, one, self.step))
+        return tuple(sentence for data_set in self.data for sentence in _notes_on(self.fmu, data_set, self.step))
 
     def _refuse_outside(self, name: str, value: float, what: str) -> None:
-        if found := self.fmu.outside(name, value, what):
-            raise InputError(f"{self.fmu.path}: {found}; keep within what the FMU allows.")
+        if fault := self.fmu.outside(name, value, what):
+            raise InputError(f"{self.fmu.path}: {fault}; keep within what the FMU allows.")
 
     def _check_variables(self) -> None:
         for parameter in self.space.parameters:
@@ -145,7 +145,7 @@ class FmuStudy:
             self.fmu.adjustable(parameter.name)
             self._refuse_outside(parameter.name, parameter.lower, "the lower bound")
             self._refuse_outside(parameter.name, parameter.upper, "the upper bound")
-        for run in (run for one in self.data for run in one.runs):
+        for run in (run for data_set in self.data for run in data_set.runs):
             for output in run.outputs:
                 self.fmu.number(output)
             for name, value in run.start.items():
@@ -201,10 +201,10 @@ def fmu_study(
         As `FmuStudy` and `read_fmu`.
     """
     model = fmu if isinstance(fmu, Fmu) else read_fmu(fmu)
-    found = (data,) if isinstance(data, FmuData) else tuple(data)
+    data_sets = (data,) if isinstance(data, FmuData) else tuple(data)
     space = Space([_free(model, name, bounds) for name, bounds in mapping(free, "free", EXAMPLE).items()])
     usual = Method(EvolutionSettings(), POLISH, stop_when_converged=True)
-    return FmuStudy(title or model.name, model, found, space, method or usual, seed, step, time_limit, loss)
+    return FmuStudy(title or model.name, model, data_sets, space, method or usual, seed, step, time_limit, loss)
 
 
 def _free(fmu: Fmu, name: str, bounds: Any) -> Parameter:
@@ -220,20 +220,20 @@ def free_parameter(variable: FmuVariable, lower: float, upper: float, start: flo
 
     It starts by default at the FMU's own value, or in the middle where that states none or one outside the bounds.
     """
-    own = _own(variable)
-    inside = own is not None and lower <= own <= upper
+    fmu_start = _fmu_start(variable)
+    inside = fmu_start is not None and lower <= fmu_start <= upper
     source = "start value of the FMU" if inside and start is None else "start value of the study"
     middle = 0.5 * (lower + upper)
-    value = start if start is not None else own if own is not None and inside else middle
+    value = start if start is not None else fmu_start if fmu_start is not None and inside else middle
     return Parameter(variable.name, value, lower, upper, variable.unit, mark="E", source=source, signed=True)
 
 
-def _own(variable: FmuVariable) -> float | None:
+def _fmu_start(variable: FmuVariable) -> float | None:
     try:
-        found = float(variable.start or "nan")
+        start = float(variable.start or "nan")
     except ValueError:
         return None
-    return found if math.isfinite(found) else None
+    return start if math.isfinite(start) else None
 
 
 # Objective of a study of a foreign FMU.
@@ -267,12 +267,12 @@ class FmuObjective:
 
     def why_failed(self, status: FmuStatus) -> str:
         """Sentence on a status, with the first message of the FMU that came with it."""
-        told = self._fmu.told.get(status)
-        return f"{status.sentence} It said: {told}" if told else status.sentence
+        message = self._fmu.messages.get(status)
+        return f"{status.sentence} It said: {message}" if message else status.sentence
 
     def costs(self, values: Floats) -> Scores:
         """Objective of candidates (n, names); +inf with a status where one of its simulations failed."""
-        residuals, statuses = self._found(values)
+        residuals, statuses = self._weighted_residuals(values)
         costs = np.sum(residuals**2, axis=1)
         if len(self.goal.priors):
             costs = costs + self.goal.priors.costs(values)
@@ -282,7 +282,7 @@ class FmuObjective:
 
     def residuals(self, values: Floats) -> Floats:
         """Residuals (n, all values, then priors); NaN in what a failed simulation would have given."""
-        return np.concatenate([self._found(values)[0], self.goal.priors.residuals(values)], axis=1)
+        return np.concatenate([self._weighted_residuals(values)[0], self.goal.priors.residuals(values)], axis=1)
 
     def screened(self, values: Floats) -> Floats:
         """Residuals as `residuals` returns them: an FMU has no coarser simulation."""
@@ -290,20 +290,23 @@ class FmuObjective:
 
     def linearised(self, values: Floats) -> Floats:
         """Residuals for derivatives at the first candidate, see `Objective.linearised`."""
-        found = self._plain(self._fmu.simulate(self.data, values).values)
-        weights = [self.goal.roots_of_weights(own[0]) if self.goal.bent(own) is not own else 1.0 for own in found]
-        parts = [np.sqrt(d.weight) * w * r for d, w, r in zip(self.data, weights, found, strict=True)]
+        residuals = self._residuals_of_sets(self._fmu.simulate(self.data, values).values)
+        weights = [
+            self.goal.roots_of_weights(of_set[0]) if self.goal.bent(of_set) is not of_set else 1.0
+            for of_set in residuals
+        ]
+        parts = [np.sqrt(d.weight) * w * r for d, w, r in zip(self.data, weights, residuals, strict=True)]
         return np.concatenate([*parts, self.goal.priors.residuals(values)], axis=1)
 
-    def _found(self, values: Floats) -> tuple[Floats, NDArray[np.int8]]:
+    def _weighted_residuals(self, values: Floats) -> tuple[Floats, NDArray[np.int8]]:
         """Residuals (n, all values) whose squares sum to the loss, and statuses (n,)."""
         simulated = self._fmu.simulate(self.data, values)
-        found = zip(self.data, self._plain(simulated.values), strict=True)
-        return np.concatenate([np.sqrt(d.weight) * self.goal.bent(r) for d, r in found], axis=1), simulated.statuses
+        residuals = zip(self.data, self._residuals_of_sets(simulated.values), strict=True)
+        return np.concatenate([np.sqrt(d.weight) * self.goal.bent(r) for d, r in residuals], axis=1), simulated.statuses
 
-    def _plain(self, values: Floats) -> list[Floats]:
+    def _residuals_of_sets(self, values: Floats) -> list[Floats]:
         """Residuals in tolerances of each data set."""
-        return [d.residuals(own) for d, own in zip(self.data, by_set(self.data, values), strict=True)]
+        return [d.residuals(simulated) for d, simulated in zip(self.data, by_set(self.data, values), strict=True)]
 
 
 # Studies of foreign FMUs from TOML: model, measured data, free parameters and optimiser.
@@ -405,14 +408,14 @@ def _study(file: Path) -> FmuStudy:
     model, at, reach, text = read_model_file(_StudyModel, file)
     fmu = read_fmu(reach.path(file.parent, model.fmu, at / "fmu"))
     reading = _Reading(fmu, _settings(model.set, fmu, at / "set"), reach)
-    free = [_parameter(one, fmu, (at / "parameter")[i]) for i, one in enumerate(model.parameter)]
+    free = [_parameter(block, fmu, (at / "parameter")[i]) for i, block in enumerate(model.parameter)]
     with located(at):
         space = Space(free, model.constraints)
-    data = tuple(_data(one, reading, (at / "data")[i]) for i, one in enumerate(model.data))
+    data = tuple(_data(block, reading, (at / "data")[i]) for i, block in enumerate(model.data))
     method = method_of(model.optimiser, space, at / "optimiser")
-    how = model.seed, model.step, model.time_limit, model.loss, model.loss_scale
+    settings = model.seed, model.step, model.time_limit, model.loss, model.loss_scale
     with located(at):
-        return FmuStudy(model.title, fmu, data, space, method, *how, text=text, note=model.note)
+        return FmuStudy(model.title, fmu, data, space, method, *settings, text=text, note=model.note)
 
 
 def _parameter(model: _ParameterModel, fmu: Fmu, at: Place) -> Parameter:
@@ -432,23 +435,26 @@ def _number(item: str | float, variable: FmuVariable, read: Callable[[str, str],
 
 
 def _settings(stated: Mapping[str, _Value], fmu: Fmu, at: Place) -> dict[str, StartValue]:
-    found: dict[str, StartValue] = {}
+    start_values: dict[str, StartValue] = {}
     for name, item in stated.items():
         with located(at / name):
             variable = fmu.adjustable(name)
             is_number = variable.type not in ("Boolean", "String") and not isinstance(item, bool)
-            found[name] = _number(item, variable) if is_number else item
-    return found
+            start_values[name] = _number(item, variable) if is_number else item
+    return start_values
 
 
 def _data(model: _DataModel, reading: _Reading, at: Place) -> FmuData:
     variables = {}
-    for i, one in enumerate(model.output):
+    for i, output in enumerate(model.output):
         with located((at / "output")[i]):
-            if one.variable in variables:
-                raise InputError(f"{one.variable} is compared twice; keep one.")
-            variables[one.variable] = reading.fmu.number(one.variable)
-    columns = {one.variable: _column(one.column or one.variable, variables[one.variable]) for one in model.output}
+            if output.variable in variables:
+                raise InputError(f"{output.variable} is compared twice; keep one.")
+            variables[output.variable] = reading.fmu.number(output.variable)
+    columns = {
+        output.variable: _column(output.column or output.variable, variables[output.variable])
+        for output in model.output
+    }
     more: dict[str, Any] = {
         "tolerance": _tolerances(model, variables, at),
         "inputs": _inputs(model.inputs, reading, at / "inputs"),
@@ -479,15 +485,15 @@ def _rows(
     """Values at the end of one simulation for each row."""
     if model.stop is None:
         raise (at / "stop").error('this key is missing; with rows, state the end of each simulation, such as "3 ms"')
-    given = {}
+    set_columns = {}
     for name, column in model.rows.items():
         with located(at / "rows" / name):
             reading.fmu.adjustable(name)
-            given[name] = _column(column, reading.fmu.number(name))
-    table = read_columns(path, [*columns.values(), *given.values()], 1)
+            set_columns[name] = _column(column, reading.fmu.number(name))
+    table = read_columns(path, [*columns.values(), *set_columns.values()], 1)
     count = len(table.rows)
     each: list[dict[str, StartValue]] = [
-        {**reading.settings, **{name: float(table.columns[column.name][i]) for name, column in given.items()}}
+        {**reading.settings, **{name: float(table.columns[column.name][i]) for name, column in set_columns.items()}}
         for i in range(count)
     ]
     measured = {name: table.columns[column.name] for name, column in columns.items()}
@@ -506,14 +512,14 @@ def _time(name: str) -> Column:
 
 
 def _tolerances(model: _DataModel, variables: Mapping[str, FmuVariable], at: Place) -> dict[str, float]:
-    found = {}
-    for i, one in enumerate(model.output):
-        if one.tolerance is not None:
+    tolerances = {}
+    for i, output in enumerate(model.output):
+        if output.tolerance is not None:
             with located((at / "output")[i] / "tolerance"):
-                found[one.variable] = _number(one.tolerance, variables[one.variable], parse_difference)
-                if not found[one.variable] > 0.0:
+                tolerances[output.variable] = _number(output.tolerance, variables[output.variable], parse_difference)
+                if not tolerances[output.variable] > 0.0:
                     raise InputError("a tolerance must be greater than zero.")
-    return found
+    return tolerances
 
 
 def _inputs(model: _InputsModel | None, reading: _Reading, at: Place) -> FmuInputs | None:
@@ -525,4 +531,6 @@ def _inputs(model: _InputsModel | None, reading: _Reading, at: Place) -> FmuInpu
         with located(at / "columns" / name):
             columns[name] = _column(column, reading.fmu.number(name))
     table = read_columns(path, [_time(model.time), *columns.values()], 2)
-    return FmuInputs(table.columns[model.time], {name: table.columns[one.name] for name, one in columns.items()})
+    return FmuInputs(
+        table.columns[model.time], {name: table.columns[input_column.name] for name, input_column in columns.items()}
+    )

@@ -39,12 +39,12 @@ def _resume(folder: Path, options: RunOptions) -> None:
     from commonrail.plugins.foreign_fmu.run import resume_fmu
 
     _refuse_workers(options)
-    how: dict[str, Any] = {
+    settings: dict[str, Any] = {
         "generations": options.generations,
         "as_begun": options.as_begun,
         "processes": options.threads,
     }
-    _run(f"resuming {folder}", folder, partial(resume_fmu, folder, **how), options.json)
+    _run(f"resuming {folder}", folder, partial(resume_fmu, folder, **settings), options.json)
 
 
 STUDY = StudyKind(_resume, _calibrate)

@@ -40,7 +40,7 @@ Rows = Iterator[tuple[int, list[str]]]
 
 
 class LvmFile(ChannelSheet):
-    """LabVIEW measurement file of one segment, a `Sheet` whose columns are apart.
+    """LabVIEW measurement file of one segment, a `Sheet` with independent columns.
 
     `form`: encoding; the header states the decimal sign. Raises `InputError` if it cannot be read, has several
     segments, or its header lacks what says where the samples are.
@@ -67,12 +67,12 @@ class LvmFile(ChannelSheet):
 
 def _header(path: Path, rows: Rows) -> dict[str, list[str]]:
     """Tags of a header that are used with the cells behind them, up to its end."""
-    found: dict[str, list[str]] = {}
+    cells_of_tags: dict[str, list[str]] = {}
     for _, (tag, *cells) in rows:
         if tag == _END:
-            return found
+            return cells_of_tags
         if tag in _TAGS:
-            found[tag] = [cell.strip() for cell in cells]
+            cells_of_tags[tag] = [cell.strip() for cell in cells]
     raise InputError(f'{path}: the file ends before the header does, which ends with "{_END}" twice.')
 
 
@@ -92,31 +92,31 @@ def _channels(path: Path, rows: Rows, segment: dict[str, list[str]], decimal: st
         )
     check_columns(str(path), len(places))
     columns = _numbers(path, rows, places, decimal)
-    found = []
+    channels = []
     for place, column in zip(places, columns, strict=True):
         # values of a header stand above the column of their channel
         name, at = titles[place].strip(), Place(str(path), f'channel "{titles[place].strip()}"')
-        own = {tag: cells[place - 1] if place <= len(cells) else "" for tag, cells in segment.items()}
-        if own.get("X_Dimension", "Time") not in ("Time", ""):
-            raise at.error(f"it is given over {own['X_Dimension']}, and over time is expected")
-        if own.get("Samples") != str(len(column)):
+        tags = {tag: cells[place - 1] if place <= len(cells) else "" for tag, cells in segment.items()}
+        if tags.get("X_Dimension", "Time") not in ("Time", ""):
+            raise at.error(f"it is given over {tags['X_Dimension']}, and over time is expected")
+        if tags.get("Samples") != str(len(column)):
             raise at.error(
-                f"the header announces {own.get('Samples') or 'no number of'} samples, and {len(column)} follow; "
+                f"the header announces {tags.get('Samples') or 'no number of'} samples, and {len(column)} follow; "
                 "write one segment, whole, into a file"
             )
-        start, step = _raster(own, decimal, at)
-        unit = own.get("Y_Unit_Label", "")
+        start, step = _raster(tags, decimal, at)
+        unit = tags.get("Y_Unit_Label", "")
         times = np.asarray(start + step * np.arange(len(column)), np.float64)
-        found.append(Channel(name, "", unit, _X_TITLE, times, np.array(column, np.float64), ""))
-    return found
+        channels.append(Channel(name, "", unit, _X_TITLE, times, np.array(column, np.float64), ""))
+    return channels
 
 
-def _raster(own: dict[str, str], decimal: str, at: Place) -> tuple[float, float]:
+def _raster(tags: dict[str, str], decimal: str, at: Place) -> tuple[float, float]:
     """First time and spacing of a channel [s]."""
-    unit = own.get("X_Unit_Label", "")
+    unit = tags.get("X_Unit_Label", "")
     if unit and not fits(unit, "s"):
         raise at.error(f'X_Unit_Label is "{unit}", and a unit of time is expected')
-    start, step = (convert(_number(own.get(tag, ""), decimal), unit or "s", "s") for tag in ("X0", "Delta_X"))
+    start, step = (convert(_number(tags.get(tag, ""), decimal), unit or "s", "s") for tag in ("X0", "Delta_X"))
     if not step > 0.0 or not np.isfinite(start):
         raise at.error(
             f'the header has no X0 and Delta_X with the decimal sign "{decimal}", which say where the samples are'
@@ -132,7 +132,7 @@ def _raster(own: dict[str, str], decimal: str, at: Place) -> tuple[float, float]
 def _numbers(path: Path, rows: Rows, places: Sequence[int], decimal: str) -> list[array[float]]:
     """Samples of each channel; a shorter one has blank cells below its last."""
     columns = [array("d") for _ in places]
-    wanted = list(zip(places, columns, strict=True))
+    targets = list(zip(places, columns, strict=True))
     count = 0
     for line, row in rows:
         if row[0] == "Channels":
@@ -140,7 +140,7 @@ def _numbers(path: Path, rows: Rows, places: Sequence[int], decimal: str) -> lis
         count += len(row)
         if count > MOST_VALUES:
             raise InputError(f"{path}: the file has more than the {MOST_VALUES} cells that are read; cut the record.")
-        for place, column in wanted:
+        for place, column in targets:
             if place >= len(row):
                 break  # the rest of the row is blank
             if cell := row[place].strip():

@@ -42,7 +42,7 @@ class MatFile:
     not installed.
     """
 
-    apart = True
+    independent_columns = True
 
     def __init__(self, path: Path, form: FileForm = PLAIN) -> None:
         self.path = path
@@ -71,13 +71,13 @@ class MatFile:
         beside += [f"{inside}unit"] if last in ("value", "values") else []
         return next((self._texts[text].strip(" []") for text in beside if text in self._texts), "")
 
-    def quantity_map(self, given: GivenUnits) -> FoundMap:
+    def quantity_map(self, given_units: GivenUnits) -> FoundMap:
         """Quantity map of the variables, by their units and names; see `HoldsMap`.
 
-        Units that are `given` count before those of the file. Raises `InputError` if none is found, several are, or a
+        `given_units` count before those of the file. Raises `InputError` if none is found, several are, or a
         unit is missing.
         """
-        stated = given.by_kind()
+        stated = given_units.by_kind()
         is_inverse = _fitting(self, "energising time", 2) and not _fitting(self, "quantity", 2)
         cells, axis = ("energising time", "quantity")[:: 1 if is_inverse else -1]
         names = {kind: _variable(self, kind, 2 if kind == cells else 1) for kind in KINDS}
@@ -135,11 +135,11 @@ _NAMES = {
 
 def _variable(file: MatFile, kind: str, dimensions: int) -> str:
     """The variable that holds a kind: the only one with such a unit, else the one with a usual name."""
-    found = _fitting(file, kind, dimensions)
-    if len(found) == 1:
-        return found[0]
+    candidates = _fitting(file, kind, dimensions)
+    if len(candidates) == 1:
+        return candidates[0]
     fitting = [name for name, array in file.arrays.items() if array.ndim == dimensions]
-    shown = ", ".join(f'"{name}"' for name in (found or fitting)[:12]) or "none"
+    shown = ", ".join(f'"{name}"' for name in (candidates or fitting)[:12]) or "none"
     word = "matrices" if dimensions == 2 else "vectors"
     raise InputError(
         f"{file.path}: it is open which variable holds the {kind}; of the {word} {shown}, name one "
@@ -150,14 +150,14 @@ def _variable(file: MatFile, kind: str, dimensions: int) -> str:
 def _fitting(file: MatFile, kind: str, dimensions: int) -> list[str]:
     """Variables that hold a kind by their unit, else by their name."""
     fitting = [name for name, array in file.arrays.items() if array.ndim == dimensions]
-    found = [name for name in fitting if (unit := file.unit(name)) and kind_of(unit) == kind]
-    return found if len(found) == 1 else _named(found or fitting, kind)
+    of_kind = [name for name in fitting if (unit := file.unit(name)) and kind_of(unit) == kind]
+    return of_kind if len(of_kind) == 1 else _named(of_kind or fitting, kind)
 
 
 def _named(names: Sequence[str], kind: str) -> list[str]:
     """Variables by the first of the usual names that any of them has."""
     for usual in _NAMES[kind]:
-        found = [name for name in names if name.rpartition(".")[2].lower() == usual]
-        if found:
-            return found
+        matches = [name for name in names if name.rpartition(".")[2].lower() == usual]
+        if matches:
+            return matches
     return []

@@ -29,10 +29,10 @@ class _Column(NamedTuple):
         """Texts of some rows, empty where there is no value."""
         values = self.values[rows].tolist()
         if self.texts is None:
-            found = [repr(value) if isinstance(value, float) else str(value) for value in values]
+            texts = [repr(value) if isinstance(value, float) else str(value) for value in values]
         else:
-            found = [self.texts[value] for value in values]
-        return ["" if none else text for text, none in zip(found, self.none[rows].tolist(), strict=True)]
+            texts = [self.texts[value] for value in values]
+        return ["" if none else text for text, none in zip(texts, self.none[rows].tolist(), strict=True)]
 
     def numbers(self) -> Floats | None:
         """Values, NaN where there is none; None if one is no number."""
@@ -52,7 +52,7 @@ class ParquetFile:
     is beyond a limit, or pyarrow is not installed.
     """
 
-    apart = True
+    independent_columns = True
 
     def __init__(self, path: Path, form: FileForm = PLAIN, *, largest: int = LARGEST_FILE) -> None:
         if find_spec("pyarrow") is None:
@@ -84,23 +84,25 @@ class ParquetFile:
             if (values := self._columns[i].numbers()) is None:
                 raise cell_place(self.path, 1, column.name, "row").error("the column holds no numbers")
             numbers[column.name] = values
-        given = {column.name: name_and_unit(self.header[i])[1] for column, i in zip(columns, places, strict=True)}
-        table = Table(self.path, numbers, texts, given, rows, row="row")
+        written_units = {
+            column.name: name_and_unit(self.header[i])[1] for column, i in zip(columns, places, strict=True)
+        }
+        table = Table(self.path, numbers, texts, written_units, rows, row="row")
         return finite(table, columns, "there is no finite number, and one is expected")
 
     def groups(self, columns: Sequence[int]) -> Groups:
         """Rows by the texts in columns."""
         codes = np.zeros(self._count, dtype=np.int64)
         for values, none, _ in (self._columns[i] for i in columns):
-            known, inner = np.unique(values, return_inverse=True)
-            codes = codes * (len(known) + 1) + np.where(none, len(known), inner)
+            distinct, inner = np.unique(values, return_inverse=True)
+            codes = codes * (len(distinct) + 1) + np.where(none, len(distinct), inner)
         order = np.argsort(codes, kind="stable")
         starts = np.flatnonzero(np.diff(codes[order], prepend=-1))
-        parts = sorted(np.split(order, starts[1:]) if len(order) else [], key=lambda part: int(part[0]))
-        found: dict[tuple[str, ...], list[IndexArray]] = {}
-        for part in parts:
-            found.setdefault(tuple(self._columns[i].cells(part[:1])[0] for i in columns), []).append(part)
-        return {key: np.sort(np.concatenate(same)) for key, same in found.items()}
+        parts = sorted(np.split(order, starts[1:]) if len(order) else [], key=lambda rows: int(rows[0]))
+        groups: dict[tuple[str, ...], list[IndexArray]] = {}
+        for rows in parts:
+            groups.setdefault(tuple(self._columns[i].cells(rows[:1])[0] for i in columns), []).append(rows)
+        return {key: np.sort(np.concatenate(same)) for key, same in groups.items()}
 
     def cells(self, rows: IndexArray) -> list[list[str]]:
         """Texts of some rows."""

@@ -104,5 +104,5 @@ def _check_size(path: Path, metadata: Any) -> None:
         raise _beyond(path, f"{size / 1e9:.3g} GB uncompressed", f"{LARGEST_CONTENT / 1e9:g} GB")
 
 
-def _beyond(path: Path, found: str, limit: str) -> InputError:
-    return InputError(f"{path}: the table has {found}, and at most {limit} are read; keep only what is needed.")
+def _beyond(path: Path, size: str, limit: str) -> InputError:
+    return InputError(f"{path}: the table has {size}, and at most {limit} are read; keep only what is needed.")

@@ -15,7 +15,7 @@ from commonrail.physics import fuel_kernel
 from commonrail.physics.fuel import Fuel, coefficient, log_compression, scaled_temperature
 from commonrail.physics.fuel_polynomials import fuel_coefficients
 from commonrail.plugins.fuel.file import document
-from commonrail.plugins.fuel.run import FittedFuel, FittedLaw, heat_capacity_law, modulus_law, rounded_up, viscosity_law
+from commonrail.plugins.fuel.run import FittedFuel, FittedLaw, heat_capacity_law, modulus_law, round_up, viscosity_law
 from commonrail.readers.fuel import parse_fuel
 
 LIMITS = {"density": 1e-3, "sound_speed": 5e-3, "kinematic_viscosity": 3e-2}
@@ -51,11 +51,13 @@ class Fluid:
                 "--coolprop needs CoolProp, which is not installed: install it with pip install 'commonrail[fuel]'."
             ) from error
         self.name, self.version, self._of = name, CoolProp.get_global_param_string("version"), CoolProp
-        known = CoolProp.get_global_param_string("fluids_list").split(",")
+        fluid_names = CoolProp.get_global_param_string("fluids_list").split(",")
         try:
             self._state = CoolProp.AbstractState("HEOS", "" if set("&[]:") & set(name) else name)
         except ValueError as error:
-            raise InputError(f"--coolprop: CoolProp knows no pure fluid {name!r}{nearest(name, known)}.") from error
+            raise InputError(
+                f"--coolprop: CoolProp knows no pure fluid {name!r}{nearest(name, fluid_names)}."
+            ) from error
         self._check(pressure, temperature)
 
     def _check(self, pressure: tuple[float, float], temperature: tuple[float, float]) -> None:
@@ -104,31 +106,31 @@ def fit_pure_fuel(
     the laws miss it by more than `LIMITS`.
     """
     fluid = Fluid(name, pressure, temperature)
-    found = _fitted(fluid, pressure, temperature)
+    fit = _fit_laws(fluid, pressure, temperature)
     source = (
         f"fitted to CoolProp {fluid.version}, {name}, from {quantity_range(*pressure, 'Pa')} and "
         f"{quantity_range(*temperature, 'K')}"
     )
-    fuel = parse_fuel(tomllib.loads(document(found, name, source)), name, name)
+    fuel = parse_fuel(tomllib.loads(document(fit, name, source)), name, name)
     p, t = (np.linspace(*ends, n) for ends, n in zip((pressure, temperature), _CHECKS, strict=True))
     true = fluid.properties(p, t)
     with np.errstate(all="ignore"):  # laws that are no numbers are refused
-        off = {prop: _largest(values / true[prop] - 1.0, p, t) for prop, values in _laws(fuel, p, t).items()}
-    _refuse_inaccurate(f"{name}: over this range the law misses", off)
-    simulated = {prop: _largest(values / true[prop] - 1.0, p, t) for prop, values in _simulated(fuel, p, t).items()}
+        deviations = {prop: _largest(values / true[prop] - 1.0, p, t) for prop, values in _laws(fuel, p, t).items()}
+    _refuse_inaccurate(f"{name}: over this range the law misses", deviations)
+    simulated = {prop: _largest(values / true[prop] - 1.0, p, t) for prop, values in _simulate(fuel, p, t).items()}
     _refuse_inaccurate(f"{name}: over this range the polynomial of a simulation misses", simulated)
-    laws = tuple(law._replace(error=rounded_up(np.array([law.error, off[law.table].largest]))) for law in found.laws)
-    return found._replace(laws=laws), {prop: one.largest for prop, one in simulated.items()}, source
+    laws = tuple(law._replace(error=round_up(np.array([law.error, deviations[law.table].largest]))) for law in fit.laws)
+    return fit._replace(laws=laws), {prop: deviation.largest for prop, deviation in simulated.items()}, source
 
 
-def _fitted(fluid: Fluid, pressure: tuple[float, float], temperature: tuple[float, float]) -> FittedFuel:
+def _fit_laws(fluid: Fluid, pressure: tuple[float, float], temperature: tuple[float, float]) -> FittedFuel:
     """Laws fitted to a fluid, at pressures that are dense at both ends."""
     spread = pressure[0] + (pressure[1] - pressure[0]) * (0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, _PRESSURES)))
     levels = np.linspace(*temperature, _TEMPERATURES)
     at = {name: values.ravel() for name, values in fluid.properties(spread, levels).items()}
     p, t = np.tile(spread, len(levels)) * 1e-6, np.repeat(levels, len(spread))
     modulus = modulus_law("bulk_modulus", p, t, at["bulk_modulus"] * 1e-6, _DEGREES)
-    k = [coefficient(part, t) for part in modulus.polynomials.values()]
+    k = [coefficient(polynomial, t) for polynomial in modulus.polynomials.values()]
     at_zero = _line(t, at["density"] / np.exp(log_compression(p, *k)))
     vapour = _line(levels, np.log(at["vapour_pressure"]))
     laws = (
@@ -151,38 +153,39 @@ def _line(temperature: Floats, values: Floats) -> list[float]:
 def _laws(fuel: Fuel, p: Floats, temperature: Floats) -> dict[str, Floats]:
     """Properties by a fuel's laws (temperatures, pressures), by name."""
     column = temperature[:, None]
-    found = {name: getattr(fuel, name)(p, column) for name in _FOUND[:-1]}
+    values = {name: getattr(fuel, name)(p, column) for name in _FOUND[:-1]}
     assert fuel.heat_capacity_law is not None
-    return found | {
+    return values | {
         "heat_capacity": fuel.heat_capacity_law.at(column)[0],
         "vapour_pressure": fuel.vapour_pressure(column),
     }
 
 
-def _simulated(fuel: Fuel, p: Floats, temperature: Floats) -> dict[str, Floats]:
+def _simulate(fuel: Fuel, p: Floats, temperature: Floats) -> dict[str, Floats]:
     """Properties by the polynomials of the hot loop (temperatures, pressures), those with `LIMITS`."""
-    found = np.empty((len(LIMITS), len(temperature), len(p)))
+    properties = np.empty((len(LIMITS), len(temperature), len(p)))
     for i, f in enumerate(fuel_coefficients(fuel, level) for level in temperature.tolist()):
         for j, at in enumerate(p.tolist()):
             rho = fuel_kernel.density(f, at)
-            found[:, i, j] = rho, fuel_kernel.sound_speed(f, rho), fuel_kernel.kinematic_viscosity(f, at)
-    return dict(zip(LIMITS, found, strict=True))
+            properties[:, i, j] = rho, fuel_kernel.sound_speed(f, rho), fuel_kernel.kinematic_viscosity(f, at)
+    return dict(zip(LIMITS, properties, strict=True))
 
 
-def _largest(off: Floats, p: Floats, temperature: Floats) -> Deviation:
-    size = np.where(np.isnan(off), np.inf, np.abs(off))
+def _largest(error: Floats, p: Floats, temperature: Floats) -> Deviation:
+    size = np.where(np.isnan(error), np.inf, np.abs(error))
     i, j = np.unravel_index(int(np.argmax(size)), size.shape)
     return Deviation(float(size[i, j]), f"at {quantity(p[j], 'Pa')} and {_celsius(temperature[i])}")
 
 
-def _refuse_inaccurate(what: str, found: dict[str, Deviation]) -> None:
+def _refuse_inaccurate(what: str, deviations: dict[str, Deviation]) -> None:
     """Raise InputError if a deviation is beyond its limit; `what`: fluid and what deviates, in words."""
     for prop, limit in LIMITS.items():
-        off = found[prop]
-        if not off.largest <= limit:
-            most = f"by {significant(off.largest, 3, 100.0)} %" if off.largest < 1.0 else "altogether"
+        deviation = deviations[prop]
+        if not deviation.largest <= limit:
+            most = f"by {significant(deviation.largest, 3, 100.0)} %" if deviation.largest < 1.0 else "altogether"
             raise InputError(
-                f"--coolprop {what} the {prop.replace('_', ' ')} {most}, {off.state}, and at most {percent(limit)} % "
+                f"--coolprop {what} the {prop.replace('_', ' ')} {most}, {deviation.state}, "
+                f"and at most {percent(limit)} % "
                 "is accepted; narrow --temperature or --pressure there."
             )
 

@@ -49,19 +49,19 @@ def fit_fuel(path: Path) -> FittedFuel:
     InputError if a column is missing, temperatures or pressures are too few, or no positive modulus fits.
     """
     sheet = open_sheet(path)
-    wanted = [
+    columns = [
         Column("pressure", "Pa", domain=Domain.NON_NEGATIVE),
         Column("temperature", "K", domain=Domain.POSITIVE),
         Column("density", "kg/m3", domain=Domain.POSITIVE),
         Column("viscosity", ("m2/s", "Pa s"), domain=Domain.POSITIVE),
     ]
-    wanted += has_columns(sheet, [Column(name, unit, domain=Domain.POSITIVE) for name, unit in _OPTIONAL.items()])
-    table = take_columns(sheet, wanted, least=2 * FEWEST)
-    known = [column.name for column in wanted]
-    if unused := [name for name in sheet.names if name not in (*known, *table.headings.values())]:
-        meant = nearest(unused[0], [*known, *_OPTIONAL])
+    columns += has_columns(sheet, [Column(name, unit, domain=Domain.POSITIVE) for name, unit in _OPTIONAL.items()])
+    table = take_columns(sheet, columns, least=2 * FEWEST)
+    names = [column.name for column in columns]
+    if unused := [name for name in sheet.names if name not in (*names, *table.headings.values())]:
+        meant = nearest(unused[0], [*names, *_OPTIONAL])
         note(f"{path}: not used: {', '.join(unused)}{meant}")
-    _check_repeated(table, known)
+    _check_repeated(table, names)
     c = table.columns
     p, temperature, density = c["pressure"] * 1e-6, c["temperature"], c["density"]
     levels = [np.flatnonzero(temperature == level) for level in np.unique(temperature)]
@@ -105,8 +105,8 @@ def viscosity_law(p: Floats, temperature: Floats, viscosity: Floats, degrees: Se
     def fitted(unit: str, values: Floats, deviation: Callable[[Floats], Floats], start: Sequence[float]) -> FittedLaw:
         first = line(scaled_temperature(temperature[lowest]), values[lowest], degrees[0]).convert().coef.tolist()
         starts = [first, *_starts(start)]
-        found = _least_squares(lambda *k: deviation(power_law(p, *k)), temperature, degrees, starts)
-        return _law("kinematic_viscosity", unit, found)
+        solution = _least_squares(lambda *k: deviation(power_law(p, *k)), temperature, degrees, starts)
+        return _law("kinematic_viscosity", unit, solution)
 
     logarithm = np.log(viscosity)
     plain = fitted("mm2/s", viscosity, lambda law: law / viscosity - 1.0, (0.01, 1.1))
@@ -117,9 +117,9 @@ def viscosity_law(p: Floats, temperature: Floats, viscosity: Floats, degrees: Se
 def heat_capacity_law(temperature: Floats, heat_capacity: Floats, degree: int) -> FittedLaw:
     """Polynomial in temperature for isobaric heat capacities (n,) [J/(kg K)]."""
     line = np.polynomial.polynomial.Polynomial.fit(scaled_temperature(temperature), heat_capacity, degree).convert()
-    part = [float(f"{value:.9g}") for value in line.coef]
-    error = rounded_up(np.abs(coefficient(part, temperature) / heat_capacity - 1.0))
-    return FittedLaw("heat_capacity", "J/(kg K)", {"isobaric": part}, error)
+    coefficients = [float(f"{value:.9g}") for value in line.coef]
+    error = round_up(np.abs(coefficient(coefficients, temperature) / heat_capacity - 1.0))
+    return FittedLaw("heat_capacity", "J/(kg K)", {"isobaric": coefficients}, error)
 
 
 def _check_repeated(table: Table, names: Sequence[str]) -> None:
@@ -145,29 +145,29 @@ def _density_and_modulus(path: Path, c: dict[str, Floats], levels: Sequence[Inde
         return rho * np.exp(log_compression(p, *laws)) / density - 1.0, saturating_law(p, *laws)
 
     def deviation(*k: Floats) -> Floats:
-        of_density, found = both(*k)
-        of_modulus = [] if modulus is None else [(found * 1e6 / modulus - 1.0) / _WEIGHTS[1]]
+        of_density, modulus_of_law = both(*k)
+        of_modulus = [] if modulus is None else [(modulus_of_law * 1e6 / modulus - 1.0) / _WEIGHTS[1]]
         return np.concatenate([of_density / _WEIGHTS[0], *of_modulus])
 
     degrees = (min(3, most), min(3, most), min(2, most), 0)
     parts, _ = _least_squares(deviation, temperature, degrees, _starts((float(density.mean()), *_MODULUS)))
-    of_density, found = both(*(coefficient(part, temperature) for part in parts))
-    if not (np.all(np.isfinite(of_density)) and np.all(found > 0.0)):
+    of_density, modulus_of_law = both(*(coefficient(polynomial, temperature) for polynomial in parts))
+    if not (np.all(np.isfinite(of_density)) and np.all(modulus_of_law > 0.0)):
         raise InputError(f"{path}: no positive bulk modulus fits the densities; they must grow with pressure.")
     if modulus is not None:
-        error = np.abs(found * 1e6 / modulus - 1.0)
+        error = np.abs(modulus_of_law * 1e6 / modulus - 1.0)
     else:  # that of the compression from the lowest to the highest pressure
         ends = [(rows[np.argmin(p[rows])], rows[np.argmax(p[rows])]) for rows in levels]
         law = density * (1.0 + of_density)
         error = np.abs([(law[b] - law[a]) / (density[b] - density[a]) - 1.0 for a, b in ends])
-    density_law = FittedLaw("density", "kg/m3", {"at_zero_pressure": parts[0]}, rounded_up(np.abs(of_density)))
-    return [density_law, _law("bulk_modulus", "MPa", (parts[1:], rounded_up(error)), k2=True)]
+    density_law = FittedLaw("density", "kg/m3", {"at_zero_pressure": parts[0]}, round_up(np.abs(of_density)))
+    return [density_law, _law("bulk_modulus", "MPa", (parts[1:], round_up(error)), k2=True)]
 
 
-def _law(table: str, unit: str, found: tuple[list[list[float]], float], k2: bool = False) -> FittedLaw:
-    parts, error = found
+def _law(table: str, unit: str, solution: tuple[list[list[float]], float], k2: bool = False) -> FittedLaw:
+    parts, error = solution
     every = [parts[0], [0.0], *parts[1:]] if k2 else parts  # K2 = 0: a free one is degenerate, see the theory
-    return FittedLaw(table, unit, {f"k{i}": part for i, part in enumerate(every, start=1)}, error)
+    return FittedLaw(table, unit, {f"k{i}": polynomial for i, polynomial in enumerate(every, start=1)}, error)
 
 
 def _starts(values: Sequence[float]) -> list[list[float]]:
@@ -183,25 +183,30 @@ def _least_squares(
     sizes = np.cumsum([d + 1 for d in degrees])
 
     def polynomials(x: Floats) -> list[list[float]]:
-        return [part.tolist() for part in np.split(x, sizes[:-1])]
+        return [coefficients.tolist() for coefficients in np.split(x, sizes[:-1])]
 
     def residual(x: Floats) -> Floats:
         with np.errstate(all="ignore"):
-            found = deviation(*(coefficient(part, temperature) for part in polynomials(x)))
-        return np.nan_to_num(found, nan=1e6, posinf=1e6, neginf=-1e6)
+            error = deviation(*(coefficient(coefficients, temperature) for coefficients in polynomials(x)))
+        return np.nan_to_num(error, nan=1e6, posinf=1e6, neginf=-1e6)
 
-    start = np.concatenate([[*part, *[0.0] * (d + 1 - len(part))] for part, d in zip(starts, degrees, strict=True)])
+    start = np.concatenate(
+        [
+            [*start_coefficients, *[0.0] * (d + 1 - len(start_coefficients))]
+            for start_coefficients, d in zip(starts, degrees, strict=True)
+        ]
+    )
     scale = np.maximum(np.abs(start), 1e-2)
     try:
         with np.errstate(all="ignore"):
-            found = least_squares(residual, start, x_scale=scale, ftol=1e-13, xtol=1e-13, max_nfev=4000)
+            solution = least_squares(residual, start, x_scale=scale, ftol=1e-13, xtol=1e-13, max_nfev=4000)
     except ValueError as error:  # values of other orders of magnitude: the slopes overflow
         raise InputError("No law of a fuel comes near these values; check the units of the columns.") from error
-    x = np.array([float(f"{value:.9g}") for value in found.x.tolist()])
-    return polynomials(x), rounded_up(np.abs(residual(x)))
+    x = np.array([float(f"{value:.9g}") for value in solution.x.tolist()])
+    return polynomials(x), round_up(np.abs(residual(x)))
 
 
-def rounded_up(deviations: Floats) -> float:
+def round_up(deviations: Floats) -> float:
     """Largest of deviations, with two digits."""
     worst = float(np.max(deviations))
     unit = 10.0 ** (np.floor(np.log10(worst)) - 1.0) if worst > 0.0 else 1.0

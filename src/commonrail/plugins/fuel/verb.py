@@ -58,18 +58,21 @@ def fuel(
     if coolprop is not None:
         ranges["pressure"] = _range(pressure, "Pa", "--pressure")
         ranges["temperature"] = _range(temperature, "K", "--temperature")
-    _, found, simulated = write_fuel(out, table, coolprop=coolprop or "", title=title or "", **ranges)
+    _, fit, simulated = write_fuel(out, table, coolprop=coolprop or "", title=title or "", **ranges)
     if json:
-        laws = {law.table: {"error": law.error, **law.polynomials} for law in found.laws}
-        record = {"schema": 1, "kind": "fuel", "fuel": str(out), "rows": found.rows, "laws": laws}
+        laws = {law.table: {"error": law.error, **law.polynomials} for law in fit.laws}
+        record = {"schema": 1, "kind": "fuel", "fuel": str(out), "rows": fit.rows, "laws": laws}
         print_json(record | ({"simulated": simulated} if simulated else {}))
     else:
-        rows = [[law.table, f"{100.0 * law.error:.2g} %"] for law in found.laws]
-        rows += [[f"{name.replace('_', ' ')} as simulated", f"{100.0 * off:.2g} %"] for name, off in simulated.items()]
+        rows = [[law.table, f"{100.0 * law.error:.2g} %"] for law in fit.laws]
+        rows += [
+            [f"{name.replace('_', ' ')} as simulated", f"{100.0 * deviation:.2g} %"]
+            for name, deviation in simulated.items()
+        ]
         print_rows(
             ["law", "largest deviation"],
             rows,
-            f"{found.rows} {'rows' if table else 'points'} of {table or coolprop}",
+            f"{fit.rows} {'rows' if table else 'points'} of {table or coolprop}",
             texts=1,
         )
     say(f"wrote {out}")

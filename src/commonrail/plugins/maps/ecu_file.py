@@ -160,7 +160,7 @@ class MapFile:
         If it cannot be read or holds no map.
     """
 
-    apart = True
+    independent_columns = True
     names: Sequence[str] = ()
 
     def __init__(self, path: Path, form: FileForm = PLAIN) -> None:

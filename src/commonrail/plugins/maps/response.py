@@ -13,7 +13,7 @@ import numpy as np
 from commonrail.base.arrays import Bools, Floats, Ints
 from commonrail.base.choices import Precision
 from commonrail.base.errors import SimulationError
-from commonrail.engine.lanes import compiled
+from commonrail.engine.lanes import load_loop
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import Prepared, prepare, reference_density
 from commonrail.engine.simulate import simulate_batch
@@ -74,7 +74,7 @@ def simulate_many(
 
     if len(places) < ENOUGH * threads:
         return _joined([simulated(place, threads) for place in places])
-    compiled(injector.wired(names), Precision.F64, False)  # in the calling thread, where Ctrl-C ends it
+    load_loop(injector.wired(names), Precision.F64, False)  # in the calling thread, where Ctrl-C ends it
     with ThreadPoolExecutor(threads) as pool:
         futures = [pool.submit(copy_context().run, simulated, place, 1) for place in places]
         return _joined([future.result() for future in futures])

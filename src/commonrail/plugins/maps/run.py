@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from commonrail.base.arguments import Quantity, array, chosen, flag, instance, mapping, number
+from commonrail.base.arguments import Quantity, array, enum_member, flag, instance, mapping, number
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError
@@ -312,7 +312,7 @@ def quantity_map(
     wanted = (smooth, "m3", "smoothing"), (resolution[0], "s", "resolution"), (resolution[1], "m3", "resolution")
     error, finest_time, finest_quantity = (None if value is None else number(value, *what) for value, *what in wanted)
     adjustment = Adjustment(error, flag(monotone, "monotone"), finest_time, finest_quantity)
-    rules = Rules(chosen(several, Several, "several"), chosen(beyond, Beyond, "beyond"))
+    rules = Rules(enum_member(several, Several, "several"), enum_member(beyond, Beyond, "beyond"))
     return injection_map(injector, axes, conditions, rules, progress, adjustment)
 
 

@@ -186,25 +186,26 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
     """
     model = load_injector(injector)
     surveys = tuple(survey_file(path, stated) for path in sources)
-    named = list(usual_space(model, stated.free).parameters) if stated.free else []
+    free_by_name = list(usual_space(model, stated.free).parameters) if stated.free else []
     names = [path.name for path in sources]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise InputError(f"Two of the data files are called {twice}; rename one.")
     _check_points(surveys, stated.points)
-    blocks = [block_of_file(found, surveys, model, stated) for found in surveys]
+    blocks = [block_of_file(surveyed, surveys, model, stated) for surveyed in surveys]
     with new_folder(folder) as place, writing(folder):
         (place / "data").mkdir()
         copies = [_copy(path, place / "data" / path.name) for path in sources]
         if injector.endswith(".toml") or "@" in injector:  # a study takes no variant
-            copies.append(_copied_injector(injector, model, place / "injector.toml"))
+            copies.append(_copy_injector(injector, model, place / "injector.toml"))
             injector = "injector.toml"
         study = place / "study.toml"
-        noted = {key: text for found in surveys if found.found for key, text in found.found.notes.items()}
+        maps = [survey.quantity_map for survey in surveys if survey.quantity_map]
+        noted = {key: text for quantity_map in maps for key, text in quantity_map.notes.items()}
         bench = {key: stated.pressures.get(key) or noted.get(key, UNKNOWN) for key in _BENCH}
         read = [key for key in _BENCH if key in noted and not stated.pressures.get(key)]
         trial = _Trial(model, [bench | block for block in blocks], study)
-        free, delay, doubts = named or trial.screened(), trial.delay(), trial.doubted_units(surveys)
+        free, delay, doubts = free_by_name or trial.screen_parameters(), trial.delay(), trial.doubted_units(surveys)
         for curve in delay.curves if delay else ():
             blocks[trial.block_of(curve.name)]["meter"] = BENCH
         warmth = _temperature_lines(model, noted.get("fuel_temperature", ""))
@@ -213,7 +214,7 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
             *_meter_lines(delay),
             *warmth,
             *data_lines(surveys, blocks, stated, doubts),
-            *_parameter_lines(model, free, bool(named)),
+            *_parameter_lines(model, free, bool(free_by_name)),
             *_optimiser_lines(blocks),
         ]
         write_text(study, "\n".join(lines))
@@ -233,7 +234,7 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
             if is_to_check(key, block, stated)
         ]
     )
-    screened = () if named else tuple(parameter.name for parameter in free)
+    screened = () if free_by_name else tuple(parameter.name for parameter in free)
     files = tuple(folder / path.relative_to(place) for path in (study, *copies))
     return Started(files[0], files, surveys, tuple(missing), tuple(assumed), screened)
 
@@ -245,20 +246,20 @@ def survey_file(path: Path, stated: StatedByUser) -> Survey:
     """
     is_book = format_of(path) == "xlsx"
     form = stated.form._replace(encoding="") if is_book else stated.form._replace(sheet="")
-    found = survey(path, form)
-    if not found.block and any(stated.units.by_kind().values()):
-        found = survey(path, form, stated.units)
-    if not found.block:
-        raise InputError(f"{found.path}: {found.reason()}; correct the file, or write its block by hand.")
-    return found
+    result = survey(path, form)
+    if not result.block and any(stated.units.by_kind().values()):
+        result = survey(path, form, stated.units)
+    if not result.block:
+        raise InputError(f"{result.path}: {result.reason()}; correct the file, or write its block by hand.")
+    return result
 
 
 def _check_points(surveys: Sequence[Survey], points: Mapping[str, str]) -> None:
     """Refuse an operating point of the command line that contradicts the name of a file, or that no file lacks."""
-    rates = [one for one in surveys if one.block["kind"] == "rate"]
+    rates = [survey for survey in surveys if survey.block["kind"] == "rate"]
     for key, text in points.items():
         option, unit = f"--{key.replace('_', '-')} {text}", "Pa" if key == "rail_pressure" else "s"
-        values = {one.path.name: one.block[key] for one in rates if key in one.block}
+        values = {survey.path.name: survey.block[key] for survey in rates if key in survey.block}
         if text and not values:
             raise InputError(f"{option}: every file states its operating points, or has no rates; omit the option.")
         for name, value in values.items() if text else ():
@@ -266,30 +267,32 @@ def _check_points(surveys: Sequence[Survey], points: Mapping[str, str]) -> None:
                 raise InputError(f"{option}: {name} states {value} by a name; omit the option, or rename it.")
 
 
-def block_of_file(found: Survey, surveys: Sequence[Survey], model: Injector, stated: StatedByUser) -> dict[str, Any]:
+def block_of_file(survey: Survey, surveys: Sequence[Survey], model: Injector, stated: StatedByUser) -> dict[str, Any]:
     """Keys of the block of a file, `UNKNOWN` where they are to be stated; `surveys` are those of all files."""
     names = [s.path.stem for s in surveys]
-    name = found.path.name if names.count(found.path.stem) > 1 else found.path.stem
-    block: dict[str, Any] = {"kind": found.block["kind"], "name": name, "role": "fit"}
-    block |= found.block | {"file": f"data/{found.path.name}"}
+    name = survey.path.name if names.count(survey.path.stem) > 1 else survey.path.stem
+    block: dict[str, Any] = {"kind": survey.block["kind"], "name": name, "role": "fit"}
+    block |= survey.block | {"file": f"data/{survey.path.name}"}
     block |= {key: text for key, text in stated.points.items() if text and key in block and block["kind"] == "rate"}
     if (unit := drive_unit(model)) and block["kind"] == "rate" and "shots" not in block and "layout" not in block:
-        block["drive"] = _drive(found, unit)
+        block["drive"] = _drive(survey, unit)
     if "shots" in block:
-        block["shots"] |= {"offset": _offset(found, block["shots"]["trigger"])}
-    return block | {"source": f"{found.path.name}, as it came", "synthetic": found.synthetic}
+        block["shots"] |= {"offset": _offset(survey, block["shots"]["trigger"])}
+    return block | {"source": f"{survey.path.name}, as it came", "synthetic": survey.synthetic}
 
 
-def _drive(found: Survey, unit: str) -> dict[str, Any]:
+def _drive(survey: Survey, unit: str) -> dict[str, Any]:
     """Key with the only channel that may be the measured drive, or the pattern of several.
 
     A record that begins before time 0, where the energising starts, shows the zero of the sensor.
     """
-    channels = [channel for channel in found.channels if channel.kind == unit]
+    channels = [channel for channel in survey.channels if channel.kind == unit]
     names = [channel.name for channel in channels]
-    column = pattern_of(names) if "columns" in found.block else names[0] if len(names) == 1 else None
+    column = pattern_of(names) if "columns" in survey.block else names[0] if len(names) == 1 else None
     stated = {"unit": channels[0].unit} if column and channels[0].unit_by_name else {}
-    starts = [one.low for one in found.channels if one.kind == "s"] + [one.times[0] for one in channels if one.times]
+    starts = [any_channel.low for any_channel in survey.channels if any_channel.kind == "s"] + [
+        any_channel.times[0] for any_channel in channels if any_channel.times
+    ]
     rest = {"zero_at_rest": True} if unit == "A" and min(starts, default=0.0) < 0.0 else {}
     return {"column": column or UNKNOWN, **stated, **rest}
 
@@ -298,15 +301,15 @@ BEGUN = 0.1  # share of a current's range from which it has begun to rise: chose
 EARLY = 0.5  # share of the time between two triggers up to which a rise belongs to the one before it, chosen
 
 
-def _offset(found: Survey, trigger: str) -> str:
+def _offset(survey: Survey, trigger: str) -> str:
     """Time from the trigger's edge to the start of energising, by the rise of the only current.
 
     `UNKNOWN` if there is no such current, or its rises scatter about the edges by more than two of its samples.
     """
-    currents = [channel for channel in found.channels if channel.kind == "A" and channel.name != trigger]
+    currents = [channel for channel in survey.channels if channel.kind == "A" and channel.name != trigger]
     if len(currents) != 1 or not (step := currents[0].step):
         return UNKNOWN
-    sheet = open_sheet(found.path)
+    sheet = open_sheet(survey.path)
     edges, rises = _rises(sheet, trigger, 0.5), _rises(sheet, currents[0].name, BEGUN)
     if not len(edges) or not len(rises):
         return UNKNOWN
@@ -327,7 +330,7 @@ def _rises(sheet: Sheet, name: str, share: float) -> Floats:
     return np.asarray(0.5 * (time[rising] + time[rising + 1]))
 
 
-def _copied_injector(source: str, model: Injector, target: Path) -> Path:
+def _copy_injector(source: str, model: Injector, target: Path) -> Path:
     """Copy of an injector's file; of a variant, or where it refers to other files, one with all values."""
     document = read_toml(Path(source))[0] if source.endswith(".toml") else {}
     if not document or str(document.get("base", "")).endswith(".toml") or "file" in document.get("fuel", {}):
@@ -349,13 +352,13 @@ class _Trial:
         self.sets: list[tuple[int, DataSet]] = []
         for i in range(len(blocks)):
             try:
-                self.sets += [(i, one) for one in self._read(i)]
+                self.sets += [(i, data) for data in self._read_block(i)]
             except CommonrailError as error:  # who reads the study gets it too
                 self.error = final_text(str(error), study.parent)
 
-    def _read(self, i: int) -> list[DataSet]:
+    def _read_block(self, i: int) -> list[DataSet]:
         """Data sets of a block, none if it states no operating points."""
-        assumed = _assumed(self.blocks[i])
+        assumed = _assume_open_values(self.blocks[i])
         if open_keys(assumed):
             return []
         kind = kind_of(self.blocks[i]["kind"])
@@ -363,15 +366,15 @@ class _Trial:
         with quiet():  # who reads the study gets its notes
             return list(kind.read_all(read_model(kind.model, assumed, context.at), context))
 
-    def screened(self) -> list[Parameter]:
+    def screen_parameters(self) -> list[Parameter]:
         """Parameters to free, by a screening at the points of the data that state them; none if there are no such data.
 
         A map that has more points than a screening takes is screened on a part of its pressures and times.
         """
         left, data = MOST_SIMULATIONS // len(around(self.space, self.space.reference).values), list[DataSet]()
-        sets = sorted((one for _, one in self.sets), key=lambda one: len(one.simulated_points))
-        for rank, one in enumerate(sets):
-            data.append(_thin(one, left // (len(sets) - rank)))
+        sets = sorted((data_set for _, data_set in self.sets), key=lambda data_set: len(data_set.simulated_points))
+        for rank, data_set in enumerate(sets):
+            data.append(_thin(data_set, left // (len(sets) - rank)))
             left -= len(data[-1].simulated_points)
         free = [] if self.error else screen(self.model, self.space, data, self.step)
         if not free:
@@ -382,23 +385,30 @@ class _Trial:
     def delay(self) -> Delay | None:
         """Delay that all curves share whose time zero and operating point are stated."""
         simulator = Simulator(self.model, (), self.step)
-        curves = [one for i, one in self.sets if one.bounds is not None and not {*open_keys(self.blocks[i])} & _TIMES]
-        return next(iter(common_delays((one, one.score(simulator)) for one in curves)), None)
+        curves = [
+            curve for i, curve in self.sets if curve.bounds is not None and not {*open_keys(self.blocks[i])} & _TIMES
+        ]
+        return next(iter(common_delays((curve, curve.score(simulator)) for curve in curves)), None)
 
     def block_of(self, name: str) -> int:
         """Number of the block with a data set of this name."""
-        return next(i for i, one in self.sets if one.name == name)
+        return next(i for i, data in self.sets if data.name == name)
 
     def doubted_units(self, surveys: Sequence[Survey]) -> dict[int, str]:
         """Reasons to doubt that rates are volumes, by the numbers of their blocks."""
         doubts = {}
-        for i, one in enumerate(surveys):
-            units = [channel.unit for channel in one.channels if channel.kind in RATES]
-            texts = [one.path.stem, *(text for channel in one.channels for text in (channel.name, channel.unit))]
+        for i, surveyed in enumerate(surveys):
+            units = [channel.unit for channel in surveyed.channels if channel.kind in RATES]
+            texts = [
+                surveyed.path.stem,
+                *(text for channel in surveyed.channels for text in (channel.name, channel.unit)),
+            ]
             masses = [text for text in texts if _MASS.search(text)]
             if masses and units and all(fits(unit, "m3/s") for unit in units):
-                doubts[i] = one_line(f'{one.path.name}: its rate is read in {units[0]}, and "{masses[0]}" names a mass')
-        for finding in unit_findings([one for _, one in self.sets], self.model):
+                doubts[i] = one_line(
+                    f'{surveyed.path.name}: its rate is read in {units[0]}, and "{masses[0]}" names a mass'
+                )
+        for finding in unit_findings([surveyed for _, surveyed in self.sets], self.model):
             doubts[self.block_of(finding.subject)] = finding.sentence
         return doubts
 
@@ -421,10 +431,10 @@ def _thin(data: DataSet, most: int) -> DataSet:
     return data
 
 
-def _assumed(keys: Mapping[str, Any]) -> dict[str, Any]:
+def _assume_open_values(keys: Mapping[str, Any]) -> dict[str, Any]:
     """Keys with substitutes for what is open, where the screening has one."""
     return {
-        key: _assumed(value)
+        key: _assume_open_values(value)
         if isinstance(value, Mapping)
         else _SUBSTITUTES.get(key, value)
         if value == UNKNOWN
@@ -482,14 +492,14 @@ def data_lines(
 ) -> list[str]:
     """Lines of the blocks of files, each key that is to be stated or checked with a comment; `doubts` by block."""
     lines: list[str] = []
-    for i, (found, block) in enumerate(zip(surveys, blocks, strict=True)):
-        lines.append(f"# {found.taken_for}{'; ' + found.said if found.said else ''}")
+    for i, (surveyed, block) in enumerate(zip(surveys, blocks, strict=True)):
+        lines.append(f"# {surveyed.taken_for}{'; ' + surveyed.said if surveyed.said else ''}")
         if i in doubts:
             note(doubts[i])
             lines.append(f"# CHECK IT: {doubts[i]}")
         lines.append("[[data]]")
         lines += [_line(key, value, is_to_check(key, block, stated)) for key, value in block.items()]
-        if block["kind"] == "quantities" and "weight" not in block and any(one["kind"] == "rate" for one in blocks):
+        if block["kind"] == "quantities" and "weight" not in block and any(other["kind"] == "rate" for other in blocks):
             lines.append(
                 f"weight = {WEIGHT} # few quantities have little say in the search beside the samples of rates; "
                 "the most likely values and intervals take each set by its noise instead"
@@ -561,10 +571,10 @@ def is_to_check(key: str, block: Mapping[str, Any], stated: StatedByUser) -> boo
 
 def open_keys(keys: Mapping[str, Any]) -> list[str]:
     """Keys whose values are unknown, those of an inline table with its name."""
-    found = [key for key, value in keys.items() if value == UNKNOWN]
+    unknown_keys = [key for key, value in keys.items() if value == UNKNOWN]
     for key, value in keys.items():
-        found += [f"{key}.{inner}" for inner in open_keys(value)] if isinstance(value, Mapping) else []
-    return found
+        unknown_keys += [f"{key}.{inner}" for inner in open_keys(value)] if isinstance(value, Mapping) else []
+    return unknown_keys
 
 
 def _line(key: str, value: Any, is_checked: bool = False) -> str:
@@ -623,11 +633,11 @@ def screen(injector: Injector, space: Space, data: Sequence[DataSet], time_step:
     left = MOST_SIMULATIONS // len(place.values)
     simulator = Simulator(injector, space.names, time_step)
     slopes = []
-    for one in sorted(data, key=lambda one: len(one.simulated_points)):
-        left -= len(one.simulated_points)
-        size = float(np.linalg.norm(one.measured))
+    for data_set in sorted(data, key=lambda data_set: len(data_set.simulated_points)):
+        left -= len(data_set.simulated_points)
+        size = float(np.linalg.norm(data_set.measured))
         if left >= 0 and size > 0.0:
-            slopes.append(place.slopes(one.simulated(simulator, place.values)) / size)
+            slopes.append(place.slopes(data_set.simulated(simulator, place.values)) / size)
     if not slopes:
         return []
     changes = np.concatenate(slopes) / np.sqrt(len(slopes))
@@ -637,16 +647,16 @@ def screen(injector: Injector, space: Space, data: Sequence[DataSet], time_step:
 
 def _best_seen(changes: Floats) -> list[int]:
     """Columns of changes (n, parameters) in the order in which the data see them, up to `MOST`."""
-    rest, found = changes.copy(), list[int]()
-    while len(found) < MOST:
+    rest, order = changes.copy(), list[int]()
+    while len(order) < MOST:
         further = np.linalg.norm(rest, axis=0)
         i = int(np.argmax(further))
         if not further[i] >= SEEN:
             break
-        found.append(i)
+        order.append(i)
         direction = rest[:, i] / further[i]
         rest -= np.outer(direction, direction @ rest)
-    return found
+    return order
 
 
 def _names(injector: Injector) -> list[str]:

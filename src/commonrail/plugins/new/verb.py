@@ -99,7 +99,7 @@ def new(
         stated = read_stated(pressures, points, (encoding, decimal, sheet), units, from_)
         started = write_study_from(folder, injector, from_, stated._replace(free=free))
         if json:
-            taken = {found.path.name: found.taken_for for found in started.surveys}
+            taken = {survey.path.name: survey.taken_for for survey in started.surveys}
             files = [str(path) for path in started.files]
             assumed = {"assumed": list(started.assumed), "free": list(started.free)}
             print_json({"kind": "new", "files": files, "taken for": taken, "open": list(started.open)} | assumed)
@@ -178,10 +178,10 @@ def read_stated(
     from commonrail.plugins.new.study import StatedByUser
     from commonrail.readers.quantity_matrix import GivenUnits
 
-    known = {"energising_time": ("s", ENERGISING_TIMES), "rail_pressure": ("Pa", RAIL_PRESSURES)}
+    limits_by_key = {"energising_time": ("s", ENERGISING_TIMES), "rail_pressure": ("Pa", RAIL_PRESSURES)}
     for key, text in {**pressures, **points}.items():
         if text:
-            option, (unit, limits) = f"--{key.replace('_', '-')}", known.get(key, ("Pa", OTHER_PRESSURES))
+            option, (unit, limits) = f"--{key.replace('_', '-')}", limits_by_key.get(key, ("Pa", OTHER_PRESSURES))
             low, high = limits.likely
             if not low <= amount(text, unit, option, limits) <= high:
                 note(f"{option}: {text} was read, and {to_text(low, unit)} to {to_text(high, unit)} is usual.")
@@ -189,10 +189,10 @@ def read_stated(
 
 
 def _print(started: Started) -> None:
-    for found in started.surveys:
-        after = [("read as", found.said), ("marked as", found.synthetic)]
-        pairs = [("taken for", found.taken_for), *found.facts.items(), *(pair for pair in after if pair[1])]
-        print_pairs(pairs, found.path.name)
+    for survey in started.surveys:
+        after = [("read as", survey.said), ("marked as", survey.synthetic)]
+        pairs = [("taken for", survey.taken_for), *survey.facts.items(), *(pair for pair in after if pair[1])]
+        print_pairs(pairs, survey.path.name)
     for path in started.files:
         click.echo(str(path))
     if started.open:

@@ -26,41 +26,44 @@ HEADER = (
 
 def write_plan(path: Path, plan: MeasurementPlan) -> None:
     """Write a measuring plan, one line for each measurement."""
-    rows = [[str(k), *_row(one)] for k, one in enumerate(plan.measurements, 1)]
+    rows = [[str(k), *_row(measurement)] for k, measurement in enumerate(plan.measurements, 1)]
     write_csv(path, ["commonrail measuring plan", *plan.notes], HEADER, rows)
 
 
-def _row(one: Measurement) -> list[str]:
-    rail, time, dwell = place_of(one.candidate.point)
-    pulses = one.candidate.point.pulses
+def _row(measurement: Measurement) -> list[str]:
+    rail, time, dwell = place_of(measurement.candidate.point)
+    pulses = measurement.candidate.point.pulses
     first = f"{pulses[0].duration * 1e6:.6g}" if len(pulses) > 1 else ""
-    numbers = [f"{1e9 * value:.4g}" if number(value) is not None else "" for value in (one.value, one.deviation)]
+    numbers = [
+        f"{1e9 * value:.4g}" if number(value) is not None else ""
+        for value in (measurement.value, measurement.deviation)
+    ]
     between = f"{dwell * 1e6:.6g}" if first else ""
     return [
-        one.candidate.kind,
+        measurement.candidate.kind,
         f"{rail * 1e-6:.6g}",
         first,
         between,
         f"{time * 1e6:.6g}",
-        f"{one.candidate.cost:g}",
+        f"{measurement.candidate.cost:g}",
         *numbers,
-        f"{one.factor:.4g}",
+        f"{measurement.factor:.4g}",
     ]
 
 
-def _record(one: Measurement) -> dict[str, Any]:
-    rail, time, dwell = place_of(one.candidate.point)
+def _record(measurement: Measurement) -> dict[str, Any]:
+    rail, time, dwell = place_of(measurement.candidate.point)
     return {
-        "kind": one.candidate.kind,
+        "kind": measurement.candidate.kind,
         "rail_pressure": rail,
-        "energisings": [list(pulse) for pulse in one.candidate.point.pulses],
+        "energisings": [list(pulse) for pulse in measurement.candidate.point.pulses],
         "energising_time": time,
         "dwell": dwell,
-        "cost": one.candidate.cost,
-        "quantity": number(one.value),
-        "standard_deviation": number(one.deviation),
-        "factor": one.factor,
-        "widest_ratio": one.ratio,
+        "cost": measurement.candidate.cost,
+        "quantity": number(measurement.value),
+        "standard_deviation": number(measurement.deviation),
+        "factor": measurement.factor,
+        "widest_ratio": measurement.ratio,
     }
 
 
@@ -74,12 +77,12 @@ def plan_record(plan: MeasurementPlan) -> dict[str, Any]:
         "candidates": plan.candidates,
         "failed": plan.failed,
         "cost": plan.cost,
-        "measurements": [_record(one) for one in plan.measurements],
+        "measurements": [_record(measurement) for measurement in plan.measurements],
         "standard_errors": {
             name: {"before": before, "after": plan.after[name]} for name, before in plan.before.items()
         },
         "widest": plan.widest,
         "worth_measuring": plan.is_worth_measuring,
-        "alternatives": [_record(one) for one in plan.alternatives],
+        "alternatives": [_record(measurement) for measurement in plan.alternatives],
         "notes": list(plan.notes),
     }

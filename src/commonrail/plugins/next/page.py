@@ -74,8 +74,11 @@ def plan_headline(plan: MeasurementPlan) -> str:
         texts.append(f"the widest interval, of {plan.widest}, becomes {_fall(last.ratio)} narrower")
         texts.append(f"{aims} become {_fall(last.factor)} less uncertain")
         texts += [] if plan.is_worth_measuring else ["not worth measuring"]
-    for one in plan.alternatives:
-        texts.append(f"{_KINDS[one.candidate.kind]} at {_where(one)} would narrow the interval by {_fall(one.ratio)}")
+    for measurement in plan.alternatives:
+        texts.append(
+            f"{_KINDS[measurement.candidate.kind]} at {_where(measurement)} "
+            f"would narrow the interval by {_fall(measurement.ratio)}"
+        )
     return "; ".join(texts)
 
 
@@ -83,8 +86,8 @@ def _fall(ratio: float) -> str:
     return f"{fixed(1.0 - ratio, 0, 100.0)} %"
 
 
-def _where(one: Measurement) -> str:
-    rail, time, _ = place_of(one.candidate.point)
+def _where(measurement: Measurement) -> str:
+    rail, time, _ = place_of(measurement.candidate.point)
     return f"{pressure(rail)}, {fixed(time, 0, MICROSECOND)} µs"
 
 
@@ -111,16 +114,16 @@ def plan_html(plan: MeasurementPlan, study: Study) -> str:
 def plan_tiles(plan: MeasurementPlan) -> list[Tile]:
     """The first measurements, and what the plan gains until then."""
     tiles = []
-    for k, one in enumerate(plan.measurements[:TILES], 1):
-        dwell = f"dwell {_dwell(one)} µs; " if len(one.candidate.point.pulses) > 1 else ""
-        words = f"{dwell}standard deviation {signed(100.0 * (one.factor - 1.0), 0)} % with it and those before"
-        tiles.append(Tile(f"{k}. {one.candidate.kind}", _where(one), words))
+    for k, measurement in enumerate(plan.measurements[:TILES], 1):
+        dwell = f"dwell {_dwell(measurement)} µs; " if len(measurement.candidate.point.pulses) > 1 else ""
+        words = f"{dwell}standard deviation {signed(100.0 * (measurement.factor - 1.0), 0)} % with it and those before"
+        tiles.append(Tile(f"{k}. {measurement.candidate.kind}", _where(measurement), words))
     return tiles
 
 
 def plan_figures(plan: MeasurementPlan, measured: Sequence[OperatingPoint] = ()) -> list[Chart]:
     """Measurements among the operating points `measured` that the fit has seen; none of an empty plan."""
-    planned = [one.candidate.point for one in plan.measurements]
+    planned = [measurement.candidate.point for measurement in plan.measurements]
     series = [Series("planned", "best", *_coordinates(planned), MARKERS, 1)]  # squares among discs
     series += [Series("fitted", "measured", *_coordinates(measured), MARKERS)] if measured else []
     panel = Panel("rail pressure, MPa", tuple(series))
@@ -129,28 +132,30 @@ def plan_figures(plan: MeasurementPlan, measured: Sequence[OperatingPoint] = ())
 
 def _coordinates(places: Sequence[OperatingPoint]) -> tuple[Points, Points]:
     """Energising times [µs] and rail pressures [MPa]."""
-    found = [place_of(point) for point in places]
-    return points(time * MICROSECOND for _, time, _ in found), points(rail * MPA for rail, _, _ in found)
+    coordinates = [place_of(point) for point in places]
+    return points(time * MICROSECOND for _, time, _ in coordinates), points(rail * MPA for rail, _, _ in coordinates)
 
 
-def _dwell(one: Measurement) -> str:
-    return fixed(place_of(one.candidate.point)[2], 0, 1e6) if len(one.candidate.point.pulses) > 1 else "–"
+def _dwell(measurement: Measurement) -> str:
+    return (
+        fixed(place_of(measurement.candidate.point)[2], 0, 1e6) if len(measurement.candidate.point.pulses) > 1 else "–"
+    )
 
 
-def _arrays(found: MeasurementPlan) -> Arrays:
+def _arrays(plan: MeasurementPlan) -> Arrays:
     """Measurements in their order."""
-    ones = found.measurements
-    places = np.array([place_of(one.candidate.point) for one in ones]).reshape(-1, 3)
+    ones = plan.measurements
+    places = np.array([place_of(measurement.candidate.point) for measurement in ones]).reshape(-1, 3)
     axis = ("measurement",)
     values = {
-        "kind": Array(axis, np.array([one.candidate.kind for one in ones])),
+        "kind": Array(axis, np.array([measurement.candidate.kind for measurement in ones])),
         "rail_pressure": in_common_unit(axis, places[:, 0], "Pa"),
         "energising_time": in_common_unit(axis, places[:, 1], "s"),
         "dwell": in_common_unit(axis, places[:, 2], "s"),
-        "cost": Array(axis, np.array([one.candidate.cost for one in ones])),
-        "expected": in_common_unit(axis, [one.value for one in ones], "m3"),
-        "deviation": in_common_unit(axis, [one.deviation for one in ones], "m3"),
-        "factor": Array(axis, np.array([one.factor for one in ones])),
+        "cost": Array(axis, np.array([measurement.candidate.cost for measurement in ones])),
+        "expected": in_common_unit(axis, [measurement.value for measurement in ones], "m3"),
+        "deviation": in_common_unit(axis, [measurement.deviation for measurement in ones], "m3"),
+        "factor": Array(axis, np.array([measurement.factor for measurement in ones])),
     }
     return Arrays({"measurement": Array(axis, np.arange(1, len(ones) + 1))}, values, "Next measurements")
 

@@ -58,16 +58,19 @@ def responses_of(
     `noises` are those of a measurement of each kind. A candidate that fails at most of the draws tells nothing.
     """
     responses: dict[int, Response] = {}
-    for kind in dict.fromkeys(one.kind for one in candidates):
-        places = [i for i, one in enumerate(candidates) if one.kind == kind]
+    for kind in dict.fromkeys(candidate.kind for candidate in candidates):
+        places = [i for i, candidate in enumerate(candidates) if candidate.kind == kind]
         group = [candidates[i] for i in places]
-        sets = planned(kind, [one.point for one in group], data)
+        sets = planned(kind, [candidate.point for candidate in group], data)
         if isinstance(sets[0], QuantityData):
             simulated = sets[0].simulated(simulator, points)
             of_kind = [_quantity(c, sets[0], noises[kind], y, unit) for c, y in zip(group, simulated.T, strict=True)]
         else:
             pairs = zip(group, sets, strict=True)
-            of_kind = [_curve(c, one, noises[kind], one.simulated(simulator, points), unit) for c, one in pairs]
+            of_kind = [
+                _curve(c, candidate, noises[kind], candidate.simulated(simulator, points), unit)
+                for c, candidate in pairs
+            ]
         responses |= dict(zip(places, of_kind, strict=True))
     return [responses[i] for i in range(len(candidates))]
 
@@ -113,7 +116,7 @@ def problem_of(
     data: Sequence[DataSet],
     responses: Sequence[Response],
     parameters: Sequence[int],
-    own: int,
+    injector_count: int,
     predicted: int,
 ) -> Problem:
     """Problem of design about draws (m, d) of a fit.
@@ -121,7 +124,8 @@ def problem_of(
     The unknowns are the positions, whose covariance is that of the draws, and the loads of stated discrepancies. Data
     sets are in the order of the blocks of `likelihood`, whose noise is taken for granted.
 
-    `parameters`: columns that criteria D and A are about; `own`: number of parameters of the injector, the first ones,
+    `parameters`: columns that criteria D and A are about; `injector_count`: number of parameters of the injector, the
+    first ones,
     since a prediction does not depend on those of the bench; `predicted`: number of responses, the first ones, that
     criterion V is about.
     """
@@ -135,30 +139,30 @@ def problem_of(
     if len(loads):  # so that the covariance of the positions, whatever the loads are, stays that of the draws
         information[:d, :d] += crossed @ np.linalg.solve(of_loads, crossed.T)
         information[:d, d:], information[d:, :d], information[d:, d:] = crossed, crossed.T, of_loads
-    rows = np.zeros((len(responses), max(len(one.rows) for one in responses), size))
-    for i, one in enumerate(responses):
-        rows[i, : len(one.rows), :d] = one.rows
-        if math.isfinite(one.scale) and one.rows.any():
-            rows[i, 0, d:] = planned_loads[:, i] / likelihood.noises[_first(data, one)].scale
+    rows = np.zeros((len(responses), max(len(response.rows) for response in responses), size))
+    for i, response in enumerate(responses):
+        rows[i, : len(response.rows), :d] = response.rows
+        if math.isfinite(response.scale) and response.rows.any():
+            rows[i, 0, d:] = planned_loads[:, i] / likelihood.noises[_first(data, response)].scale
     if criterion is Criterion.V:
-        aims = _predictions(responses[:predicted], planned_loads, rows, d, own)
+        aims = _predictions(responses[:predicted], planned_loads, rows, d, injector_count)
     else:
         relative = estimate.likelihood.scaled(estimate.unit) / np.maximum(np.abs(estimate.point), 1e-300)
         aims = (np.eye(size)[:d] * relative[:, None])[list(parameters)]
     return Problem(criterion, information, rows, aims)
 
 
-def _predictions(responses: Sequence[Response], loads: Floats, rows: Floats, d: int, own: int) -> Floats:
+def _predictions(responses: Sequence[Response], loads: Floats, rows: Floats, d: int, injector_count: int) -> Floats:
     """Rows (k, D) of predictions in tolerances, of the real injector: model and discrepancy.
 
     Where no candidate is a quantity, the samples of the curves are predicted, in units of their noise.
     """
-    maps = [i for i, one in enumerate(responses) if math.isfinite(one.scale)]
+    maps = [i for i, response in enumerate(responses) if math.isfinite(response.scale)]
     if not maps:
-        aims = rows[: len(responses)].reshape(-1, rows.shape[-1]) * (np.arange(rows.shape[-1]) < own)
+        aims = rows[: len(responses)].reshape(-1, rows.shape[-1]) * (np.arange(rows.shape[-1]) < injector_count)
         return np.asarray(aims[aims.any(axis=1)])
     aims = np.zeros((len(maps), rows.shape[-1]))
-    aims[:, :own] = [responses[i].plain[:own] for i in maps]
+    aims[:, :injector_count] = [responses[i].plain[:injector_count] for i in maps]
     aims[:, d:] = loads[:, maps].T
     return aims
 
@@ -205,7 +209,7 @@ def _decorrelate(tangents: Floats, block: Block, noise: FittedNoise) -> Floats:
 
 def _first(data: Sequence[DataSet], response: Response) -> int:
     """Number of the first data set of a candidate's kind."""
-    return next(i for i, one in enumerate(data) if one.kind == response.candidate.kind)
+    return next(i for i, data_set in enumerate(data) if data_set.kind == response.candidate.kind)
 
 
 def _discrepancies(
@@ -213,8 +217,8 @@ def _discrepancies(
 ) -> tuple[Floats, Floats]:
     """Loads (k, n) of the maps' discrepancies on the data, and on the candidates (k, c)."""
     of_data, of_candidates = [np.zeros((0, likelihood.size))], [np.zeros((0, len(responses)))]
-    places = np.array([place_of(one.candidate.point)[1::-1] for one in responses])
-    first = np.array([_first(data, one) for one in responses])
+    places = np.array([place_of(response.candidate.point)[1::-1] for response in responses])
+    first = np.array([_first(data, response) for response in responses])
     for i, block in enumerate(likelihood.blocks):
         if block.ordered or not has_discrepancy(block):
             continue

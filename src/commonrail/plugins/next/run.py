@@ -60,56 +60,56 @@ class Rules(NamedTuple):
     most: int
     budget: float = math.inf
 
-    def cost(self, chosen: Sequence[int]) -> float:
+    def cost(self, selection: Sequence[int]) -> float:
         """Cost of a plan."""
-        which = list(chosen)
+        which = list(selection)
         return float(np.sum(self.costs[which])) + self.level_cost * len(set(self.levels[which].tolist()))
 
-    def added(self, chosen: Sequence[int]) -> Floats:
+    def added(self, selection: Sequence[int]) -> Floats:
         """Cost (c,) that each candidate adds to a plan."""
-        new = ~np.isin(self.levels, self.levels[list(chosen)])
+        new = ~np.isin(self.levels, self.levels[list(selection)])
         return np.asarray(self.costs + self.level_cost * new)
 
-    def admissible(self, chosen: Sequence[int]) -> Bools:
+    def admissible(self, selection: Sequence[int]) -> Bools:
         """Mask (c,) of the candidates that may join a plan."""
-        fits = self.cost(chosen) + self.added(chosen) <= self.budget * (1.0 + 1e-9)
-        return np.asarray(fits & ~self.blocked[list(chosen)].any(axis=0))
+        fits = self.cost(selection) + self.added(selection) <= self.budget * (1.0 + 1e-9)
+        return np.asarray(fits & ~self.blocked[list(selection)].any(axis=0))
 
 
 def too_close(places: Floats, others: Floats, least: Floats) -> Bools:
     """Mask (n, m) of pairs of places (n, q), (m, q) that are closer in every coordinate than `least` (q,)."""
-    apart = np.abs(places[:, None] - others[None])
-    return np.asarray((apart < least * (1.0 - 1e-9)).all(axis=-1))
+    distances = np.abs(places[:, None] - others[None])
+    return np.asarray((distances < least * (1.0 - 1e-9)).all(axis=-1))
 
 
 def greedy(problem: Problem, rules: Rules, first: Sequence[int] = (), *, per_cost: bool = True) -> list[int]:
     """Measurements after `first`, each the best next one by the fall of the criterion, per cost or alone."""
-    chosen = list(first)
-    while len(chosen) < rules.most:
-        fall = problem.score(chosen) - problem.scores(chosen)
-        worth = fall / rules.added(chosen) if per_cost else fall
-        worth = np.where(rules.admissible(chosen) & (fall > LEAST), worth, -np.inf)
+    selection = list(first)
+    while len(selection) < rules.most:
+        fall = problem.score(selection) - problem.scores(selection)
+        worth = fall / rules.added(selection) if per_cost else fall
+        worth = np.where(rules.admissible(selection) & (fall > LEAST), worth, -np.inf)
         best = int(worth.argmax())
         if not np.isfinite(worth[best]):
             break
-        chosen.append(best)
-    return chosen
+        selection.append(best)
+    return selection
 
 
-def exchange(problem: Problem, rules: Rules, chosen: Sequence[int]) -> list[int]:
+def exchange(problem: Problem, rules: Rules, selection: Sequence[int]) -> list[int]:
     """Plan with measurements exchanged, the best exchange first, until none improves it."""
-    plan = list(chosen)
+    plan = list(selection)
     for _ in range(MOST_EXCHANGES):
         before = problem.score(plan)
-        best, found = before - LEAST, None
+        best, better_plan = before - LEAST, None
         for i in range(len(plan)):
             rest = plan[:i] + plan[i + 1 :]
             scores = np.where(rules.admissible(rest), problem.scores(rest), np.inf)
             if scores.min() < best:
-                best, found = float(scores.min()), [*rest[:i], int(scores.argmin()), *rest[i:]]
-        if found is None:
+                best, better_plan = float(scores.min()), [*rest[:i], int(scores.argmin()), *rest[i:]]
+        if better_plan is None:
             break
-        plan = found
+        plan = better_plan
     return plan
 
 
@@ -127,11 +127,11 @@ def select(problem: Problem, rules: Rules) -> list[int]:
 
 def _ordered(problem: Problem, rules: Rules, plan: Sequence[int]) -> list[int]:
     """The plan, each measurement the best next one per cost."""
-    left, found = list(plan), list[int]()
+    left, ordered = list(plan), list[int]()
     while left:
-        worth = (problem.score(found) - problem.scores(found)) / rules.added(found)
-        found.append(left.pop(int(np.argmax(worth[left]))))
-    return found
+        worth = (problem.score(ordered) - problem.scores(ordered)) / rules.added(ordered)
+        ordered.append(left.pop(int(np.argmax(worth[left]))))
+    return ordered
 
 
 TRUSTED = 5.0  # degrees of freedom from which a scale that was estimated is believed
@@ -196,7 +196,7 @@ class MeasurementPlan(Shown):
     @property
     def is_worth_measuring(self) -> bool:
         """True if the plan lowers what the criterion is about, or the widest interval, by `WORTH`."""
-        return any(min(one.factor, one.ratio) <= 1.0 - WORTH for one in self.measurements[-1:])
+        return any(min(measurement.factor, measurement.ratio) <= 1.0 - WORTH for measurement in self.measurements[-1:])
 
 
 def candidates_of(
@@ -259,22 +259,22 @@ def next_measurements(
     study.space.point(best)  # before the candidates, whose range a study may lack
     names = settings.parameters or study.space.names
     columns = [_column(study, name) for name in names]
-    wanted = list(candidates_of(study) if candidates is None else candidates)
+    all_candidates = list(candidates_of(study) if candidates is None else candidates)
     free = with_uncertain_free(study)
     data = in_order(free.data)
-    _check(wanted, data)
-    n, wanted = len(wanted), [*wanted, *_of_other_kinds(wanted, data)]
+    _check(all_candidates, data)
+    n, all_candidates = len(all_candidates), [*all_candidates, *_of_other_kinds(all_candidates, data)]
     note("fitting the noise of the data ...")
     certainty = certify(study, best, threads=threads, seed=settings.seed)
     estimate, draws = certainty.estimate, certainty.draws.unit
     noises, notes = _trusted(estimate, data)
     many = min(max(DRAWS, DRAWS_EACH * draws.shape[1]), len(draws))
     unit = draws[np.random.default_rng(settings.seed).permutation(len(draws))[:many]]
-    note(f"simulating {len(wanted)} candidates at {many} draws of the parameters ...")
+    note(f"simulating {len(all_candidates)} candidates at {many} draws of the parameters ...")
     likelihood = estimate.likelihood.with_noises(noises)
     simulator = Simulator(free.injector, likelihood.names, study.time_step, threads, same_bits=study.same_bits)
-    by_kind = {one.kind: noise for one, noise in reversed(list(zip(data, noises, strict=True)))}
-    responses = responses_of(wanted, data, by_kind, simulator, likelihood.space.from_unit(unit), unit)
+    by_kind = {item.kind: noise for item, noise in reversed(list(zip(data, noises, strict=True)))}
+    responses = responses_of(all_candidates, data, by_kind, simulator, likelihood.space.from_unit(unit), unit)
     problem = problem_of(
         settings.criterion,
         estimate,
@@ -283,76 +283,79 @@ def next_measurements(
         data,
         responses,
         parameters=columns,
-        own=study.space.dimension,
+        injector_count=study.space.dimension,
         predicted=n,
     )
-    rules = _rules(wanted, data, settings)
-    plan = select(problem, rules._replace(costs=np.where(np.arange(len(wanted)) < n, rules.costs, np.inf)))
+    rules = _rules(all_candidates, data, settings)
+    plan = select(problem, rules._replace(costs=np.where(np.arange(len(all_candidates)) < n, rules.costs, np.inf)))
     if not plan:
         raise ConfigurationError(
             "No candidate may be measured within the budget and the distance to the points that there are, or none "
             "tells anything; state other rail pressures and energising times, or a smaller distance."
         )
-    before, after = (_standard_errors(study, estimate, problem, chosen) for chosen in ([], plan))
-    widest = max(study.space.parameters, key=lambda one: before[one.name] / (one.upper - one.lower)).name
+    before, after = (_standard_errors(study, estimate, problem, selection) for selection in ([], plan))
+    widest = max(study.space.parameters, key=lambda item: before[item.name] / (item.upper - item.lower)).name
     column = study.space.names.index(widest)
     others, scores = list[Measurement](), np.where(np.isfinite(rules.costs), problem.scores([]), np.inf)
-    for kind in dict.fromkeys(one.kind for one in wanted[n:]):
-        best_one = min((i for i, one in enumerate(wanted) if one.kind == kind), key=scores.__getitem__)
+    for kind in dict.fromkeys(item.kind for item in all_candidates[n:]):
+        best_one = min((i for i, item in enumerate(all_candidates) if item.kind == kind), key=scores.__getitem__)
         others += _measurements(problem, [best_one], responses, column) if np.isfinite(scores[best_one]) else []
     measurements, failed = tuple(_measurements(problem, plan, responses, column)), sum(r.failed for r in responses[:n])
     gains = before, after, failed, tuple(notes), widest, tuple(others)
     return MeasurementPlan(measurements, rules.cost(plan), settings, n, *gains)
 
 
-def _of_other_kinds(wanted: Sequence[Candidate], data: Sequence[DataSet]) -> list[Candidate]:
+def _of_other_kinds(candidates: Sequence[Candidate], data: Sequence[DataSet]) -> list[Candidate]:
     """Candidates of the fitted kinds that are not wanted, at some of the same points."""
-    stride = len(wanted) // MOST_TRIED | 1  # odd, so that it meets all times of a grid
-    kinds = [kind for kind in fitted_kinds(data) if kind not in {one.kind for one in wanted}]
-    return [Candidate(kind, one.point) for kind in kinds for one in wanted[::stride]]
+    stride = len(candidates) // MOST_TRIED | 1  # odd, so that it meets all times of a grid
+    kinds = [kind for kind in fitted_kinds(data) if kind not in {item.kind for item in candidates}]
+    return [Candidate(kind, item.point) for kind in kinds for item in candidates[::stride]]
 
 
-def _check(wanted: Sequence[Candidate], data: Sequence[DataSet]) -> None:
-    if not 0 < len(wanted) <= MOST_CANDIDATES:
-        raise ConfigurationError(f"There must be 1 to {MOST_CANDIDATES} candidates, not {len(wanted)}.")
-    for one in wanted:
-        if one.kind not in KINDS:
+def _check(candidates: Sequence[Candidate], data: Sequence[DataSet]) -> None:
+    if not 0 < len(candidates) <= MOST_CANDIDATES:
+        raise ConfigurationError(f"There must be 1 to {MOST_CANDIDATES} candidates, not {len(candidates)}.")
+    for candidate in candidates:
+        if candidate.kind not in KINDS:
             raise ConfigurationError(
-                f'"{one.kind}" is no kind of measurement{nearest(one.kind, KINDS)}; {listed(KINDS)} are.'
+                f'"{candidate.kind}" is no kind of measurement{nearest(candidate.kind, KINDS)}; {listed(KINDS)} are.'
             )
-        if not number(one.cost, "1", "cost of a candidate") > 0.0:
-            raise ConfigurationError(f"The cost of a measurement must be greater than zero, not {one.cost:g}.")
-    for kind in {one.kind for one in wanted}:
+        if not number(candidate.cost, "1", "cost of a candidate") > 0.0:
+            raise ConfigurationError(f"The cost of a measurement must be greater than zero, not {candidate.cost:g}.")
+    for kind in {candidate.kind for candidate in candidates}:
         planned(kind, (), data)
 
 
-def _trusted(found: Estimate, data: Sequence[DataSet]) -> tuple[list[FittedNoise], list[str]]:
+def _trusted(estimate: Estimate, data: Sequence[DataSet]) -> tuple[list[FittedNoise], list[str]]:
     """Noise of the data sets: of a map with too few points to estimate it, one tolerance."""
     noises, notes = [], []
-    for block, noise, one in zip(found.likelihood.blocks, found.likelihood.noises, data, strict=True):
-        if isinstance(one, QuantityData) and not noise.known and noise.freedom < TRUSTED:
+    for block, noise, data_set in zip(estimate.likelihood.blocks, estimate.likelihood.noises, data, strict=True):
+        if isinstance(data_set, QuantityData) and not noise.stated and noise.freedom < TRUSTED:
             noise = FittedNoise(noise.law, max(noise.scale, 1.0 / noise.density.deviation), noise.freedom)
-            notes.append(f"{one.name} has too few points to estimate its noise: at least one tolerance is assumed.")
+            notes.append(
+                f"{data_set.name} has too few points to estimate its noise: at least one tolerance is assumed."
+            )
         if not block.ordered and has_discrepancy(block):  # its loads act on planned points too
             noise = replace(noise, courses=np.empty((0, 0)))
         noises.append(noise)
         if not has_discrepancy(block):
             notes.append(
-                f"{one.name} states no correlated discrepancy: errors of new measurements are taken as independent."
+                f"{data_set.name} states no correlated discrepancy: "
+                "errors of new measurements are taken as independent."
             )
     return noises, notes
 
 
-def _rules(wanted: Sequence[Candidate], data: Sequence[DataSet], settings: DesignSettings) -> Rules:
-    places = np.array([place_of(one.point) for one in wanted])
+def _rules(candidates: Sequence[Candidate], data: Sequence[DataSet], settings: DesignSettings) -> Rules:
+    places = np.array([place_of(item.point) for item in candidates])
     least = np.array([settings.apart_pressure, settings.apart_time, settings.apart_time])
-    kinds = np.array([one.kind for one in wanted])
+    kinds = np.array([item.kind for item in candidates])
     blocked = too_close(places, places, least) & (kinds[:, None] == kinds)
-    taken = np.zeros(len(wanted), bool)
-    for one in data:
-        made = np.array([place_of(point) for point in one.points])
-        taken |= too_close(places, made, least).any(axis=1) & (kinds == one.kind)
-    costs = np.where(taken, np.inf, np.array([one.cost for one in wanted]))
+    taken = np.zeros(len(candidates), bool)
+    for item in data:
+        measured_places = np.array([place_of(point) for point in item.points])
+        taken |= too_close(places, measured_places, least).any(axis=1) & (kinds == item.kind)
+    costs = np.where(taken, np.inf, np.array([item.cost for item in candidates]))
     _, levels = np.unique(places[:, 0], return_inverse=True)
     budget = 1e300 if settings.budget is None else settings.budget  # less than what a taken place costs
     return Rules(costs, levels.reshape(-1), settings.pressure_cost, blocked, settings.points, budget)
@@ -364,12 +367,12 @@ def _measurements(
     """Measurements of a plan; `column`: of the widest parameter."""
     first, prior = problem.score([]), problem.covariance([])
     for k, i in enumerate(plan, 1):
-        one = responses[i]
-        d = len(one.plain)
-        deviation = math.sqrt(float(one.plain @ prior[:d, :d] @ one.plain)) * one.scale
+        response = responses[i]
+        d = len(response.plain)
+        deviation = math.sqrt(float(response.plain @ prior[:d, :d] @ response.plain)) * response.scale
         ratio = math.sqrt(problem.covariance(plan[:k])[column, column] / prior[column, column])
         factor = math.exp(problem.score(plan[:k]) - first)
-        yield Measurement(one.candidate, one.value, deviation, factor, ratio)
+        yield Measurement(response.candidate, response.value, deviation, factor, ratio)
 
 
 def _standard_errors(study: Study, estimate: Estimate, problem: Problem, plan: Sequence[int]) -> dict[str, float]:

@@ -63,15 +63,15 @@ def grid(
     """
     if len(dwells) and not first_energising_time > 0.0:
         raise ConfigurationError("Dwells need the energising time of the first injection; give it too.")
-    found = []
+    operating_points = []
     for rail, time, dwell in itertools.product(rail_pressures, energising_times, dwells if len(dwells) else [None]):
         pulses = (
             (Energising(0.0, time),)
             if dwell is None
             else (Energising(0.0, first_energising_time), Energising(first_energising_time + dwell, time))
         )
-        found.append(replace(like, rail_pressure=rail, energisings=pulses, horizon=None, start=0.0))
-    return found
+        operating_points.append(replace(like, rail_pressure=rail, energisings=pulses, horizon=None, start=0.0))
+    return operating_points
 
 
 def usual_axes(data: Sequence[DataSet]) -> tuple[Floats, Floats]:
@@ -79,7 +79,7 @@ def usual_axes(data: Sequence[DataSet]) -> tuple[Floats, Floats]:
 
     ConfigurationError if the data cover one rail pressure and one energising time alone.
     """
-    places = np.array([place_of(point) for one in data for point in one.points])
+    places = np.array([place_of(point) for data_set in data for point in data_set.points])
     pressures = _rounded(places[:, 0], _PRESSURES, _ROUND_PRESSURE)
     times = _rounded(places[:, 1], _TIMES, _ROUND_TIME)
     if len(pressures) * len(times) == 1:
@@ -98,14 +98,14 @@ def _rounded(values: Floats, n: int, step: float) -> Floats:
 
 def fitted_kinds(data: Sequence[DataSet]) -> list[str]:
     """Kinds of measurement that can be planned, in the order of the fitted data; ConfigurationError if none is."""
-    found = list(dict.fromkeys(one.kind for one in data if one.kind in KINDS))
-    if not found:
-        there = listed(sorted({one.kind for one in data}))
+    kinds = list(dict.fromkeys(data_set.kind for data_set in data if data_set.kind in KINDS))
+    if not kinds:
+        fitted = listed(sorted({data_set.kind for data_set in data}))
         raise ConfigurationError(
-            f"The study fits {there} alone, and the noise of a new measurement is that of a fitted set of its kind; "
+            f"The study fits {fitted} alone, and the noise of a new measurement is that of a fitted set of its kind; "
             f"fit {', '.join(KINDS[:-1])} or {KINDS[-1]}."
         )
-    return found
+    return kinds
 
 
 def planned(kind: str, points: Sequence[OperatingPoint], like: Sequence[DataSet]) -> list[DataSet]:
@@ -113,7 +113,7 @@ def planned(kind: str, points: Sequence[OperatingPoint], like: Sequence[DataSet]
 
     Meter, tolerances and sampling are those of the first data set of the kind; ConfigurationError if there is none.
     """
-    model = next((one for one in like if one.kind == kind), None)
+    model = next((data_set for data_set in like if data_set.kind == kind), None)
     if isinstance(model, RateData):
         return [_planned_rate(model, point) for point in points]
     if isinstance(model, QuantityData):

@@ -93,7 +93,7 @@ def next_(
 def _kind(text: str) -> tuple[str, float]:
     from commonrail.plugins.next.study import KINDS
 
-    name, equals, cost = (part.strip() for part in text.partition("="))
+    name, equals, cost = (text_part.strip() for text_part in text.partition("="))
     if name not in KINDS:
         raise InputError(f"--kind {text}: expected {', '.join(KINDS)}{nearest(name, KINDS)}.")
     try:

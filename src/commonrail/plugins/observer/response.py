@@ -268,7 +268,7 @@ def rate_of(time: Floats, injected: Floats) -> Floats:
 def warm_steps(injector: Injector) -> Floats:
     """Changes of the fuel's temperature (steps,) that are computed: the fuel covers them and the next kelvin [K]."""
     here, steps = injector.values[FUEL_TEMPERATURE], WARMTH * np.arange(-40, 41)
-    both = injector.fuel.defined_at(here + steps) & injector.fuel.defined_at(here + steps + 1.0)
+    both = injector.fuel.is_defined_at(here + steps) & injector.fuel.is_defined_at(here + steps + 1.0)
     return np.asarray(steps[both])
 
 

@@ -15,11 +15,11 @@ from commonrail.base.arguments import (
     array,
     instance,
     instances,
+    integer,
     known_names,
     mapping,
     sequence,
     settle,
-    whole,
 )
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Actuation, Boundary
@@ -235,13 +235,13 @@ class ObserverSettings:
             current_discrepancy=amount(self.current_discrepancy, "1", "discrepancy of the current", shares),
             current_timing=amount(self.current_timing, "s", "timing of the current", Limits(0.0, 1e-3)),
             return_deviation=amount(self.return_deviation, "1", "deviation of the return quantity", Limits(1e-4, 1.0)),
-            return_shots=whole(self.return_shots, "cycles of the meter", 1),
+            return_shots=integer(self.return_shots, "cycles of the meter", 1),
             return_discrepancy=amount(self.return_discrepancy, "1", "discrepancy of the return quantity", shares),
-            learning=whole(self.learning, "learning"),
-            window=whole(self.window, "window", 1),
+            learning=integer(self.learning, "learning"),
+            window=integer(self.window, "window", 1),
             significance=amount(self.significance, "1", "significance", Limits(1.0, 20.0)),
-            iterations=whole(self.iterations, "iterations", 1),
-            horizon=whole(self.horizon, "horizon", 1),
+            iterations=integer(self.iterations, "iterations", 1),
+            horizon=integer(self.horizon, "horizon", 1),
             grid=amount(self.grid, "1", "grid", Limits(0.0, 10.0)),
             time_step=check_step(self.time_step),
         )

@@ -7,7 +7,7 @@ import tempfile
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from commonrail.compiler.cache import kept_or_made
+from commonrail.compiler.cache import get_or_make
 from commonrail.engine.job import make_rows
 from commonrail.physics.variants import Variant
 from commonrail.plugins.export import object_files
@@ -28,7 +28,7 @@ def wasm_module(variant: Variant) -> bytes:
 
     ConfigurationError if neither a kept module nor zig is there, or a compiler fails.
     """
-    return kept_or_made(_file_name(variant), lambda: _linked(variant))
+    return get_or_make(_file_name(variant), lambda: _linked(variant))
 
 
 def _file_name(variant: Variant) -> str:

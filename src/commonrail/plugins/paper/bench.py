@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import chosen, instance, mapping, number, plain_text, settle, whole
+from commonrail.base.arguments import enum_member, instance, integer, mapping, number, plain_text, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Boundary
 from commonrail.base.errors import SimulationError
@@ -158,7 +158,7 @@ class Truth:
             self,
             values=mapping(self.values, "values of a truth", '{"valve.spring_preload": "75 N"}'),
             sources=mapping(self.sources, "sources of a truth", '{"rate_meter.noise": Source("E", "estimate")}'),
-            boundary=chosen(self.boundary, Boundary, "boundary of a truth"),
+            boundary=enum_member(self.boundary, Boundary, "boundary of a truth"),
         )
         for what, kind in _KINDS.items():
             instance(getattr(self, what), kind, f"{what} of a truth")
@@ -168,7 +168,7 @@ class Truth:
         """Note shown with its data."""
         return f"All data are simulated by the virtual test bench (truth {self.name}), not measured."
 
-    def hidden(self, injector: Injector) -> Injector:
+    def make_true_injector(self, injector: Injector) -> Injector:
         """The true injector behind the one that is fitted.
 
         Raises
@@ -300,7 +300,7 @@ def bench_curve(truth: Truth, injector: Injector, rail_pressure: float, energisi
     instance(injector, Injector, "injector")
     rail_pressure = number(rail_pressure, "Pa", "rail pressure")
     energising_time = number(energising_time, "s", "energising time")
-    seed = whole(seed, "seed")
+    seed = integer(seed, "seed")
     streams = np.random.SeedSequence((seed, round(rail_pressure))).spawn(3)
     operation, rate_meter, rail_sensor = map(np.random.default_rng, streams)
     shot = _shoot(truth, injector, rail_pressure, energising_time, operation)
@@ -315,7 +315,7 @@ def _shoot(
 ) -> Solution:
     """The injection as it is, with its own deviations."""
     scatter, (rail, duration, boost) = truth.scatter, rng.standard_normal(3)
-    hidden = truth.hidden(injector)
+    hidden = truth.make_true_injector(injector)
     boosted = hidden.values["drive.boost_voltage"] + scatter.boost_voltage * boost
     point = OperatingPoint(
         rail_pressure + scatter.rail_pressure * rail,

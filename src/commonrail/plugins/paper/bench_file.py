@@ -46,8 +46,8 @@ def _step(item: Number) -> float:
 
 def _nine(item: Any) -> Any:
     if not isinstance(item, list) or len(item) != bench.MASSES:
-        found = f"{len(item)} values" if isinstance(item, list) else repr(item)
-        raise toml.fault(f"this must be a list of {bench.MASSES} values with unit, one for each mass, not {found}")
+        actual = f"{len(item)} values" if isinstance(item, list) else repr(item)
+        raise toml.fault(f"this must be a list of {bench.MASSES} values with unit, one for each mass, not {actual}")
     return item
 
 
@@ -79,8 +79,8 @@ class _Head(FileModel):
 
 def _tables(quantities: Mapping[str, Mapping[str, Q]]) -> Any:
     return {
-        name: (Annotated[ParameterTable, toml.Quantities(known)], ParameterTable())
-        for name, known in quantities.items()
+        name: (Annotated[ParameterTable, toml.Quantities(allowed)], ParameterTable())
+        for name, allowed in quantities.items()
     }
 
 
@@ -138,18 +138,22 @@ def _truth(document: Mapping[str, Any], at: Place, text: str, folder: Path | Non
     friction, numerics = model.friction, model.numerics
     forces = {name: [n.value for n in numbers] for name in FRICTION if (numbers := getattr(friction, name)) is not None}
     sources = _sources(components) | {f"friction.{name}": friction.origin() for name in forces} | _sources(chains)
-    own = {table: {key: given.value for key, given in values.items()} for table, values in chains.items()}
+    chain_values = {table: {key: entry.value for key, entry in values.items()} for table, values in chains.items()}
     truth = Truth(
         name,
         name if model.title is None else model.title,
         injector,
-        {f"{part}.{key}": given.value for part, values in components.items() for key, given in values.items()},
+        {
+            f"{component_name}.{key}": entry.value
+            for component_name, values in components.items()
+            for key, entry in values.items()
+        },
         model.rail_boundary,
         Friction(**{name: tuple(values) for name, values in forces.items()}),
         _RESOLUTION._replace(cells=(numerics.feed_pipe_cells, numerics.return_line_cells), step=numerics.time_step),
-        Sensor(**own["rate_meter"]),
-        Sensor(**own["rail_sensor"]),
-        Scatter(**own["scatter"]),
+        Sensor(**chain_values["rate_meter"]),
+        Sensor(**chain_values["rail_sensor"]),
+        Scatter(**chain_values["scatter"]),
         sources,
         text,
     )
@@ -160,13 +164,13 @@ def _truth(document: Mapping[str, Any], at: Place, text: str, folder: Path | Non
 
 
 def _sources(tables: Mapping[str, Values]) -> dict[str, Source]:
-    return {f"{table}.{key}": given.source for table, values in tables.items() for key, given in values.items()}
+    return {f"{table}.{key}": entry.source for table, values in tables.items() for key, entry in values.items()}
 
 
 def _check_fit(truth: Truth, injector: Injector, at: Place) -> None:
     """Refuse what the injector cannot have."""
     with located(at / "values"):
-        truth.hidden(injector)
+        truth.make_true_injector(injector)
     if any(truth.friction.coulomb + truth.friction.viscous) and injector.variant.body is not Body.FLEXIBLE:
         raise (at / "friction").error(
             f"the injector {injector.name} has a rigid body, and friction acts on nine masses"

@@ -53,8 +53,8 @@ def virtual_bench(
     elif folder is None:
         declared = load_truth(truth)
         facts = [{"name": name, "text": text} for name, text in declared.facts()]
-        named = {"kind": "truth", "name": declared.name, "title": declared.title}
-        record, tell = named | {"facts": facts, "text": declared.text}, partial(click.echo, declared.text, nl=False)
+        heading = {"kind": "truth", "name": declared.name, "title": declared.title}
+        record, tell = heading | {"facts": facts, "text": declared.text}, partial(click.echo, declared.text, nl=False)
     else:
         check_folder(folder)
         declared = load_truth(truth)

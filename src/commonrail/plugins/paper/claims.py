@@ -110,7 +110,7 @@ def _best_configuration(f: Figures) -> Claim:
     at = study.CONFIGURATIONS.index(study.BEST)
     medians = np.median(means, axis=1)
     first = study.CONFIGURATIONS[int(np.argmin(medians))]
-    verdict, test = _compared(means, at)
+    verdict, test = _compare(means, at)
     figure = (
         f"median of the mean J {medians[at]:.1f}; lowest {medians.min():.1f} "
         f"at ({first.generations}, {first.members}); {test}"
@@ -118,7 +118,7 @@ def _best_configuration(f: Figures) -> Claim:
     return judged("best-configuration", figure, np.argmin(means, axis=0) == at, verdict=verdict)
 
 
-def _compared(means: Floats, at: int) -> tuple[ClaimVerdict, str]:
+def _compare(means: Floats, at: int) -> tuple[ClaimVerdict, str]:
     """True if row `at` of (configurations, seeds) is the lowest, by tests over the seeds."""
     from scipy.stats import friedmanchisquare, wilcoxon  # slow to import
 
@@ -179,8 +179,8 @@ class _Group(NamedTuple):
 
     def true(self, change: Floats) -> Bools:
         """True where changes (..., 7) satisfy the claim."""
-        own = np.abs(change[..., self.places])
-        return np.asarray(np.all((own > self.limit) == self.beyond, axis=-1))
+        size = np.abs(change[..., self.places])
+        return np.asarray(np.all((size > self.limit) == self.beyond, axis=-1))
 
 
 def _groups() -> tuple[_Group, ...]:
@@ -324,7 +324,7 @@ def _edge(
 
 def _by_phase(claim: str, j: Floats, lowest: str) -> Claim:
     """Parts of J (seeds, phases), or of a gain in it, in rise, middle and descent: one is the lowest."""
-    figure = " / ".join(f"{spread(part).median:.0f}".replace("-", "−") for part in j[:, 1:].T)
+    figure = " / ".join(f"{spread(phase).median:.0f}".replace("-", "−") for phase in j[:, 1:].T)
     is_lowest = np.argmin(j[:, 1:], axis=1) == PHASES.index(lowest) - 1
     true = is_lowest & np.isfinite(j[:, 1:]).all(axis=1)  # argmin takes a phase that is not a number
     return judged(claim, f"rise / middle / descent: {figure} (medians)", true)
@@ -353,6 +353,6 @@ def _after_window(f: Figures, i: int) -> Claim:
 
 
 def _no_overfitting(f: Figures) -> Claim:
-    kept = np.array([f.gain_kept(name) for name in study.VALIDATION])
-    figure = ", ".join(f"{_share(spread(kept[i]).median)} at {name}" for i, name in enumerate(study.VALIDATION))
-    return judged("no-overfitting", f"share of the gain kept: {figure} (medians)", np.all(kept >= 0.5, axis=0))
+    gains_kept = np.array([f.gain_kept(name) for name in study.VALIDATION])
+    figure = ", ".join(f"{_share(spread(gains_kept[i]).median)} at {name}" for i, name in enumerate(study.VALIDATION))
+    return judged("no-overfitting", f"share of the gain kept: {figure} (medians)", np.all(gains_kept >= 0.5, axis=0))

@@ -27,16 +27,16 @@ BOX = ("minimum", "q1", "median", "q3", "maximum")
 
 def convergence(record: Record) -> Figure:
     """Best and mean J against generation, medians and quartiles over the seeds (the paper's Fig. 4)."""
-    found = record["convergence"]
-    x = tuple(float(g) for g in found["generation"])
-    level = number(found["level"]["median"])
+    curves = record["convergence"]
+    x = tuple(float(g) for g in curves["generation"])
+    level = number(curves["level"]["median"])
     series = [
-        Series("mean of the population", "mean", x, tuple(found["mean"]["median"])),
-        Series("best", "best", x, tuple(found["best"]["median"])),
+        Series("mean of the population", "mean", x, tuple(curves["mean"]["median"])),
+        Series("best", "best", x, tuple(curves["best"]["median"])),
     ]
     if level is not None:
         series.append(Series("theoretical model", "level", (x[0], x[-1]), (level, level)))
-    bands = tuple(Band(k, x, tuple(found[k]["low"]), tuple(found[k]["high"])) for k in ("mean", "best"))
+    bands = tuple(Band(k, x, tuple(curves[k]["low"]), tuple(curves[k]["high"])) for k in ("mean", "best"))
     seeds = counted(len(record["seeds"]), "seed")
     return Figure(
         "Convergence (Fig. 4)",
@@ -149,8 +149,8 @@ def box(values: ArrayLike) -> Box:
     v = np.asarray(values, float).ravel()
     q1, median, q3 = np.percentile(v, (25.0, 50.0, 75.0))
     reach = 1.5 * (q3 - q1)
-    kept = v[(v >= q1 - reach) & (v <= q3 + reach)]
-    return Box(float(kept.min()), float(q1), float(median), float(q3), float(kept.max()))
+    inliers = v[(v >= q1 - reach) & (v <= q3 + reach)]
+    return Box(float(inliers.min()), float(q1), float(median), float(q3), float(inliers.max()))
 
 
 def edges(rate: Floats, bounds: Floats, level: float) -> Edges:
@@ -163,10 +163,10 @@ def edges(rate: Floats, bounds: Floats, level: float) -> Edges:
     rises = np.flatnonzero(~above[:-1] & above[1:])
     falls = np.flatnonzero(above[:-1] & ~above[1:])
 
-    def crossing(found: IndexArray, which: int) -> float:
-        if not len(found):
+    def crossing(crossings: IndexArray, which: int) -> float:
+        if not len(crossings):
             return float("nan")
-        i = int(found[which])
+        i = int(crossings[which])
         share = (level - rate[i]) / (rate[i + 1] - rate[i])
         return float(middle[i] + share * (middle[i + 1] - middle[i]))
 
@@ -276,7 +276,7 @@ class Figures:
 
     def own_j(self, name: str) -> Floats:
         """J that a fit to the validation curve itself reaches (n,)."""
-        return np.array([r.own[name].cost for r in self.repetitions])
+        return np.array([r.own_curve_searches[name].cost for r in self.repetitions])
 
     def gain_kept(self, name: str) -> Floats:
         """Share of the gain over theory at an unseen pressure that the fit at 160 MPa keeps (n,)."""
@@ -290,14 +290,14 @@ class Figures:
 
     def verdicts(self, parameter: int) -> dict[str, int]:
         """Number of seeds by verdict on the parameter."""
-        return dict(Counter(one["verdict"] for one in self.certainty(parameter)))
+        return dict(Counter(estimate["verdict"] for estimate in self.certainty(parameter)))
 
     def covers(self, parameter: int, truth: float) -> tuple[int, int]:
         """Number of seeds whose interval of the parameter holds its true value [SI], and of those with an interval.
 
         An end that is None is not bounded by the data. An interval without ends says nothing and is not counted.
         """
-        ends = [(one["lower"], one["upper"]) for one in self.certainty(parameter)]
+        ends = [(estimate["lower"], estimate["upper"]) for estimate in self.certainty(parameter)]
         bounded = [(low, high) for low, high in ends if low is not None or high is not None]
         inside = [(low is None or low <= truth) and (high is None or truth <= high) for low, high in bounded]
         return sum(inside), len(inside)

@@ -138,13 +138,13 @@ def reproduction_record(reproduction: Reproduction, quick: bool = False) -> dict
         "claims": [c._asdict() | {"interval": list(c.interval)} for c in claims(f)],
         "shown_seed": f.seeds[0],
         "seconds": reproduction.seconds,
-        "simulations": sum(found.injections for r in f.repetitions for found in r.searches),
+        "simulations": sum(search.injections for r in f.repetitions for search in r.searches),
     }
 
 
 def _table1(f: Figures, bench: cr.lab.Bench) -> list[dict[str, Any]]:
     values = np.array([r.best.x for r in f.repetitions])
-    true = bench.truth.hidden(bench.injector).values
+    true = bench.truth.make_true_injector(bench.injector).values
     rows = []
     for i, p in enumerate(f.space.parameters):
         errors = [e["standard_error"] for e in f.certainty(i) if e["standard_error"] is not None]
@@ -157,7 +157,7 @@ def _table1(f: Figures, bench: cr.lab.Bench) -> list[dict[str, Any]]:
                 "unit": p.unit,
                 "theoretical": p.reference,
                 "paper": optimal,
-                **_searched(p, values[:, i]),
+                **_summarise_search(p, values[:, i]),
                 "paper_change": optimal / p.reference - 1.0,
                 "change": _spread(f.change[:, i]),
                 "verdicts": f.verdicts(i),
@@ -180,13 +180,13 @@ def _rigid_fit(f: Figures) -> list[dict[str, Any]]:
             "unit": p.unit,
             "meaning": meanings[p.name].meaning,
             "drawing": p.reference,
-            **_searched(p, values[:, i]),
+            **_summarise_search(p, values[:, i]),
         }
         for i, p in enumerate(f.rigid_space.parameters)
     ]
 
 
-def _searched(p: cr.Parameter, values: Floats) -> dict[str, Any]:
+def _summarise_search(p: cr.Parameter, values: Floats) -> dict[str, Any]:
     """Bounds of a parameter and what was found over the seeds."""
     return {"lower": p.lower, "upper": p.upper, "values": numbers(values), **_spread(values)}
 
@@ -214,9 +214,9 @@ _READINGS = {
 
 
 def _treatment(f: Figures, t: study.TreatmentCase) -> dict[str, Any]:
-    found = [r.treatments[t.name] for r in f.repetitions]
-    simulated = np.array([x.counts.simulated for x in found])
-    costs = [x.cost for x in found]
+    results = [r.treatments[t.name] for r in f.repetitions]
+    simulated = np.array([x.counts.simulated for x in results])
+    costs = [x.cost for x in results]
     return {
         "name": t.name,
         "text": t.text,
@@ -268,8 +268,8 @@ def _meter(f: Figures) -> list[dict[str, Any]]:
     searches |= {label: [r.metered[label] for r in f.repetitions] for label in METERED}
     texts = {"none": "none, as in the paper"} | METERED
     rows, symbols = [], [p.name.rpartition(".")[2] for p in f.space.parameters]
-    for label, found in searches.items():
-        x, js = np.array([one.x for one, _ in found]), np.array([j for _, j in found])
+    for label, metered in searches.items():
+        x, js = np.array([search.x for search, _ in metered]), np.array([j for _, j in metered])
         stiffness = {k: {"values": numbers(x[:, i]), **_spread(x[:, i])} for i, k in enumerate(symbols)}
         rows.append(
             {
@@ -283,9 +283,9 @@ def _meter(f: Figures) -> list[dict[str, Any]]:
     return rows
 
 
-def _each(found: dict[str, dict[str, Floats]], make: Callable[[Floats], Any]) -> dict[str, dict[str, Any]]:
+def _each(values_by_name: dict[str, dict[str, Floats]], make: Callable[[Floats], Any]) -> dict[str, dict[str, Any]]:
     """Results of a function of the arrays of each data set and label."""
-    return {name: {label: make(values) for label, values in models.items()} for name, models in found.items()}
+    return {name: {label: make(values) for label, values in models.items()} for name, models in values_by_name.items()}
 
 
 def _spread(values: ArrayLike) -> Mapping[str, float | None]:

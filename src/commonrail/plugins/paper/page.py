@@ -123,10 +123,10 @@ def phases_table(record: Record) -> Table:
 
 def edges_table(record: Record) -> Table:
     """Opening and closing of each model against the experiment's [us]."""
-    found = record["edges"]
+    edges = record["edges"]
     columns: list[Column] = [
         *_data_and_model(record),
-        *((w, lambda row, w=w: _signed_spread(found[row[0]["name"]][row[1]][w])) for w in ("opening", "closing")),
+        *((w, lambda row, w=w: _signed_spread(edges[row[0]["name"]][row[1]][w])) for w in ("opening", "closing")),
     ]
     note = f"Model − synthetic experiment, median (quartiles) over the seeds; + is late. {_EDGES}"
     return tabulated("Opening and closing, µs", product(record["data"], record["labels"]), columns, note, 2)
@@ -203,8 +203,8 @@ def _signed_percent(share: Any) -> str:
 
 
 def _times(value: Any, factor: float) -> float | None:
-    found = number(value)
-    return None if found is None else found * factor
+    parsed = number(value)
+    return None if parsed is None else parsed * factor
 
 
 # The page of a reproduction: claims first, then the paper's tables and figures.
@@ -236,7 +236,7 @@ def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plate
         tiles=_tiles(record),
         first=drawn[2] if len(drawn) > 2 else None,
         counted=verdicts(record),
-        groups=_grouped(record["claims"]),
+        groups=_group_claims(record["claims"]),
         table1=table1(record),
         table3=table3(record),
         models=[table(record) for table in MODEL_TABLES],
@@ -260,7 +260,7 @@ GROUPS = {
 ORDERING, FITTED = "ordering-", "ordering-fitted-"
 
 
-def _grouped(claims: list[Record]) -> list[tuple[str, list[dict[str, str]]]]:
+def _group_claims(claims: list[Record]) -> list[tuple[str, list[dict[str, str]]]]:
     """Claims by group, those of none at the end."""
     groups: dict[str, list[dict[str, str]]] = {group: [] for group in (*GROUPS, "Others")}
     for claim in claims:
@@ -279,7 +279,7 @@ def _seeds(claims: list[Record]) -> str:
     return f"{' · '.join(str(c['true_in']) for c in claims)} of {max(c['of'] for c in claims)}"
 
 
-def _kept(record: Record) -> str:
+def _describe_gains_kept(record: Record) -> str:
     gains = [number(gain["gain_kept"]["median"]) for gain in record["overfitting"].values()]
     return " · ".join(f"{percent(gain, 0)} %" for gain in gains if gain is not None)
 
@@ -292,32 +292,32 @@ def meaning(record: Record) -> list[str]:
     """Sentences on what the study shows: models and prediction, single stiffnesses, and the meter behind k7."""
     drawn, fitted = _orders(record)
     names = " · ".join(d["name"] for d in record["data"])
-    found = []
+    sentences = []
     if drawn and fitted:
-        found.append(
+        sentences.append(
             f"The order of the models, optimised before theoretical before rigid body, came out in {_seeds(drawn)} "
             f"seeds at {names}, and in {_seeds(fitted)} where the rigid body is fitted too; on the unseen curves the "
-            f"fit keeps {_kept(record)} of the gain that is possible."
+            f"fit keeps {_describe_gains_kept(record)} of the gain that is possible."
         )
     covered, intervals = _totals(record, "covered", "intervals")
     verdicts = [k["verdicts"] for k in record["table1"]]
     determined, judged = sum(v.get("determined", 0) for v in verdicts), sum(sum(v.values()) for v in verdicts)
-    found.append(
+    sentences.append(
         f"Single stiffnesses are another matter, since one curve determines mostly combinations of them: "
         f"{determined} of {judged} are determined, and {covered} of {intervals} intervals hold the bench's true value."
     )
-    return [*found, *_behind_k7(record)]
+    return [*sentences, *_behind_k7(record)]
 
 
 def _behind_k7(record: Record) -> list[str]:
     """Sentence on k7 without the meter and with the bench's meter in the model, beside the truth."""
     by_label = {m["label"]: m["stiffness"]["k7"]["median"] for m in record["meter"]}
     truth = next((k["truth"] for k in record["table1"] if k["symbol"] == "k7"), None)
-    without, known = (number(by_label.get(label)) for label in ("none", "known"))
-    if without is None or known is None or truth is None:
+    without, with_known_meter = (number(by_label.get(label)) for label in ("none", "known"))
+    if without is None or with_known_meter is None or truth is None:
         return []
-    texts = [significant(k, 3, PER_MICRON) for k in (without, known, truth)]
-    is_nearer = abs(known - truth) < abs(without - truth)
+    texts = [significant(k, 3, PER_MICRON) for k in (without, with_known_meter, truth)]
+    is_nearer = abs(with_known_meter - truth) < abs(without - truth)
     return [
         f"Without the rate meter in the model k7 comes to {texts[0]} N/µm, with it to {texts[1]}, and the truth is "
         f"{texts[2]}{': the delay of the meter sits in k7' if is_nearer else ''}."
@@ -333,7 +333,11 @@ def _tiles(record: Record) -> list[Tile]:
     order = [Tile("order of the models", _seeds(drawn), "seeds, as in the paper", worst)] if drawn else []
     return [
         *order,
-        Tile("unseen curves", _kept(record) or MISSING, f"of the gain kept at {' · '.join(record['overfitting'])}"),
+        Tile(
+            "unseen curves",
+            _describe_gains_kept(record) or MISSING,
+            f"of the gain kept at {' · '.join(record['overfitting'])}",
+        ),
         Tile("stiffnesses", f"{covered} of {intervals}", "intervals hold the truth"),
         Tile("claims", f"{always} of {len(claims)}", "of the paper's claims, true in every seed"),
     ]
@@ -353,9 +357,9 @@ def verdicts(record: Record) -> str:
             f"Of {len(claims)} claims of the paper {always} are true in every seed, {never} in none, "
             f"{len(claims) - always - never} in some. Fewer than {FEWEST} seeds cannot tell a claim from chance."
         )
-    found = [claim["verdict"] for claim in claims]
-    parts = [f"{found.count(v)} {words}" for v, words in _WORDS.items() if v in found]
-    return f"Of {len(found)} claims of the paper {listed(parts)} here."
+    verdict_of_claims = [claim["verdict"] for claim in claims]
+    parts = [f"{verdict_of_claims.count(v)} {words}" for v, words in _WORDS.items() if v in verdict_of_claims]
+    return f"Of {len(verdict_of_claims)} claims of the paper {listed(parts)} here."
 
 
 _WORDS = {"holds": "hold", "does not hold": "do not hold", "cannot be told": "cannot be told"}
@@ -428,10 +432,10 @@ def draw_plates(folder: Path) -> str:
 
 def make_plates(record: Record, traces: Traces) -> dict[str, bytes]:
     """Figures 4, 5 and 6 of the paper as SVG and PDF, by the names of their files."""
-    from commonrail.plugins.paper.plates import COLUMN, PAGE, printed, side_by_side, single
+    from commonrail.plugins.paper.plates import COLUMN, PAGE, print_sheets, side_by_side, single
 
     rates = figures.rates(record, traces)
-    return printed(
+    return print_sheets(
         {
             "fig4": lambda: single(figures.convergence(record), (COLUMN, 66.0)),
             "fig5": lambda: single(figures.search_boxes(record), (COLUMN, 66.0)),

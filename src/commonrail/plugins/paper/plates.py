@@ -67,14 +67,14 @@ def _sheet(size: tuple[float, float]) -> Sheet:
 
 def _entries(panels: Sequence[Axes]) -> tuple[list[Any], list[str]]:
     """Handles and texts of a legend, each text once."""
-    found: dict[str, Any] = {}
+    handles: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            found.setdefault(label, handle)
-    return list(found.values()), list(found)
+            handles.setdefault(label, handle)
+    return list(handles.values()), list(handles)
 
 
-def printed(sheets: Mapping[str, Callable[[], Sheet]]) -> dict[str, bytes]:
+def print_sheets(sheets: Mapping[str, Callable[[], Sheet]]) -> dict[str, bytes]:
     """Sheets by name, made in the style of print, as files NAME.svg and NAME.pdf that are the same whenever made."""
     with mpl.rc_context(_STYLE):
         drawn = {name: make() for name, make in sheets.items()}

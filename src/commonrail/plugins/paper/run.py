@@ -51,11 +51,11 @@ class Repetition:
     `space` and `rigid_space` have the bounds and ordering of k1…k7, and the bounds of the rigid body's stop and control
     volume. `rates` (3, samples) are simulated rates of injection [m³/s] by label of `LABELS`; NaN if the simulation
     failed. `best` is the search (70, 50) at 160 MPa; `table3` has each search at 160 MPa and the J (3,) of its best at
-    all pressures. `own` are searches (70, 50) on each of the validation curves, `rigid` is the rigid body fitted at 160
-    MPa. `random_j` (3, members) is J of random feasible stiffness: of the best search's first population. `identified`
-    is the certainty of each stiffness by the curve at 160 MPa, by name, as `certainty` records it; empty if no
-    simulation succeeded. `metered` has by label of `METERED` the search (70, 50) at 160 MPa with a meter, and the J
-    (3,) of its best.
+    all pressures. `own_curve_searches` has a search (70, 50) on each validation curve; `rigid` is the rigid body
+    fitted at 160 MPa. `random_j` (3, members) is J of random feasible stiffness: of the best search's first
+    population. `identified` is the certainty of each stiffness by the curve at 160 MPa, by name, as `certainty`
+    records it; empty if no simulation succeeded. `metered` has by label of `METERED` the search (70, 50) at 160 MPa
+    with a meter, and the J (3,) of its best.
     """
 
     seed: int
@@ -66,7 +66,7 @@ class Repetition:
     best: Found
     table3: dict[Configuration, tuple[Found, Floats]]
     treatments: dict[str, Found]
-    own: dict[str, Found]
+    own_curve_searches: dict[str, Found]
     rigid: Found
     random_j: Floats
     identified: dict[str, dict[str, Any]]
@@ -75,12 +75,12 @@ class Repetition:
     @property
     def searches(self) -> Iterator[Found]:
         """Every search once."""
-        for configuration, (found, _) in self.table3.items():
+        for configuration, (search, _) in self.table3.items():
             if configuration != paper.BEST:
-                yield found
+                yield search
         yield from self.treatments.values()  # with (70, 50)
-        yield from self.own.values()
-        yield from (found for found, _ in self.metered.values())
+        yield from self.own_curve_searches.values()
+        yield from (search for search, _ in self.metered.values())
         yield self.rigid
 
 
@@ -106,7 +106,7 @@ def repeat(bench: cr.lab.Bench, seed: int, after: Callable[[], None]) -> Repetit
         for c in paper.CONFIGURATIONS
     }
     treatments = {t.name: flexible.search(fit, t.settings, seed, after) for t in paper.TREATMENTS[1:]}
-    own = {d.name: flexible.search(d, paper.BEST.settings, seed, after) for d in data[1:]}
+    own_curve_searches = {d.name: flexible.search(d, paper.BEST.settings, seed, after) for d in data[1:]}
     rigid = stiff.search(fit, paper.RIGID_FIT, seed, after)
     optimal = np.array([paper.TABLE1_OPTIMAL[name] for name in flexible.space.names])
     shown = {
@@ -123,9 +123,9 @@ def repeat(bench: cr.lab.Bench, seed: int, after: Callable[[], None]) -> Repetit
         stiff.space,
         {label: model.rates(data, x) for label, (model, x) in shown.items()},
         best,
-        {c: (found, flexible.costs(data, found.x[None, :])[:, 0]) for c, found in configurations.items()},
+        {c: (search, flexible.costs(data, search.x[None, :])[:, 0]) for c, search in configurations.items()},
         {paper.TREATMENTS[0].name: best, **treatments},
-        own,
+        own_curve_searches,
         rigid,
         flexible.costs(data, best.members[0]),
         flexible.certainty(fit, best, seed) if np.isfinite(best.cost) else {},
@@ -139,16 +139,16 @@ def _with_meters(
     """Searches that see the simulation through the bench's own low-passes, and through a delay that is fitted too."""
     flexible, _ = _models(bench)
     free = flexible._replace(space=cr.fit.Space([*flexible.space.parameters, paper.DELAY], [paper.ORDER]))
-    known = bench.truth.rate_meter.as_meter(paper.METER)
-    for label, model, meter in (("known", flexible, known), ("delay", free, cr.Meter(paper.METER))):
+    true_meter = bench.truth.rate_meter.as_meter(paper.METER)
+    for label, model, meter in (("known", flexible, true_meter), ("delay", free, cr.Meter(paper.METER))):
         seen = [d.changed(meter=meter) for d in data]
-        found = model.search(seen[0], paper.BEST.settings, seed, after)
-        yield label, (found, model.costs(seen, found.x[None, :])[:, 0])
+        search = model.search(seen[0], paper.BEST.settings, seed, after)
+        yield label, (search, model.costs(seen, search.x[None, :])[:, 0])
 
 
 def measure(bench: cr.lab.Bench, seed: int) -> tuple[cr.RateData, ...]:
     """Synthetic measurement of one seed: curves at 160, 120 and 80 MPa with their rail pressure traces."""
-    found = []
+    curves = []
     for name, rail_pressure in paper.RAIL_PRESSURES.items():
         curve = cr.lab.bench_curve(bench.truth, bench.injector, rail_pressure, paper.ENERGISING_TIME, seed)
         bounds = np.concatenate(([0.0], curve.time))
@@ -156,8 +156,8 @@ def measure(bench: cr.lab.Bench, seed: int) -> tuple[cr.RateData, ...]:
         point = cr.OperatingPoint(rail, paper.ENERGISING_TIME, horizon=float(curve.time[-1]))
         role = cr.data.Role.FIT if name == paper.FIT else cr.data.Role.VALIDATION
         source = f"virtual test bench of commonrail, seed {seed}"
-        found.append(cr.RateData(name, role, point, bounds, curve.rate, 1.0, source, bench.truth.synthetic))
-    return tuple(found)
+        curves.append(cr.RateData(name, role, point, bounds, curve.rate, 1.0, source, bench.truth.synthetic))
+    return tuple(curves)
 
 
 def search(
@@ -198,15 +198,15 @@ class _Model(NamedTuple):
         best = optimiser.best
         return Found(best.x, best.cost, optimiser.counts, tuple(history), np.array(members), injections)
 
-    def certainty(self, data: cr.RateData, found: Found, seed: int) -> dict[str, dict[str, Any]]:
+    def certainty(self, data: cr.RateData, search: Found, seed: int) -> dict[str, dict[str, Any]]:
         """Interval, standard error and verdict of each free parameter by one curve, by the function of a run's report.
 
-        `found` is the end of the search on that curve, `seed` that of the measurement.
+        `search` is the end of the search on that curve, `seed` that of the measurement.
         """
         method = cr.fit.Method(paper.BEST.settings)
         study = cr.Study(data.name, self.injector, (data,), self.space, method, seed, self.time_step)
-        best = dict(zip(self.space.names, found.x.tolist(), strict=True))
-        return {one["name"]: one for one in cr.certainty(study, best, threads=1).record()["parameters"]}
+        best = dict(zip(self.space.names, search.x.tolist(), strict=True))
+        return {estimate["name"]: estimate for estimate in cr.certainty(study, best, threads=1).record()["parameters"]}
 
     def costs(self, data: Sequence[cr.RateData], x: Floats) -> Floats:
         """J of values (n, d) on each curve (curves, n)."""
@@ -284,11 +284,11 @@ def reproduce(
             "write commonrail.lab.Bench(truth, injector, time_step)."
         )
     start = time.perf_counter()
-    found = cr.lab.for_seeds(
+    repetitions = cr.lab.for_seeds(
         lambda seed, after: repeat(bench, seed, after),
         seeds,
         generations=generations_of_one(),
         threads=threads,
         progress=progress,
     )
-    return Reproduction(bench, found, len(seeds), time.perf_counter() - start)
+    return Reproduction(bench, repetitions, len(seeds), time.perf_counter() - start)

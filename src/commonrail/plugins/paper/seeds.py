@@ -10,7 +10,7 @@ from contextlib import suppress
 from contextvars import copy_context
 from typing import NamedTuple, TypeVar
 
-from commonrail.base.arguments import function, sequence, shown, thread_count, whole
+from commonrail.base.arguments import function, integer, sequence, shown, thread_count
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.hooks import StopRequest, held_interrupts
 from commonrail.engine.threads import usable_threads
@@ -65,7 +65,7 @@ def for_seeds(
     if not callable(search):
         raise ConfigurationError(f"The search must be a function of (seed, after), not {shown(search)}.")
     function(progress, "progress")
-    seeds = [whole(seed, "seed") for seed in sequence(seeds, "seeds", "[1, 2, 3]")]
+    seeds = [integer(seed, "seed") for seed in sequence(seeds, "seeds", "[1, 2, 3]")]
     if not seeds or len(set(seeds)) < len(seeds):
         raise ConfigurationError("The seeds must be at least one, each once.")
     start = time.perf_counter()
@@ -88,10 +88,10 @@ def for_seeds(
             counter.ended = True
             for future in futures:
                 future.cancel()
-    found = tuple(f.result() for f in futures if not f.cancelled() and f.exception() is None)
-    if not found:
+    results = tuple(f.result() for f in futures if not f.cancelled() and f.exception() is None)
+    if not results:
         raise KeyboardInterrupt
-    return found
+    return results
 
 
 class _Counter:

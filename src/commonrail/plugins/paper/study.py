@@ -101,8 +101,8 @@ def space(injector: cr.Injector) -> cr.fit.Space:
 
 def rigid_space(injector: cr.Injector) -> cr.fit.Space:
     """The search space of the rigid body's stop and control volume, around those of an injector."""
-    own = {name: injector.values[name] for name in RIGID_NAMES}
-    bounds = {name: (value / RIGID_RANGE, value * RIGID_RANGE) for name, value in own.items()}
+    nominal_values = {name: injector.values[name] for name in RIGID_NAMES}
+    bounds = {name: (value / RIGID_RANGE, value * RIGID_RANGE) for name, value in nominal_values.items()}
     return cr.fit.Space([_parameter(injector, name, bounds[name], "log") for name in RIGID_NAMES])
 
 

@@ -178,16 +178,18 @@ class PlanData(ToleratedData):
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
         """One term for each plan."""
-        return [term_of(d, partial(_values, d), partial(np.not_equal, OK), whole=d.whole) for d in group]
+        return [term_of(d, partial(_values, d), partial(np.not_equal, OK), to_horizon=d.to_horizon) for d in group]
 
     @property
-    def whole(self) -> bool:
+    def to_horizon(self) -> bool:
         """True if a test measures the return, which goes on beyond the end of injection."""
         return any(test.measure is Measure.RETURN for test in self.tests)
 
     def simulated(self, simulator: Simulator, values: Floats) -> Floats:
         """Quantities (candidates, tests) [m³]; NaN for a failed simulation, or a needle that never closes."""
-        return _values(self, simulator.batch(self.points, values, whole=self.whole), Candidates(simulator, values))
+        return _values(
+            self, simulator.batch(self.points, values, to_horizon=self.to_horizon), Candidates(simulator, values)
+        )
 
     def errors(self, values: Floats) -> Floats:
         """Distances of simulated values (…, n) in half bands, as `Bands.excess`, times `RESIDUAL`."""

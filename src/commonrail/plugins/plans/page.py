@@ -77,11 +77,11 @@ def _times(row: Record) -> str:
     return f"{first} + {last}, dwell {dwell}"
 
 
-def _cells(found: Record) -> Iterator[Cell]:
+def _cells(value_record: Record) -> Iterator[Cell]:
     """Quantity, and its distance with the sign of its state."""
-    yield Cell(fixed(found.get("value"), 2, MM3))
-    size = SMALL if found.get("state") == State.INSIDE.value else LARGE
-    yield Cell(signed(found.get("distance"), 2), size if found else "")
+    yield Cell(fixed(value_record.get("value"), 2, MM3))
+    size = SMALL if value_record.get("state") == State.INSIDE.value else LARGE
+    yield Cell(signed(value_record.get("distance"), 2), size if value_record else "")
 
 
 def plan_table(data: Record, texts: Texts) -> Table:
@@ -125,8 +125,8 @@ def plan_figure(data: Record, models: Models) -> Figure:
     )
 
 
-def _edged(found: Record) -> float | None:
-    distance = number(found.get("distance"))
+def _edged(value_record: Record) -> float | None:
+    distance = number(value_record.get("distance"))
     return None if distance is None else max(-WIDEST, min(WIDEST, distance))
 
 
@@ -138,10 +138,10 @@ def plan_lines(record: Record) -> list[str]:
     data = record["data"]
     rows = data["rows"]
     inside, rms = data["inside"][SIMULATED], fixed(data["rms"][SIMULATED], 2)
-    found = [(row, row["found"][SIMULATED]) for row in rows]
+    simulated_rows = [(row, row["found"][SIMULATED]) for row in rows]
     lines = [
         f"{record['injector']['name']}: {inside} of {counted(len(rows), 'test')} of {data['name']} inside the band"
-        f"{'' if rms == MISSING else f', rms {rms} half bands'}.{_outside(found)}"
+        f"{'' if rms == MISSING else f', rms {rms} half bands'}.{_outside(simulated_rows)}"
     ]
     if any(row["bench"] for row in rows):
         lines.append(part_verdict(rows)[1])
@@ -167,18 +167,22 @@ def note_without_rate(name: str, tests: Sequence[PlanTest]) -> None:
 
 def part_verdict(rows: Sequence[Record]) -> tuple[str, str]:
     """Word on the part that the bench measured, pass, fail or open, and the sentence that says it."""
-    found = [(row, row["bench"]) for row in rows if row["bench"]]
-    if outside := _outside(found):
+    measured_rows = [(row, row["bench"]) for row in rows if row["bench"]]
+    if outside := _outside(measured_rows):
         return "fail", f"The part fails.{outside}"
-    if len(found) < len(rows):
-        return "open", f"The part is inside in {counted(len(found), 'test')}; {len(rows) - len(found)} have no result."
+    if len(measured_rows) < len(rows):
+        return (
+            "open",
+            f"The part is inside in {counted(len(measured_rows), 'test')}; "
+            f"{len(rows) - len(measured_rows)} have no result.",
+        )
     return "pass", f"The part passes: all {counted(len(rows), 'test')} inside the band."
 
 
-def _outside(found: Sequence[tuple[Record, Record]]) -> str:
+def _outside(rows: Sequence[tuple[Record, Record]]) -> str:
     """Behind a sentence: the tests outside, with their distances."""
     texts = [
-        f"{test_name(row)} {f['state']} ({signed(f['distance'], 1)})" for row, f in found if f["state"] != State.INSIDE
+        f"{test_name(row)} {f['state']} ({signed(f['distance'], 1)})" for row, f in rows if f["state"] != State.INSIDE
     ]
     return f" Outside: {', '.join(texts)}." if texts else ""
 

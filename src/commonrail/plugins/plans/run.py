@@ -85,8 +85,8 @@ def _unit_hint(plan: TestPlan, score: PlanScore, pressures: tuple[Quantity, Quan
     at = [i for i, test in enumerate(plan.tests) if test.measure is Measure.DELIVERY]
     tests, values = [score.data.tests[i] for i in at], score.values[at]
 
-    def inside(found: Floats, own: Sequence[PlanTest]) -> int:
-        return sum(test.state(value) is State.INSIDE for test, value in zip(own, found.tolist(), strict=True))
+    def inside(quantities: Floats, tests: Sequence[PlanTest]) -> int:
+        return sum(test.state(value) is State.INSIDE for test, value in zip(tests, quantities.tolist(), strict=True))
 
     if len(at) < 2 or inside(values, tests):
         return ""

@@ -163,19 +163,21 @@ class TestPlan:
 
     def chosen(self, names: Sequence[str]) -> TestPlan:
         """The plan with some of its tests, by name; `ConfigurationError` if it has none of a name."""
-        known = [test.name for test in self.tests]
+        test_names = [test.name for test in self.tests]
         for name in sequence(names, "names of tests", '["VL"]'):
-            if name not in known:
-                there = f"it has {', '.join(known)}"
-                raise ConfigurationError(f"{self.name} has no test {shown(name)}{nearest(str(name), known)}; {there}.")
+            if name not in test_names:
+                hint = f"it has {', '.join(test_names)}"
+                raise ConfigurationError(
+                    f"{self.name} has no test {shown(name)}{nearest(str(name), test_names)}; {hint}."
+                )
         return replace(self, tests=tuple(test for test in self.tests if test.name in names))
 
     def at_stroke_rate(self, rate: Quantity | None) -> TestPlan:
         """The plan with a stroke rate [1/s] for the tests that state none."""
         if rate is None:
             return self
-        known = amount(rate, "1/s", "stroke rate", STROKE_RATES)
-        tests = (t if t.stroke_rate is not None else replace(t, stroke_rate=known) for t in self.tests)
+        default_rate = amount(rate, "1/s", "stroke rate", STROKE_RATES)
+        tests = (t if t.stroke_rate is not None else replace(t, stroke_rate=default_rate) for t in self.tests)
         return replace(self, tests=tuple(tests))
 
 
@@ -196,8 +198,8 @@ class Bands(NamedTuple):
 
     def distance(self, values: Floats) -> Floats:
         """Distances of quantities (…, n) from the middle in half bands: −1 and 1 at the limits."""
-        off = values - self.middle
-        return np.asarray(off / np.where(off < 0.0, self.below, self.above))
+        deviation = values - self.middle
+        return np.asarray(deviation / np.where(deviation < 0.0, self.below, self.above))
 
     def excess(self, values: Floats) -> Floats:
         """The same, but of a band with one limit only what is beyond it."""
@@ -262,10 +264,10 @@ def load_plan(path: str | PathLike[str], form: FileForm = PLAIN) -> TestPlan:
     sheet = open_sheet(path, form)
     optional = [column for column in has_columns(sheet, [*_NEEDED, *_OPTIONAL]) if column in _OPTIONAL]
     table = take_columns(sheet, [*_NEEDED, *optional], 1)
-    known = [column.name for column in (*_NEEDED, *_OPTIONAL)]
+    column_names = [column.name for column in (*_NEEDED, *_OPTIONAL)]
     for name in sheet.names:
-        if name not in (*known, *table.headings.values()):
-            note(f'{path}: the column "{name}" is none of a test plan and is not read{nearest(name, known)}.')
+        if name not in (*column_names, *table.headings.values()):
+            note(f'{path}: the column "{name}" is none of a test plan and is not read{nearest(name, column_names)}.')
     units = {name: unit for name, unit in table.units.items() if unit in ("m3", "kg")}
     for name, unit in units.items():
         if unit != next(iter(units.values())):
@@ -288,8 +290,8 @@ def _warn_of_unusual(table: Table, name: str) -> None:
     if len(outside):
         row = int(outside[0])
         usual = f"{to_text(low, unit)} to {to_text(high, unit)}" if low else f"at most {to_text(high, unit)}"
-        found = to_text(float(values[row]), unit)
-        note(f"{table.place(name, row)}: this is {found}, and {usual} is usual; check the unit of the column.")
+        value_text = to_text(float(values[row]), unit)
+        note(f"{table.place(name, row)}: this is {value_text}, and {usual} is usual; check the unit of the column.")
 
 
 def _test(table: Table, row: int) -> PlanTest:

@@ -69,10 +69,10 @@ class BenchOptions:
 
         check_report(report)
         tests = load_plan(self.tests, read_form(None, self.decimal, None, [self.tests]))
-        named = _read_part(self.part)
-        injector = with_overrides(named.injector, self.set_)
+        model = _read_part(self.part)
+        injector = with_overrides(model.injector, self.set_)
         refuse_return_pressure(injector)
-        cylinder, back = read_pressures(self.cylinder_pressure, self.return_pressure, named.folder, BENCH_PRESSURES)
+        cylinder, back = read_pressures(self.cylinder_pressure, self.return_pressure, model.folder, BENCH_PRESSURES)
         step = parse(self.time_step, "s", "--time-step")
         settings = {"cylinder_pressure": cylinder, "return_pressure": back, "time_step": step, "threads": self.threads}
         if stroke_rate is not None:

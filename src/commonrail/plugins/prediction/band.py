@@ -32,10 +32,10 @@ class Band(NamedTuple):
     @property
     def counted(self) -> Bools:
         """Values (n,) that are judged and have a band."""
-        found = self.data.judged & np.isfinite(self.values)
+        finite = self.data.judged & np.isfinite(self.values)
         for low, high in self.edges.values():
-            found = found & np.isfinite(low) & np.isfinite(high)
-        return np.asarray(found)
+            finite = finite & np.isfinite(low) & np.isfinite(high)
+        return np.asarray(finite)
 
     def covered(self, level: float) -> int:
         """Number of measured values inside the band of a level."""
@@ -54,8 +54,8 @@ class Band(NamedTuple):
         which = self.counted & (self.values > 0.0)
         if not which.any():
             return float("nan")
-        whole = self.values[which] if self.data.bounds is None else float(self.values[which].max())
-        return float(np.median(0.5 * (high - low)[which] / whole))
+        scale = self.values[which] if self.data.bounds is None else float(self.values[which].max())
+        return float(np.median(0.5 * (high - low)[which] / scale))
 
     def judgement(self, level: float, estimator: str) -> dict[str, Any]:
         """JSON-able record of the band of one level, as result.json keeps it for a data set.

@@ -24,21 +24,21 @@ def read_points(path: Path) -> list[tuple[float, float]]:
 
     Raises `InputError` if the file cannot be read, a column or unit is missing, or a cell is no positive number.
     """
-    wanted = [Column(RAIL, "Pa", domain=Domain.POSITIVE), Column(TIME, "s", domain=Domain.POSITIVE)]
-    columns = map_columns(path, wanted).columns
+    expected = [Column(RAIL, "Pa", domain=Domain.POSITIVE), Column(TIME, "s", domain=Domain.POSITIVE)]
+    columns = map_columns(path, expected).columns
     return list(zip(columns[RAIL].tolist(), columns[TIME].tolist(), strict=True))
 
 
-def write_bands(path: Path, found: Prediction) -> None:
+def write_bands(path: Path, prediction: Prediction) -> None:
     """Write a row for each predicted value: place, prediction, edges of the bands, and the measured value if any.
 
     Raises `OutputError` if it cannot be written.
     """
     head = ["data set", f"{RAIL} [MPa]", f"{TIME} [us]", "start [us]", "end [us]", "unit", "predicted"]
-    for level in found.levels:
+    for level in prediction.levels:
         head += [f"lower {100.0 * level:g} %", f"upper {100.0 * level:g} %"]
-    notes = ("predicted by commonrail, not measured", f"bands: {found.estimator}")
-    rows = (row for band in found.bands for row in _rows(band))
+    notes = ("predicted by commonrail, not measured", f"bands: {prediction.estimator}")
+    rows = (row for band in prediction.bands for row in _rows(band))
     write_csv(path, notes, [*head, "measured"], rows)
 
 

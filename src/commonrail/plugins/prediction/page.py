@@ -72,10 +72,12 @@ def points_table(record: Record) -> Table:
     return table_of("Predicted quantities", range(len(data["values"])), parts, f"Bands: {record['estimator']}.", 0)
 
 
-def prediction_html(found: Prediction, study: Study) -> str:
+def prediction_html(prediction: Prediction, study: Study) -> str:
     """Page of predictions for a study."""
-    tiles = [_tile(band, max(found.levels)) for band in found.bands[:TILES]]
-    return result_html("Predictions", study, _lines(found), tiles, prediction_figures(found), _tables(found))
+    tiles = [_tile(band, max(prediction.levels)) for band in prediction.bands[:TILES]]
+    return result_html(
+        "Predictions", study, _lines(prediction), tiles, prediction_figures(prediction), _tables(prediction)
+    )
 
 
 def _tile(band: Band, level: float) -> Tile:
@@ -87,10 +89,10 @@ def _tile(band: Band, level: float) -> Tile:
     return Tile(head, f"± {fixed(band.half_width(level), 1, 100.0)} %", words)
 
 
-def prediction_figures(found: Prediction) -> list[Chart]:
+def prediction_figures(prediction: Prediction) -> list[Chart]:
     """Each data set with its widest band: rates over time, quantities over energising time by rail pressure."""
-    level = max(found.levels)
-    return [figure for band in found.bands if (figure := _figure(band, level))]
+    level = max(prediction.levels)
+    return [figure for band in prediction.bands if (figure := _figure(band, level))]
 
 
 def _figure(band: Band, level: float) -> Figure | None:
@@ -110,14 +112,14 @@ def _figure(band: Band, level: float) -> Figure | None:
         rows = group[np.argsort(x[group])]
         if len(np.unique(x[rows])) < len(rows):
             return None
-        own, step = points(x[rows]), (family, len(groups)) if mode == MARKERS else ()
+        colour_group, step = points(x[rows]), (family, len(groups)) if mode == MARKERS else ()
         low, high = (points(unit.factor * edge[rows]) for edge in band.edges[level])
-        bands.append(Area("best", own, low, high, *step))
+        bands.append(Area("best", colour_group, low, high, *step))
         if band.measured:
             measured = np.asarray(data.measured, float)[rows]
-            series.append(Series("", "measured", own, points(unit.factor * measured), mode, *step))
+            series.append(Series("", "measured", colour_group, points(unit.factor * measured), mode, *step))
         label = pressure(rails[rows[0]]) if mode == MARKERS else "predicted"
-        series.append(Series(label, "best", own, points(unit.factor * band.values[rows]), LINES, *step))
+        series.append(Series(label, "best", colour_group, points(unit.factor * band.values[rows]), LINES, *step))
     caption = f"Lines: predicted; shaded: {fixed(level, 0, 100.0)} % band of measured values."
     if band.measured:
         caption += f" {name}: {origin_of({'synthetic': data.synthetic})}."
@@ -125,35 +127,39 @@ def _figure(band: Band, level: float) -> Figure | None:
     return Figure(data.name, caption, axis, (panel,))
 
 
-def _lines(found: Prediction) -> list[str]:
+def _lines(prediction: Prediction) -> list[str]:
     """Number of predicted values and measured ones inside, and the estimator."""
-    levels = " and ".join(fixed(level, 0, 100.0) for level in found.levels)
-    sets = [f"{counted(len(band.values), 'value')} of {band.data.name}" for band in found.bands[:4]]
-    more = ", …" if len(found.bands) > 4 else ""
-    return [f"{', '.join(sets)}{more} with bands of {levels} %", f"Bands: {found.estimator}."]
+    levels = " and ".join(fixed(level, 0, 100.0) for level in prediction.levels)
+    sets = [f"{counted(len(band.values), 'value')} of {band.data.name}" for band in prediction.bands[:4]]
+    more = ", …" if len(prediction.bands) > 4 else ""
+    return [f"{', '.join(sets)}{more} with bands of {levels} %", f"Bands: {prediction.estimator}."]
 
 
-def _tables(found: Prediction) -> list[Table]:
+def _tables(prediction: Prediction) -> list[Table]:
     """Predicted quantities of operating points, or how many measured values the bands hold."""
-    record = found.record()
-    return [coverage_table(record) if any(band.measured for band in found.bands) else points_table(record)]
+    record = prediction.record()
+    return [coverage_table(record) if any(band.measured for band in prediction.bands) else points_table(record)]
 
 
-def _arrays(found: Prediction) -> Arrays:
+def _arrays(prediction: Prediction) -> Arrays:
     """Predicted values with the edges of their bands; a column names the unit where it is not that of all."""
-    units = {band.data.unit for band in found.bands}
+    units = {band.data.unit for band in prediction.bands}
     axis = ("value",)
-    parts = [_columns(band, found.levels) for band in found.bands]
-    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    parts = [_columns(band, prediction.levels) for band in prediction.bands]
+    joined = {name: np.concatenate([columns_of_band[name] for columns_of_band in parts]) for name in parts[0]}
     unit = units.pop() if len(units) == 1 else ""
     values = {
-        "data_set": Array(axis, np.repeat([b.data.name for b in found.bands], [len(b.values) for b in found.bands]))
+        "data_set": Array(
+            axis, np.repeat([b.data.name for b in prediction.bands], [len(b.values) for b in prediction.bands])
+        )
     }
     for name, column in joined.items():
-        own = {"rail_pressure": "Pa", "energising_time": "s", "start": "s", "end": "s"}.get(name, unit)
-        values[name] = in_common_unit(axis, column, own) if own else Array(axis, column)
+        column_unit = {"rail_pressure": "Pa", "energising_time": "s", "start": "s", "end": "s"}.get(name, unit)
+        values[name] = in_common_unit(axis, column, column_unit) if column_unit else Array(axis, column)
     if not unit:
-        names = np.repeat([band.data.unit for band in found.bands], [len(band.values) for band in found.bands])
+        names = np.repeat(
+            [band.data.unit for band in prediction.bands], [len(band.values) for band in prediction.bands]
+        )
         values["unit"] = Array(axis, names)
     return Arrays({"value": Array(axis, np.arange(len(joined["predicted"])))}, values, "Predictions with bands")
 
@@ -161,11 +167,11 @@ def _arrays(found: Prediction) -> Arrays:
 def _columns(band: Band, levels: Sequence[float]) -> dict[str, Floats]:
     """Place, prediction, edges and measured value of each value of a data set, SI."""
     data, size = band.data, len(band.values)
-    own = data.points if data.bounds is None else [data.points[0]] * size
+    row_points = data.points if data.bounds is None else [data.points[0]] * size
     nothing = np.full(size, np.nan)
     columns = {
-        "rail_pressure": np.array([point.initial_pressures()[0] for point in own]),
-        "energising_time": np.array([point.pulses[0].duration if point.pulses else 0.0 for point in own]),
+        "rail_pressure": np.array([point.initial_pressures()[0] for point in row_points]),
+        "energising_time": np.array([point.pulses[0].duration if point.pulses else 0.0 for point in row_points]),
         "start": nothing if data.bounds is None else np.asarray(data.bounds[:-1]),
         "end": nothing if data.bounds is None else np.asarray(data.bounds[1:]),
         "predicted": np.where(data.judged, band.values, nothing),  # a dead time is no quantity

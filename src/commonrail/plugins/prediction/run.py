@@ -73,8 +73,8 @@ class Prediction(Shown):
             "levels": list(self.levels),
             "estimator": self.estimator,
             "scatter": {
-                kind: {"factor": one.factor, "calibration": one.calibration, "left_out": one.left_out}
-                for kind, one in self.scatter.items()
+                kind: {"factor": scatter.factor, "calibration": scatter.calibration, "left_out": scatter.left_out}
+                for kind, scatter in self.scatter.items()
             },
             "data": [band.record() for band in self.bands],
         }
@@ -91,8 +91,8 @@ class _Fit(NamedTuple):
 
     def scatter_about(self, data: DataSet) -> Scatter:
         """Scatter of the measured values of a data set: a fitted curve has its own, all others that of their kind."""
-        own = self.curves.get(data.name) if data.role is Role.FIT else None
-        return self.scatter[data.kind] if own is None else own
+        of_curve = self.curves.get(data.name) if data.role is Role.FIT else None
+        return self.scatter[data.kind] if of_curve is None else of_curve
 
 
 def predict(
@@ -129,11 +129,11 @@ def predict(
         If the best values cannot be simulated.
     """
     instance(study, Study, "study")
-    wanted = instances(points, OperatingPoint, "points")
+    requested = instances(points, OperatingPoint, "points")
     shares = tuple(fraction(level, "level") for level in levels)
     if not shares:
         raise ConfigurationError("levels must be shares between 0 and 1, such as (0.5, 0.9).")
-    sets: Sequence[DataSet] = [_asked(study, wanted)] if wanted else study.data
+    sets: Sequence[DataSet] = [_asked(study, requested)] if requested else study.data
     threads = thread_count(threads)
     if draws is None:
         fit = _fit_at(study, best, threads)
@@ -141,7 +141,7 @@ def predict(
         fit = _fit(
             study, _estimated(study, best, threads), study.space.point(best), array(draws, "1", "draws", 2), threads
         )
-    bands = [_band(data, fit, shares, not wanted) for data in sets]
+    bands = [_band(data, fit, shares, not requested) for data in sets]
     return Prediction(bands, shares, _label(fit, bands), fit.scatter)
 
 
@@ -153,7 +153,7 @@ def predict_rate(
     `best` as for `predict`; `bounds` (n + 1,): of the samples [s]. Errors are those of `predict`; a study that fits no
     injection curve is refused.
     """
-    curves = [one for one in of_role(study.data, Role.FIT) if type(one) is RateData]
+    curves = [curve for curve in of_role(study.data, Role.FIT) if type(curve) is RateData]
     if not curves:
         raise ConfigurationError(f"{study.title}: no injection curve is fitted, so nothing is known of its scatter.")
     data = replace(
@@ -206,20 +206,21 @@ def assessed_bands(
     return {name: band.judgement(LEVEL, _label(fit, [band])) for name, band in bands.items()}
 
 
-def _fit(study: Study, found: Estimate, point: Floats, draws: Floats, threads: int | None) -> _Fit:
+def _fit(study: Study, estimate: Estimate, point: Floats, draws: Floats, threads: int | None) -> _Fit:
     fitted = in_order(of_role(study.data, Role.FIT))
     simulator = Simulator(study.injector, study.space.names, study.time_step, threads, same_bits=study.same_bits)
     points = np.vstack([point, draws[:: max(len(draws) // DRAWS, 1)]])
-    return _Fit(simulator, found, points, scatter_of(found, fitted), curve_scatter(found, fitted))
+    return _Fit(simulator, estimate, points, scatter_of(estimate, fitted), curve_scatter(estimate, fitted))
 
 
 def _label(fit: _Fit, bands: Sequence[Band]) -> str:
     """Name of the estimator of bands."""
     kinds = {band.data.kind for band in bands}
     label = "draws from the posterior; noise and discrepancy included"
-    scaled = [one for kind, one in fit.scatter.items() if kind in kinds and one.left_out]
+    scaled = [scatter for kind, scatter in fit.scatter.items() if kind in kinds and scatter.left_out]
     if scaled:
-        label += f", scaled by the predictions of {sum(one.left_out for one in scaled)} fitted values held out in turn"
+        left_out = sum(scatter.left_out for scatter in scaled)
+        label += f", scaled by the predictions of {left_out} fitted values held out in turn"
     return label + _beyond(fit, bands)
 
 
@@ -236,8 +237,8 @@ def _is_beyond(fit: _Fit, data: DataSet) -> Bools:
     fitted = [block.places[:, 0] for block in fit.estimate.likelihood.blocks if not block.ordered]
     if data.bounds is not None or not fitted:
         return np.zeros(len(data.measured), bool)
-    times, known = coordinates_of(data)[:, 0], np.concatenate(fitted)
-    return np.asarray((times < known.min() * (1.0 - SAME)) | (times > known.max() * (1.0 + SAME)))
+    times, fitted_times = coordinates_of(data)[:, 0], np.concatenate(fitted)
+    return np.asarray((times < fitted_times.min() * (1.0 - SAME)) | (times > fitted_times.max() * (1.0 + SAME)))
 
 
 def _widened(edges: Mapping[float, Edges], values: Floats, beyond: Bools) -> dict[float, Edges]:
@@ -251,7 +252,7 @@ def _widened(edges: Mapping[float, Edges], values: Floats, beyond: Bools) -> dic
 
 def _asked(study: Study, points: Sequence[OperatingPoint]) -> QuantityData:
     """Quantities at operating points, as a map of the study without measured values."""
-    maps = [one for one in of_role(study.data, Role.FIT) if type(one) is QuantityData]
+    maps = [data for data in of_role(study.data, Role.FIT) if type(data) is QuantityData]
     if not maps:
         raise ConfigurationError(
             f"{study.title}: no quantity map is fitted, so nothing is known of how far measured quantities lie from "

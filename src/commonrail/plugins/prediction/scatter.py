@@ -49,7 +49,7 @@ class LeftOut(NamedTuple):
     freedom: float  # degrees of freedom of their mean square (Satterthwaite): they are correlated
 
 
-def left_out(found: Estimate, rows: IndexArray) -> LeftOut:
+def left_out(estimate: Estimate, rows: IndexArray) -> LeftOut:
     """Values held out one at a time, by the linear model about the estimate and without a further simulation.
 
     With the influence H of the fit, courses that values are off by together among what is fitted, the error of the
@@ -57,20 +57,20 @@ def left_out(found: Estimate, rows: IndexArray) -> LeftOut:
 
     `rows` (m,): rows of the residuals.
     """
-    d, pairs = len(found.unit), zip(found.likelihood.blocks, found.likelihood.noises, strict=True)
-    courses = [spread(block, noise.courses.reshape(-1, block.size), found.likelihood.size) for block, noise in pairs]
-    plain = [replace(noise, courses=np.empty((0, 0))) for noise in found.likelihood.noises]
-    likelihood = found.likelihood.with_noises(plain)
-    innovations = likelihood.whiten(found.errors)
+    d, pairs = len(estimate.unit), zip(estimate.likelihood.blocks, estimate.likelihood.noises, strict=True)
+    courses = [spread(block, noise.courses.reshape(-1, block.size), estimate.likelihood.size) for block, noise in pairs]
+    plain = [replace(noise, courses=np.empty((0, 0))) for noise in estimate.likelihood.noises]
+    likelihood = estimate.likelihood.with_noises(plain)
+    innovations = likelihood.whiten(estimate.errors)
     robust = np.sqrt(weights_of(likelihood, innovations))
-    wide = np.vstack([found.slopes, *courses])
+    wide = np.vstack([estimate.slopes, *courses])
     tangents = robust * likelihood.whiten(wide)
-    prior_slopes = prior_slopes_at(likelihood, found.unit)
-    held = np.eye(len(wide))
-    held[:d, :d] = prior_slopes.T @ prior_slopes
+    prior_slopes = prior_slopes_at(likelihood, estimate.unit)
+    prior_information = np.eye(len(wide))
+    prior_information[:d, :d] = prior_slopes.T @ prior_slopes
     force = tangents @ (robust * innovations)
-    force[:d] += prior_slopes.T @ likelihood.priors.residuals(likelihood.space.from_unit(found.unit[None]))[0]
-    inverse = np.linalg.pinv(tangents @ tangents.T + held, hermitian=True)
+    force[:d] += prior_slopes.T @ likelihood.priors.residuals(likelihood.space.from_unit(estimate.unit[None]))[0]
+    inverse = np.linalg.pinv(tangents @ tangents.T + prior_information, hermitian=True)
     rest = (robust * innovations - (inverse @ force) @ tangents)[rows]
     seen = tangents[:, rows]
     left = np.eye(len(rows)) - seen.T @ inverse @ seen
@@ -80,23 +80,24 @@ def left_out(found: Estimate, rows: IndexArray) -> LeftOut:
     return LeftOut(rest[free] / root, float(np.count_nonzero(free) ** 2 / max(float(np.sum(related**2)), 1e-300)))
 
 
-def _noises(found: Estimate, fitted: Sequence[DataSet]) -> list[FittedNoise]:
+def _noises(estimate: Estimate, fitted: Sequence[DataSet]) -> list[FittedNoise]:
     """Noises whose scales are no smaller than stated tolerances, of data with too few values to hold out.
 
     `fitted`: in the order of the blocks.
     """
     few = [
-        data.discrepancy(data.measured) is not None and len(_rows(found, fitted, data.kind)) < LEAST for data in fitted
+        data.discrepancy(data.measured) is not None and len(_rows(estimate, fitted, data.kind)) < LEAST
+        for data in fitted
     ]
     return [
-        replace(noise, scale=1.0 / noise.density.deviation, freedom=np.inf, known=True)
-        if low and not noise.known and noise.sigma < 1.0
+        replace(noise, scale=1.0 / noise.density.deviation, freedom=np.inf, stated=True)
+        if low and not noise.stated and noise.sigma < 1.0
         else noise
-        for low, noise in zip(few, found.likelihood.noises, strict=True)
+        for low, noise in zip(few, estimate.likelihood.noises, strict=True)
     ]
 
 
-def scatter_of(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
+def scatter_of(estimate: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
     """Scatter of each kind of data: that of the fitted set that scatters most, judged by the values held out.
 
     Where none are, residuals that exceed a stated noise, or that of repeated shots, count in its place: the model's
@@ -104,68 +105,70 @@ def scatter_of(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]
 
     `fitted`: in the order of the blocks.
     """
-    found = replace(found, likelihood=found.likelihood.with_noises(_noises(found, fitted)))
+    estimate = replace(estimate, likelihood=estimate.likelihood.with_noises(_noises(estimate, fitted)))
     scatter: dict[str, Scatter] = {}
     levels: dict[str, Scatter] = {}  # where residuals exceed a noise that is not estimated from them, they count
     tails: dict[str, float] = {}  # errors are weighted as their law asks: their mean square is of its scale
     for i, data in enumerate(fitted):
-        one, level = _of_set(found, i, data)
-        tail = TAILS.get(found.likelihood.noises[i].law, np.inf)
+        of_set, level = _of_set(estimate, i, data)
+        tail = TAILS.get(estimate.likelihood.noises[i].law, np.inf)
         tails[data.kind] = min(tail, tails.get(data.kind, np.inf))
-        _keep_larger(scatter, data.kind, one)
+        _keep_larger(scatter, data.kind, of_set)
         _keep_larger(levels, data.kind, level)
-    for kind, one in scatter.items():
+    for kind, of_set in scatter.items():
         scatter[kind] = levels[kind]
-        rows = _rows(found, fitted, kind)
-        judged = left_out(found, rows) if len(rows) >= LEAST else None
+        rows = _rows(estimate, fitted, kind)
+        judged = left_out(estimate, rows) if len(rows) >= LEAST else None
         if judged is not None and len(judged.errors) >= LEAST:
             size, freedom = float(np.sqrt(np.mean(judged.errors**2))), min(judged.freedom, tails[kind])
-            scatter[kind] = one._replace(calibration=size, freedom=freedom, left_out=len(judged.errors))
+            scatter[kind] = of_set._replace(calibration=size, freedom=freedom, left_out=len(judged.errors))
     return scatter
 
 
-def curve_scatter(found: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
+def curve_scatter(estimate: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
     """Scatter of each fitted curve by its name: its own, which for a mean of many strokes is that of the mean.
 
     `fitted`: in the order of the blocks.
     """
-    blocks = found.likelihood.blocks
-    return {data.name: _of_set(found, i, data)[1] for i, data in enumerate(fitted) if blocks[i].ordered}
+    blocks = estimate.likelihood.blocks
+    return {data.name: _of_set(estimate, i, data)[1] for i, data in enumerate(fitted) if blocks[i].ordered}
 
 
-def _of_set(found: Estimate, index: int, data: DataSet) -> tuple[Scatter, Scatter]:
+def _of_set(estimate: Estimate, index: int, data: DataSet) -> tuple[Scatter, Scatter]:
     """Scatter of a data set by its noise, and the larger one of its residuals where these exceed a known noise.
 
     `index`: of the block.
     """
-    noise, block = found.likelihood.noises[index], found.likelihood.blocks[index]
+    noise, block = estimate.likelihood.noises[index], estimate.likelihood.blocks[index]
     extra = block.noise.discrepancy if block.noise.length else 0.0
     tail = TAILS.get(noise.law, np.inf)
-    one = Scatter(
+    of_noise = Scatter(
         float(np.hypot(noise.value_scale, extra)) / data.residual_scale,
         min(noise.freedom, tail),
         least=noise.growth.least,
         slope=noise.growth.slope * data.residual_scale,
         share=float(np.hypot(noise.share, noise.scatter)),
     )
-    if not (noise.known or block.shots is not None):
-        return one, one
-    errors = found.errors[block.rows] / noise.growth.shape
-    freedom = max(sample_count(errors) - float(found.covariance.used[index]), 1.0)
+    if not (noise.stated or block.shots is not None):
+        return of_noise, of_noise
+    errors = estimate.errors[block.rows] / noise.growth.shape
+    freedom = max(sample_count(errors) - float(estimate.covariance.used[index]), 1.0)
     level = scale_of(noise.law, errors, freedom) / data.residual_scale
-    return one, one if level <= one.factor else one._replace(factor=level, freedom=min(freedom, tail))
+    return of_noise, of_noise if level <= of_noise.factor else of_noise._replace(
+        factor=level, freedom=min(freedom, tail)
+    )
 
 
-def _keep_larger(scatter: dict[str, Scatter], kind: str, one: Scatter) -> None:
-    if kind not in scatter or scatter[kind].factor < one.factor:
-        scatter[kind] = one
+def _keep_larger(scatter: dict[str, Scatter], kind: str, candidate: Scatter) -> None:
+    if kind not in scatter or scatter[kind].factor < candidate.factor:
+        scatter[kind] = candidate
 
 
-def _rows(found: Estimate, fitted: Sequence[DataSet], kind: str) -> IndexArray:
+def _rows(estimate: Estimate, fitted: Sequence[DataSet], kind: str) -> IndexArray:
     """Rows of the residuals that are values of a kind that is no course in time."""
     rows = [
         np.arange(block.rows.start, block.rows.stop)[data.judged]
-        for data, block in zip(fitted, found.likelihood.blocks, strict=True)
+        for data, block in zip(fitted, estimate.likelihood.blocks, strict=True)
         if data.kind == kind and not block.ordered
     ]
     return np.concatenate(rows) if rows else np.zeros(0, dtype=np.intp)

@@ -72,12 +72,12 @@ def predict(
     points = _points(study, (rail_pressure, energising_time, from_), (cylinder_pressure, return_pressure))
     draws = read_draws(run, study.space.names) if (run / DRAWS).is_file() else None
     say(SIMULATING)
-    found = run_prediction(study, best, points, draws=draws, threads=threads)
+    prediction = run_prediction(study, best, points, draws=draws, threads=threads)
     if out is not None:
-        write_bands(out, found)
+        write_bands(out, prediction)
     if report is not None:
-        write_text(report, prediction_html(found, study))
-    record = found.record()
+        write_text(report, prediction_html(prediction, study))
+    record = prediction.record()
     if json:
         print_json({"kind": "prediction", "run": str(run), "file": str(out) if out else None, **record})
         return
@@ -87,13 +87,13 @@ def predict(
 
 
 def _points(
-    study: Study, wanted: tuple[str | None, str | None, Path | None], pressures: tuple[str | None, str | None]
+    study: Study, options: tuple[str | None, str | None, Path | None], pressures: tuple[str | None, str | None]
 ) -> list[OperatingPoint]:
     """Operating points that are asked for; none for the data of the study."""
     from commonrail.engine.operating_point import OperatingPoint
     from commonrail.plugins.prediction.file import read_points
 
-    rails, times, file = wanted
+    rails, times, file = options
     if file is not None and (rails or times):
         raise InputError("--from: give either a file of operating points or --rail-pressure and --energising-time.")
     if (rails is None) is not (times is None):

@@ -110,12 +110,12 @@ def sobol_indices(y: Floats, rng: np.random.Generator, resamples: int, confidenc
     if used.min() < FEWEST or float(np.nanstd(y)) <= CONSTANT * max(abs(centre), 1e-300):
         return None
     ends = np.hstack([a, b])
-    there = np.where(np.isfinite(ends), 1.0, np.nan)
+    present = np.where(np.isfinite(ends), 1.0, np.nan)
     n, d = ab.shape
 
     def estimates(weights: Floats) -> Floats:
         """Indices (resamples, 2 d) of weighted base points."""
-        count, total, squares = (weights @ np.nansum(each, axis=1) for each in (there, ends, ends**2))
+        count, total, squares = (weights @ np.nansum(each, axis=1) for each in (present, ends, ends**2))
         variance = squares / count - (total / count) ** 2
         return np.asarray(_means(weights, terms) / variance[:, None])
 
@@ -162,12 +162,12 @@ def morris_effects(
 
 
 def _means(weights: Floats, columns: Floats) -> Floats:
-    """Weighted means (resamples, columns) of what is there."""
-    there = np.isfinite(columns)
-    sums = weights @ np.where(there, columns, 0.0)
-    if there.all():
+    """Weighted means (resamples, columns) of the finite values."""
+    present = np.isfinite(columns)
+    sums = weights @ np.where(present, columns, 0.0)
+    if present.all():
         return np.asarray(sums / weights.sum(axis=1)[:, None])
-    counts = weights @ there.astype(float)
+    counts = weights @ present.astype(float)
     return np.asarray(np.divide(sums, counts, out=np.full(sums.shape, np.nan), where=counts > 0.0))
 
 
@@ -175,11 +175,11 @@ def _percentiles(
     estimates: Callable[[Floats], Floats], n: int, rng: np.random.Generator, resamples: int, confidence: float
 ) -> tuple[Floats, Floats]:
     """Lower and upper ends of the bootstrap's intervals."""
-    found = []
+    resampled = []
     for first in range(0, resamples, AT_A_TIME):
         count = min(AT_A_TIME, resamples - first)
         drawn = rng.integers(0, n, (count, n)) + n * np.arange(count)[:, None]
-        found.append(estimates(np.bincount(drawn.ravel(), minlength=count * n).reshape(count, n).astype(float)))
+        resampled.append(estimates(np.bincount(drawn.ravel(), minlength=count * n).reshape(count, n).astype(float)))
     tail = 50.0 * (1.0 - confidence)
-    low, high = np.nanpercentile(np.concatenate(found), [tail, 100.0 - tail], axis=0)
+    low, high = np.nanpercentile(np.concatenate(resampled), [tail, 100.0 - tail], axis=0)
     return low, high

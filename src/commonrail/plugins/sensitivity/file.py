@@ -15,7 +15,7 @@ from commonrail.plugins.sensitivity.study import Output
 
 
 class Range(NamedTuple):
-    """Range of a parameter [SI], as of a `Parameter`."""
+    """Range of a parameter [SI], see `Parameter`."""
 
     name: str
     unit: str
@@ -152,7 +152,7 @@ class Sensitivity(Shown):
         return rows
 
     def record(self) -> dict[str, Any]:
-        """JSON-able form, SI; what does not exist is None."""
+        """JSON-able form, SI; absent values are None."""
         return record_of("sensitivity", self)
 
 

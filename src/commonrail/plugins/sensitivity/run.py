@@ -41,7 +41,7 @@ from commonrail.plugins.sensitivity.study import (
     Features,
     Model,
     Output,
-    joined,
+    join_models,
     misfit_model,
     read_features,
     reason,
@@ -101,7 +101,9 @@ def sensitivity(
         If a simulation failed and the policy refuses that, or the injector itself cannot be simulated.
     """
     instance(of, Injector | Study, "subject of the study")
-    how = instance(settings, SensitivitySettings, "settings") if settings is not None else SensitivitySettings()
+    settings_read = (
+        instance(settings, SensitivitySettings, "settings") if settings is not None else SensitivitySettings()
+    )
     study = of if isinstance(of, Study) else None
     injector = of.injector if isinstance(of, Study) else of
     if parameters is None:
@@ -112,8 +114,8 @@ def sensitivity(
         parameters = study.space.parameters
     space = Space(instances(parameters, Parameter, "parameters"))
     _check(space, injector, study)
-    step = check_step(how.time_step or (study and study.time_step) or DEFAULT_STEP)
-    computing = Computing(step, thread_count(threads), how.precision)
+    step = check_step(settings_read.time_step or (study and study.time_step) or DEFAULT_STEP)
+    computing = Computing(step, thread_count(threads), settings_read.precision)
     models: list[Model] = [misfit_model(_objective(study, space, computing))] if study else []
     if instances(points, OperatingPoint, "points"):
         models.append(Features(injector, space.names, points, read_features(features), computing).model)
@@ -126,9 +128,11 @@ def sensitivity(
     title = study.title if study else injector.title
     notes = (CONSTRAINTS,) if study and study.space.constrained else ()
     return study_of_model(
-        joined(models),
+        join_models(models),
         space,
-        Sensitivity(title, injector.name, synthetic, tuple(map(Range.of, space.parameters)), how, notes=notes),
+        Sensitivity(
+            title, injector.name, synthetic, tuple(map(Range.of, space.parameters)), settings_read, notes=notes
+        ),
         function(progress, "progress"),
     )
 
@@ -147,7 +151,7 @@ def _check(space: Space, injector: Injector, study: Study | None) -> None:
 
 
 def _objective(study: Study, space: Space, computing: Computing) -> Objective:
-    """J of the fitted data, without the priors: they are not a part of what was measured."""
+    """J of the fitted data, without the priors, which are not measured."""
     return Objective(
         study.injector,
         space.names,
@@ -164,38 +168,38 @@ def study_of_model(
     model: Model, space: Space, empty: Sensitivity, progress: Callable[[Progress], None] | None = None
 ) -> Sensitivity:
     """Sensitivity of any model's outputs to parameters in the ranges of a space, put into an empty result."""
-    begin, how = time.perf_counter(), empty.settings
-    designing, resampling = (np.random.default_rng(s) for s in np.random.SeedSequence(how.seed).spawn(2))
-    design = _designed(how, space.dimension, designing)
+    begin, settings = time.perf_counter(), empty.settings
+    designing, resampling = (np.random.default_rng(s) for s in np.random.SeedSequence(settings.seed).spawn(2))
+    design = _make_design(settings, space.dimension, designing)
     centre = space.to_unit(space.reference)
     cross = one_at_a_time(centre)
     total = design.shape[0] * design.shape[1] + len(cross)
     # the reference has its values without rounding
     about = model.evaluate(np.where(cross == centre, space.reference, space.from_unit(cross)))
-    found, away = _evaluated(
+    evaluated, away = _evaluate_design(
         model, space, design, lambda done: progress and progress(Progress(done + len(cross), total))
     )
     results = []
     for k, output in enumerate(model.outputs):
-        failed = _failed(found.codes[:, k], away[k], space)
-        _refuse_failed(how, output, failed)
+        failed = _count_failed(evaluated.codes[:, k], away[k], space)
+        _refuse_failed(settings, output, failed)
         estimated: Indices | Effects | None = None
-        if failed.share <= how.most_failed:
-            y = found.values[:, k].reshape(design.shape)
-            drawing = np.random.default_rng(resampling.integers(2**63)), how.resamples, how.confidence
-            morris = how.design is Design.MORRIS
+        if failed.share <= settings.most_failed:
+            y = evaluated.values[:, k].reshape(design.shape)
+            drawing = np.random.default_rng(resampling.integers(2**63)), settings.resamples, settings.confidence
+            morris = settings.design is Design.MORRIS
             estimated = morris_effects(design.points, y, *drawing) if morris else sobol_indices(y, *drawing)
         ends = _ends(about.values[:, k], about.codes[:, k])
-        results.append(_sensitivity(output, ends, failed, estimated, space.names, how.most_failed))
+        results.append(_sensitivity(output, ends, failed, estimated, space.names, settings.most_failed))
     seconds = time.perf_counter() - begin
     return replace(empty, outputs=tuple(results), injections=total * model.injections, seconds=seconds)
 
 
-def _designed(how: SensitivitySettings, dimension: int, rng: np.random.Generator) -> _Design:
-    samples, each = how.samples, dimension + (1 if how.design is Design.MORRIS else 2)
+def _make_design(settings: SensitivitySettings, dimension: int, rng: np.random.Generator) -> _Design:
+    samples, each = settings.samples, dimension + (1 if settings.design is Design.MORRIS else 2)
     share = max(AT_A_TIME // each, 1)
     firsts = range(0, samples, share)
-    if how.design is Design.MORRIS:
+    if settings.design is Design.MORRIS:
         paths = trajectories(dimension, samples, rng)
         return _Design((paths[i : i + share].reshape(-1, dimension) for i in firsts), (samples, each), paths)
     a, b = saltelli(dimension, samples, rng)
@@ -212,19 +216,19 @@ def _radial(a: Floats, b: Floats) -> Floats:
     return np.asarray(rows.reshape(n * (d + 2), d))
 
 
-def _evaluated(
+def _evaluate_design(
     model: Model, space: Space, design: _Design, report: Callable[[int], object]
 ) -> tuple[Evaluated, Floats]:
-    """Outputs of all candidates, and for each output the mean position of the failed ones less that of all."""
+    """Outputs of all candidates, and for each output the mean position of failed candidates minus the mean of all."""
     values, codes, done = [], [], 0
     outputs, d = len(model.outputs), space.dimension
     failed, sums, everything = np.zeros(outputs), np.zeros((outputs, d)), np.zeros(d)
     for cube in design.blocks:
-        found = model.evaluate(space.from_unit(cube))
-        lost = (found.codes != OK).astype(float)
+        block = model.evaluate(space.from_unit(cube))
+        lost = (block.codes != OK).astype(float)
         failed, sums, everything = failed + lost.sum(axis=0), sums + lost.T @ cube, everything + cube.sum(axis=0)
-        values.append(found.values)
-        codes.append(found.codes)
+        values.append(block.values)
+        codes.append(block.codes)
         done += len(cube)
         report(done)
     away = np.divide(sums, failed[:, None], out=np.zeros_like(sums), where=failed[:, None] > 0.0)
@@ -232,7 +236,7 @@ def _evaluated(
     return Evaluated(np.concatenate(values), np.concatenate(codes)), away
 
 
-def _failed(codes: Codes, away: Floats, space: Space) -> Failed:
+def _count_failed(codes: Codes, away: Floats, space: Space) -> Failed:
     kinds, counts = np.unique(codes[codes != OK], return_counts=True)
     reasons = {reason(int(kind)): int(count) for kind, count in zip(kinds, counts, strict=True)}
     total = int(counts.sum())
@@ -241,8 +245,8 @@ def _failed(codes: Codes, away: Floats, space: Space) -> Failed:
     return Failed(total, total / len(codes), reasons, where)
 
 
-def _refuse_failed(how: SensitivitySettings, output: Output, failed: Failed) -> None:
-    if how.on_failure is OnFailure.REFUSE and failed.number:
+def _refuse_failed(settings: SensitivitySettings, output: Output, failed: Failed) -> None:
+    if settings.on_failure is OnFailure.REFUSE and failed.number:
         why = max(failed.reasons, key=lambda text: failed.reasons[text])
         raise SimulationError(
             f"{failed.number} simulations have no {output.name}, most at {failed.where}, and the policy is to refuse "

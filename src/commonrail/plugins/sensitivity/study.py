@@ -38,8 +38,8 @@ DEFAULT_FEATURES = ("quantity", "opening_delay", "closing_delay", "duration", "s
 
 def read_features(names: Sequence[str]) -> tuple[Feature, ...]:
     """Features by name; `ConfigurationError` for one that is unknown or repeated."""
-    known = features_of_simulations()
-    return tuple(known[name] for name in known_names(names, known, "features", "quantity"))
+    available = features_of_simulations()
+    return tuple(available[name] for name in known_names(names, available, "features", "quantity"))
 
 
 def codes_of(feature: Feature, values: Floats, statuses: Ints) -> Codes:
@@ -57,7 +57,7 @@ def reason(code: int) -> str:
 
 
 class Output(NamedTuple):
-    """Quantity whose sensitivity is asked for: name, SI unit, meaning, and operating point as text, if it has one."""
+    """Output of a sensitivity study: name, SI unit, meaning, and operating point as text, if it has one."""
 
     name: str
     unit: str
@@ -66,7 +66,7 @@ class Output(NamedTuple):
 
 
 class Evaluated(NamedTuple):
-    """Values (candidates, outputs) of candidates, NaN where there is none, and their codes, OK where there is one."""
+    """Values (candidates, outputs) of candidates, NaN if absent, and their codes, OK if present."""
 
     values: Floats
     codes: Codes
@@ -105,7 +105,7 @@ class Features:
     injector : Injector
         Gives the values that do not vary.
     names : sequence of str
-        Columns of the candidates; those that are no parameters of the injector, such as a meter's, are ignored.
+        Columns of the candidates; others than parameters of the injector, such as a meter's, are ignored.
     points : sequence of OperatingPoint
     features : sequence of Feature
     computing : Computing
@@ -128,7 +128,7 @@ class Features:
         self._own = {
             (f.name, k): f.own_simulation(p, dt) for f in features if f.own_simulation for k, p in enumerate(points)
         }
-        self._own_prepared = {key: prepare(injector, [own], dt) for key, (own, _) in self._own.items()}
+        self._own_prepared = {key: prepare(injector, [point], dt) for key, (point, _) in self._own.items()}
 
     @property
     def model(self) -> Model:
@@ -138,20 +138,24 @@ class Features:
 
     def evaluate(self, values: Floats) -> Evaluated:
         """Features of candidates (n, parameters) [SI]."""
-        own = np.ascontiguousarray(values[:, self._columns])
-        whole = self._batch(self.points, own, self._prepared) if self._ordinary else None
-        found, codes = [], []
+        columns = np.ascontiguousarray(values[:, self._columns])
+        shared_batch = self._batch(self.points, columns, self._prepared) if self._ordinary else None
+        results, codes = [], []
         for k, point in enumerate(self.points):
             for feature in self.features:
                 key = feature.name, k
-                batch = self._of_its_own(key, own) if key in self._own else whole and whole.at_points(slice(k, k + 1))
+                batch = (
+                    self._of_its_own(key, columns)
+                    if key in self._own
+                    else shared_batch and shared_batch.at_points(slice(k, k + 1))
+                )
                 assert batch is not None
                 assert feature.of_simulation is not None
                 figures = feature.of_simulation(batch, point)
                 code = codes_of(feature, figures, batch.status[:, 0])
-                found.append(np.where(code == OK, figures, np.nan))
+                results.append(np.where(code == OK, figures, np.nan))
                 codes.append(code)
-        return Evaluated(np.stack(found, axis=1), np.stack(codes, axis=1))
+        return Evaluated(np.stack(results, axis=1), np.stack(codes, axis=1))
 
     def _of_its_own(self, key: tuple[str, int], values: Floats) -> Batch:
         """Batch of the simulation that a feature needs for itself, by its name and the number of the point."""
@@ -186,12 +190,12 @@ def misfit_model(objective: Objective) -> Model:
     return Model((Output("J", "1", "objective of the study"),), objective.injections, evaluate)
 
 
-def joined(models: Sequence[Model]) -> Model:
+def join_models(models: Sequence[Model]) -> Model:
     """Outputs of several models side by side."""
 
     def evaluate(values: Floats) -> Evaluated:
-        found = [model.evaluate(values) for model in models]
-        return Evaluated(np.hstack([f.values for f in found]), np.hstack([f.codes for f in found]))
+        parts = [model.evaluate(values) for model in models]
+        return Evaluated(np.hstack([f.values for f in parts]), np.hstack([f.codes for f in parts]))
 
     outputs = tuple(output for model in models for output in model.outputs)
     return Model(outputs, sum(model.injections for model in models), evaluate)
@@ -202,7 +206,7 @@ COUNTED = ("nozzle.holes", "solenoid.turns", "solenoid.air_gaps")  # whole numbe
 
 
 def default_names(injector: Injector) -> tuple[str, ...]:
-    """Parameters that a study varies unless told otherwise: all read ones but zeros, counts and temperature."""
+    """Parameters that a study varies by default: all read ones but zeros, counts and temperature."""
     unread = unread_parameters(injector.variant)
     return tuple(
         name
@@ -238,24 +242,24 @@ def parameters_within(
         crossed or leaves the domain.
     """
     instance(injector, Injector, "injector")
-    given = mapping(ranges or {}, "ranges", '{"valve.lift": ("50 um", "60 um")}')
+    stated_ranges = mapping(ranges or {}, "ranges", '{"valve.lift": ("50 um", "60 um")}')
     share = number(within, "1", "share of the ranges")
     if not 0.0 < share <= 1.0:
         raise ConfigurationError(f"The share of the ranges must be greater than 0 and at most 1, not {share:g}.")
     if names is None:
-        names = () if given else default_names(injector)
-    known = parameter_quantities()
-    wanted = dict.fromkeys(known_names(names, known, "names", "valve.lift"))
-    wanted |= dict.fromkeys(known_names([*given], known, "names of ranges", "valve.lift"))
-    injector.check_read(wanted)
-    if not wanted:
+        names = () if stated_ranges else default_names(injector)
+    quantities = parameter_quantities()
+    selected = dict.fromkeys(known_names(names, quantities, "names", "valve.lift"))
+    selected |= dict.fromkeys(known_names([*stated_ranges], quantities, "names of ranges", "valve.lift"))
+    injector.check_read(selected)
+    if not selected:
         raise ConfigurationError("At least one parameter is needed among the names.")
-    return tuple(_ranged(injector, name, given.get(name), share) for name in wanted)
+    return tuple(_read_range(injector, name, stated_ranges.get(name), share) for name in selected)
 
 
-def _ranged(injector: Injector, name: str, given: object, share: float) -> Parameter:
+def _read_range(injector: Injector, name: str, ends: object, share: float) -> Parameter:
     quantity, value = parameter_quantities()[name], injector.values[name]
-    if given is None:
+    if ends is None:
         if value == 0.0:
             raise ConfigurationError(
                 f"{name} is zero in {injector.name}: a share of it is no range; give low and high."
@@ -264,7 +268,7 @@ def _ranged(injector: Injector, name: str, given: object, share: float) -> Param
         if quantity.domain in (Domain.COEFFICIENT, Domain.UNIT):
             high = min(high, 1.0)
     else:
-        pair = given if isinstance(given, tuple | list) and len(given) == 2 else None
+        pair = ends if isinstance(ends, tuple | list) and len(ends) == 2 else None
         if pair is None:
             raise ConfigurationError(f'The range of {name} must be a pair, such as ("50 um", "60 um").')
         low, high = (number(end, quantity.unit, f"range of {name}") for end in pair)
@@ -273,5 +277,5 @@ def _ranged(injector: Injector, name: str, given: object, share: float) -> Param
             f"The range of {name}, {low:g} to {high:g} {quantity.unit}, must lie in its domain: "
             f"{quantity.domain.value}."
         )
-    source = f"{share:.3g} of the value to either side" if given is None else "range of the sensitivity study"
+    source = f"{share:.3g} of the value to either side" if ends is None else "range of the sensitivity study"
     return Parameter(name, value, low, high, quantity.unit, mark="E", source=source, signed=True)

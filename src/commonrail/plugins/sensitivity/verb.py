@@ -104,13 +104,13 @@ def sensitivity(
     subject = _with_settings(_subject(source), set_)
     points = _points(rail_pressure, energising_time, (cylinder_pressure, return_pressure), subject)
     refuse_return_pressure(_injector(subject))
-    chosen = _parameters(subject, parameter, parse(within, "1", "--within"))
+    parameters = _parameters(subject, parameter, parse(within, "1", "--within"))
 
     def work() -> Sensitivity:
         with Bar(f"{source}: {settings.design.value}, {settings.samples} samples") as bar:
             return run(
                 subject,
-                chosen,
+                parameters,
                 points,
                 tuple(feature or DEFAULT_FEATURES),
                 settings=settings,
@@ -118,13 +118,13 @@ def sensitivity(
                 progress=lambda p: bar.show(Stage("simulating", p.done, p.total, f"{p.total} candidates")),
             )
 
-    found = run_into(out, "sensitivity.csv", work)
-    record = found.record()
+    result = run_into(out, "sensitivity.csv", work)
+    record = result.record()
     if json:
         print_json(record)
         return
-    print_text([*synthetic_lines(record), *sensitivity_lines(found)], sensitivity_tables(found))
-    for output in found.outputs:
+    print_text([*synthetic_lines(record), *sensitivity_lines(result)], sensitivity_tables(result))
+    for output in result.outputs:
         if output.why_not:
             say(f"{output.output.name}: {output.why_not}")
     if out is not None:
@@ -191,23 +191,23 @@ def _of_run(run: Path) -> Study:
     return replace(study, injector=injector, space=Space(parameters, study.space.constraints, study.space.products))
 
 
-def _parameters(subject: Injector | Study, given: Sequence[str], within: float) -> tuple[Parameter, ...] | None:
+def _parameters(subject: Injector | Study, texts: Sequence[str], within: float) -> tuple[Parameter, ...] | None:
     """Parameters with their ranges; None for those of the study."""
     from commonrail.calibration.study import Study
     from commonrail.physics.injector import parameter_quantities
     from commonrail.plugins.sensitivity.study import parameters_within
 
-    if isinstance(subject, Study) and not given:
+    if isinstance(subject, Study) and not texts:
         return None
     injector = _injector(subject)
-    known, ranges = parameter_quantities(), {}
+    quantities, ranges = parameter_quantities(), {}
     names = []
-    for text in given:
-        name, equals, ends = (part.strip() for part in text.partition("="))
+    for text in texts:
+        name, equals, ends = (piece.strip() for piece in text.partition("="))
         if name in names:
             raise InputError(f"--parameter {name}: it is named twice; keep one range.")
         names.append(name)
-        if equals and name in known:
+        if equals and name in quantities:
             form = "NAME=LOW:HIGH, such as valve.lift=50um:60um"
-            ranges[name] = read_pair(ends, known[name].unit, f"--parameter {text}", form)
+            ranges[name] = read_pair(ends, quantities[name].unit, f"--parameter {text}", form)
     return parameters_within(injector, names or None, within, ranges)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import whole
+from commonrail.base.arguments import integer
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Actuation, Boundary
 from commonrail.base.errors import ConfigurationError
@@ -113,7 +113,7 @@ class LinearModel:
         ConfigurationError
             If the order is not a whole number from 1 to that of the model, or the samples are fewer than it.
         """
-        order, samples = whole(order, "order", 1), whole(samples, "samples", 1)
+        order, samples = integer(order, "order", 1), integer(samples, "samples", 1)
         if not order <= min(len(self.states), samples):
             raise ConfigurationError(
                 f"order: at most {min(len(self.states), samples)} states can be kept, not {order}."

@@ -309,9 +309,9 @@ def load_tolerances(path: str | Path) -> Tolerances:
             distribution = _distribution(item, injector.values[item.name])
             dimensions.append(Dimension(item.name, distribution, item.origin(Source(model.mark, model.source))))
     points = []
-    for i, given in enumerate(model.point):
+    for i, point_model in enumerate(model.point):
         with located((at / "point")[i]):
-            points.append(_point(given, injector))
+            points.append(_point(point_model, injector))
     with located(at):
         return Tolerances(
             model.title,
@@ -330,10 +330,15 @@ def load_tolerances(path: str | Path) -> Tolerances:
         )
 
 
-def _point(given: _PointModel, injector: Injector) -> TolerancePoint:
-    point = OperatingPoint(given.rail_pressure, given.energising_time, given.cylinder_pressure, given.return_pressure)
+def _point(point_model: _PointModel, injector: Injector) -> TolerancePoint:
+    point = OperatingPoint(
+        point_model.rail_pressure,
+        point_model.energising_time,
+        point_model.cylinder_pressure,
+        point_model.return_pressure,
+    )
     check_point(injector, point)
-    return TolerancePoint(given.name, point, given.lower, given.upper)
+    return TolerancePoint(point_model.name, point, point_model.lower, point_model.upper)
 
 
 # Keys that a distribution takes besides name, mark and source.

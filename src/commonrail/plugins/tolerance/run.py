@@ -64,19 +64,22 @@ def tolerance(
     nominal = _nominal(simulated)
     limits = [_limits(t, k, nominal[k]) for k in range(len(t.points))]
     with held_interrupts() as request:
-        found, shares, done = _all(simulated, nominal, report, lambda: request.asked)
+        simulated_parts, shares, done = _all(simulated, nominal, report, lambda: request.asked)
         if not done:
             request.check()
         spreads = [
-            spread_of(found.quantities[:done, k], found.codes[:done, k], limits[k], sure) for k in range(len(limits))
+            spread_of(simulated_parts.quantities[:done, k], simulated_parts.codes[:done, k], limits[k], sure)
+            for k in range(len(limits))
         ]
         lost = [p.name for p, spread in zip(t.points, spreads, strict=True) if spread is None]
         if lost:
-            why = Status(int(np.bincount(found.codes[:done].ravel()).argmax()))
+            why = Status(int(np.bincount(simulated_parts.codes[:done].ravel()).argmax()))
             raise SimulationError(f"{t.title}: hardly any part can be simulated at {lost[0]}. {why.sentence}")
         trim = None
         if t.trim is not None and not request.asked:
-            trim = trimmed(simulated, found, nominal, limits, sure, lambda i, n: report(Progress("trimming", i, n)))
+            trim = trimmed(
+                simulated, simulated_parts, nominal, limits, sure, lambda i, n: report(Progress("trimming", i, n))
+            )
     results = [
         PointResult.of(p, float(nominal[k]), spreads[k], t.names, shares.shares(k, sure))  # type: ignore[arg-type]
         for k, p in enumerate(t.points)
@@ -104,14 +107,14 @@ def tolerance(
 
 def _nominal(simulated: Simulated) -> Floats:
     """Quantities (points,) of the part as drawn [m³]."""
-    found = simulated.parts(None)
-    for p, code in zip(simulated.tolerances.points, found.codes[0], strict=True):
+    nominal_part = simulated.parts(None)
+    for p, code in zip(simulated.tolerances.points, nominal_part.codes[0], strict=True):
         if code != OK:
             raise SimulationError(
                 f"{simulated.tolerances.injector.name} as drawn cannot be simulated at {p.name}: "
                 f"{Status(int(code)).sentence}"
             )
-    return np.asarray(found.quantities[0])
+    return np.asarray(nominal_part.quantities[0])
 
 
 def _limits(t: Tolerances, k: int, nominal: float) -> tuple[float | None, float | None]:
@@ -134,10 +137,10 @@ def _all(
     done = 0
     while done < t.parts and not stop():
         values = draws.take(min(size, t.parts - done))
-        part = simulated.parts(values)
+        chunk = simulated.parts(values)
         following = done + len(values)
-        quantities[done:following], codes[done:following] = part
-        shares.add((done // size) % GROUPS, values, part.quantities)
+        quantities[done:following], codes[done:following] = chunk
+        shares.add((done // size) % GROUPS, values, chunk.quantities)
         done = following
         report(Progress("simulating", done, t.parts))
     return Parts(quantities, codes), shares, done

@@ -45,10 +45,10 @@ class Draws:
 
     def _even(self, count: int) -> Floats:
         assert self._sequence is not None
-        whole = 1 << (count - 1).bit_length()  # SciPy warns of numbers that are no powers of two
-        if self._sequence.num_generated or whole == count:
+        power_of_two = 1 << (count - 1).bit_length()  # SciPy warns of numbers that are no powers of two
+        if self._sequence.num_generated or power_of_two == count:
             return np.asarray(self._sequence.random(count))
-        return np.asarray(self._sequence.random(whole)[:count])
+        return np.asarray(self._sequence.random(power_of_two)[:count])
 
 
 class Parts(NamedTuple):
@@ -144,8 +144,8 @@ class VarianceShares:
         terms = np.hstack(powers)
         everything = terms.T @ terms
         for k, column in enumerate((quantities - self._centre).T):
-            there = np.isfinite(column)
-            rows, known = (terms, column) if there.all() else (terms[there], column[there])
+            finite = np.isfinite(column)
+            rows, known = (terms, column) if finite.all() else (terms[finite], column[finite])
             self._products[group, k] += everything if len(rows) == len(terms) else rows.T @ rows
             self._sums[group, k] += rows.T @ known
             self._squares[group, k] += float(known @ known)
@@ -155,18 +155,18 @@ class VarianceShares:
         from scipy.special import stdtrit  # slow to import
 
         sums = [self._products[:, k], self._sums[:, k], self._squares[:, k]]
-        whole = self._fit(*(part.sum(axis=0) for part in sums))
-        if whole is None:
+        estimate = self._fit(*(group_sums.sum(axis=0) for group_sums in sums))
+        if estimate is None:
             return None
         used = [g for g in range(GROUPS) if self._products[g, k, 0, 0] > 0.0]
-        others = [self._fit(*(part.sum(axis=0) - part[g] for part in sums)) for g in used]
-        found = np.array([other.value for other in others if other is not None])
-        n = len(found)
+        others = [self._fit(*(group_sums.sum(axis=0) - group_sums[g] for group_sums in sums)) for g in used]
+        estimates = np.array([other.value for other in others if other is not None])
+        n = len(estimates)
         if n < 2:
             return None
-        spread = np.sqrt((n - 1.0) / n * np.sum((found - found.mean(axis=0)) ** 2, axis=0))
+        spread = np.sqrt((n - 1.0) / n * np.sum((estimates - estimates.mean(axis=0)) ** 2, axis=0))
         reach = float(stdtrit(n - 1, 0.5 + 0.5 * confidence)) * spread
-        return whole._replace(low=whole.value - reach, high=whole.value + reach)
+        return estimate._replace(low=estimate.value - reach, high=estimate.value + reach)
 
     def _fit(self, products: Floats, sums: Floats, squares: Floats) -> Shares | None:
         """Shares by least squares from sums, without intervals."""
@@ -238,21 +238,21 @@ def spread_of(
     """
     from scipy.stats import binomtest  # slow to import
 
-    known = quantities[codes == OK]
-    if len(known) < 2:
+    delivered = quantities[codes == OK]
+    if len(delivered) < 2:
         return None
     lower, upper = limits
-    mean, deviation = float(known.mean()), float(known.std(ddof=1))
-    below = 0 if lower is None else int(np.count_nonzero(known < lower))
-    above = 0 if upper is None else int(np.count_nonzero(known > upper))
-    failed = len(codes) - len(known)
+    mean, deviation = float(delivered.mean()), float(delivered.std(ddof=1))
+    below = 0 if lower is None else int(np.count_nonzero(delivered < lower))
+    above = 0 if upper is None else int(np.count_nonzero(delivered > upper))
+    failed = len(codes) - len(delivered)
     kinds, counts = np.unique(codes[codes != OK], return_counts=True)
     reasons = {Status(int(kind)).sentence: int(number) for kind, number in zip(kinds, counts, strict=True)}
     out = below + above + failed
     interval = binomtest(out, len(codes)).proportion_ci(confidence)  # by Clopper and Pearson
-    numbers, edges = np.histogram(known, BARS)
+    numbers, edges = np.histogram(delivered, BARS)
     cp, cpk = _capability(mean, deviation, lower, upper)
-    quantiles = np.quantile(known, QUANTILES).tolist()
+    quantiles = np.quantile(delivered, QUANTILES).tolist()
     return Spread(
         parts=len(codes),
         failed=failed,

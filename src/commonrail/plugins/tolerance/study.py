@@ -98,8 +98,8 @@ class Normal(Distribution):
         from scipy.special import ndtri  # slow to import
 
         low, high = self._span
-        found = self.mean + self.sigma * ndtri(low + (high - low) * shares)
-        return np.asarray(np.clip(found, self.lower, self.upper))
+        values = self.mean + self.sigma * ndtri(low + (high - low) * shares)
+        return np.asarray(np.clip(values, self.lower, self.upper))
 
 
 @dataclass(frozen=True)
@@ -202,12 +202,12 @@ class Dimension:
     source: Source = UNSTATED
 
     def __post_init__(self) -> None:
-        known = parameter_quantities()
-        if plain_text(self.name, "name of a parameter") not in known:
-            raise ConfigurationError(f"There is no parameter {self.name}{nearest(self.name, known)}.")
+        parameters = parameter_quantities()
+        if plain_text(self.name, "name of a parameter") not in parameters:
+            raise ConfigurationError(f"There is no parameter {self.name}{nearest(self.name, parameters)}.")
         if self.name in COUNTS:
             raise ConfigurationError(f"{self.name} counts pieces, so it has no tolerance; omit it.")
-        quantity = known[self.name]
+        quantity = parameters[self.name]
         instance(self.distribution, Distribution, f"distribution of {self.name}")  # type: ignore[type-abstract]
         ends = self.distribution.at(np.array([RARE, 1.0 - RARE]))
         if not quantity.domain.admits(ends).all():

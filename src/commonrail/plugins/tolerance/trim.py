@@ -62,13 +62,13 @@ class Trimmed(NamedTuple):
 
 def trimmed(
     simulated: Simulated,
-    found: Parts,
+    parts: Parts,
     nominal: Floats,
     limits: list[tuple[float | None, float | None]],
     confidence: float,
     report: Callable[[int, int], None],
 ) -> Trimmed:
-    """Trim the first parts of a study; `found` are all parts before the trim, `nominal` (points,) and limits in [m³].
+    """Trim the first parts of a study; `parts` are all parts before the trim, `nominal` (points,) and limits in [m³].
 
     `report` is called with operating points done and in all. SimulationError if the nominal quantity does not rise with
     the energising time at a test point.
@@ -77,28 +77,30 @@ def trimmed(
     assert t.trim is not None
     tests = [t.names_of_points.index(name) for name in t.trim.points]
     slopes = [_slope(simulated, k) for k in tests]
-    count = min(t.trim.parts, len(found.quantities))
+    count = min(t.trim.parts, len(parts.quantities))
     rng = np.random.default_rng([t.seed, 1])
-    measured = found.quantities[:count, tests] + t.trim.scatter * rng.standard_normal((count, len(tests)))
-    known = np.isfinite(measured).all(axis=1)
-    values = Draws(t).take(count)[known]
-    at_tests = (nominal[tests] - measured[known]) / slopes
+    measured = parts.quantities[:count, tests] + t.trim.scatter * rng.standard_normal((count, len(tests)))
+    complete = np.isfinite(measured).all(axis=1)
+    values = Draws(t).take(count)[complete]
+    at_tests = (nominal[tests] - measured[complete]) / slopes
     points = []
     for k, p in enumerate(t.points):
-        wanted = _corrections(simulated, tests, at_tests, k)
-        times, held = _rounded(p.point.pulses[0].duration, wanted, t.trim.resolution)
+        corrections = _corrections(simulated, tests, at_tests, k)
+        times, limited = _rounded(p.point.pulses[0].duration, corrections, t.trim.resolution)
         quantities, codes = _simulated(simulated, p.point, times, values)
-        before = spread_of(found.quantities[:count][known, k], found.codes[:count][known, k], limits[k], confidence)
+        before = spread_of(
+            parts.quantities[:count][complete, k], parts.codes[:count][complete, k], limits[k], confidence
+        )
         after = spread_of(quantities, codes, limits[k], confidence)
         if before is None or after is None:
             raise SimulationError(f"{t.title}: hardly any trimmed part can be simulated at {p.name}.")
         shift = times - p.point.pulses[0].duration
-        points.append(TrimmedPoint(p.name, before, after, Shift(float(shift.mean()), float(shift.std())), held))
+        points.append(TrimmedPoint(p.name, before, after, Shift(float(shift.mean()), float(shift.std())), limited))
         report(k + 1, len(t.points))
     return Trimmed(
         test_points=t.trim.points,
-        parts=int(known.sum()),
-        unmeasured=count - int(known.sum()),
+        parts=int(complete.sum()),
+        unmeasured=count - int(complete.sum()),
         resolution=t.trim.resolution,
         scatter=t.trim.scatter,
         slopes=tuple(slopes),
@@ -130,9 +132,9 @@ def _corrections(simulated: Simulated, tests: list[int], at_tests: Floats, k: in
     return np.asarray(at_tests[:, 0] + share * (at_tests[:, 1] - at_tests[:, 0]))
 
 
-def _rounded(time: float, wanted: Floats, resolution: float) -> tuple[Floats, int]:
+def _rounded(time: float, corrections: Floats, resolution: float) -> tuple[Floats, int]:
     """Energising times in steps of the resolution [s], and the number of parts held at a limit."""
-    steps = np.round(wanted / resolution)
+    steps = np.round(corrections / resolution)
     low, high = np.ceil((SHORTEST - 1.0) * time / resolution), np.floor((LONGEST - 1.0) * time / resolution)
     return time + resolution * np.clip(steps, low, high), int(np.count_nonzero((steps < low) | (steps > high)))
 
@@ -145,8 +147,8 @@ def _simulated(
     order = np.argsort(times, kind="stable")
     starts = np.flatnonzero(np.diff(times[order], prepend=-np.inf))
     for group in np.split(order, starts[1:]):
-        part = simulated.at(_with_time(point, float(times[group[0]])), values[group])
-        quantities[group], codes[group] = part.quantities[:, 0], part.codes[:, 0]
+        group_parts = simulated.at(_with_time(point, float(times[group[0]])), values[group])
+        quantities[group], codes[group] = group_parts.quantities[:, 0], group_parts.codes[:, 0]
     return quantities, codes
 
 

@@ -53,16 +53,19 @@ def tolerance(
     changed: dict[str, Any] = {"parts": parts, "seed": seed, "precision": precision}
     loaded = replace(load_tolerances(file), **{key: value for key, value in changed.items() if value is not None})
     with held_interrupts():  # what is simulated is written whatever keys are pressed
-        found = run_into(out, "tolerance.csv", lambda: _run(loaded, threads), {"tolerances.toml": loaded.text})
-    record = found.record()
+        study_result = run_into(out, "tolerance.csv", lambda: _run(loaded, threads), {"tolerances.toml": loaded.text})
+    record = study_result.record()
     if json:
         print_json(record)
     else:
-        print_text([*synthetic_lines(record), *tolerance_lines(found)], tolerance_tables(found))
+        print_text([*synthetic_lines(record), *tolerance_lines(study_result)], tolerance_tables(study_result))
         if out is not None:
             click.echo(f"report: {out / 'report.html'}")
-    if found.status == "interrupted":
-        say(f"commonrail: interrupted after {found.parts:,} of {loaded.parts:,} parts; the figures are those of these.")
+    if study_result.status == "interrupted":
+        say(
+            f"commonrail: interrupted after {study_result.parts:,} of {loaded.parts:,} parts; "
+            "the figures are those of these."
+        )
         raise SystemExit(INTERRUPTED)
 
 

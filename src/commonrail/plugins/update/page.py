@@ -21,37 +21,37 @@ def read_opening(folder: Path) -> tuple[str, list[str]]:
     return "Update", read_record(folder / RECORD, "commonrail update")["lines"]
 
 
-def update_lines(found: Record) -> list[str]:
+def update_lines(content: Record) -> list[str]:
     """Sentences on an update, what is bad first: held-out data that are met worse, contradictions, what has moved."""
-    unseen = [one for one in found["errors"] if one["role"] == "validation"]
-    worse = [one for one in unseen if one["rises"]]
-    keep = f"keep {found['run']} until you know why"
+    unseen = [row for row in content["errors"] if row["role"] == "validation"]
+    worse = [row for row in unseen if row["rises"]]
+    keep = f"keep {content['run']} until you know why"
     lines = [f"Held-out data are predicted worse than before, so {keep}: {_changes(worse)}."] if worse else []
-    ranked = sorted(found["new"], key=lambda one: _RANK.index(one["agreement"]))
-    lines += [_agreement(one) for one in ranked[:SHOWN]]
-    if rest := [one["agreement"] for one in ranked[SHOWN:]]:
+    ranked = sorted(content["new"], key=lambda row: _RANK.index(row["agreement"]))
+    lines += [_agreement(row) for row in ranked[:SHOWN]]
+    if rest := [row["agreement"] for row in ranked[SHOWN:]]:
         lines.append(f"Further new data: {listed([f'{rest.count(word)} × {word}' for word in _RANK if word in rest])}.")
-    far = sum(abs(one["moved"] or 0.0) > 1.0 for one in found["moved"])
+    far = sum(abs(row["moved"] or 0.0) > 1.0 for row in content["moved"])
     lines.append(
         f"{counted(far, 'parameter')} moved by more than half the earlier interval: "
-        f"{'; '.join(map(_move, found['moved'][:SHOWN]))}."
+        f"{'; '.join(map(_move, content['moved'][:SHOWN]))}."
     )
-    lines.append(f"Errors of fitted data: {_changes([one for one in found['errors'] if one['role'] == 'fit'])}.")
-    if met := [one for one in unseen if not one["rises"]]:
+    lines.append(f"Errors of fitted data: {_changes([row for row in content['errors'] if row['role'] == 'fit'])}.")
+    if met := [row for row in unseen if not row["rises"]]:
         lines.append(f"Errors of held-out data: {_changes(met)}.")
-    if found["gone"]:
-        prior = "; the draws of the run are the prior in their place, without correlations" if found["prior"] else ""
-        lines.append(f"Data of the run that are gone: {listed(found['gone'])}{prior}.")
+    if content["gone"]:
+        prior = "; the draws of the run are the prior in their place, without correlations" if content["prior"] else ""
+        lines.append(f"Data of the run that are gone: {listed(content['gone'])}{prior}.")
     return lines
 
 
-def _agreement(one: Record) -> str:
-    words = f"{one['name']}: {one['agreement']}; error {_error(one['error'])}"
-    if "covered" in one:
-        words += f", {one['covered']} of {one['values']} values in the 90 % band"
-    if one["baseline"]:
-        words += f"; the run {'beats' if one['baseline']['beaten'] else 'does not beat'} {one['baseline']['text']}"
-    if one["agreement"] == "contradicts":
+def _agreement(row: Record) -> str:
+    words = f"{row['name']}: {row['agreement']}; error {_error(row['error'])}"
+    if "covered" in row:
+        words += f", {row['covered']} of {row['values']} values in the 90 % band"
+    if row["baseline"]:
+        words += f"; the run {'beats' if row['baseline']['beaten'] else 'does not beat'} {row['baseline']['text']}"
+    if row["agreement"] == "contradicts":
         words += "; check that part, bench and operating points are the same before you use the new fit"
     return f"{words}."
 
@@ -59,9 +59,9 @@ def _agreement(one: Record) -> str:
 def _changes(errors: Sequence[Record]) -> str:
     """Errors before and after, the largest rises first."""
     ranked = sorted(
-        errors, key=lambda one: (number(one["before"]["size"]) or 0.0) - (number(one["after"]["size"]) or 0.0)
+        errors, key=lambda row: (number(row["before"]["size"]) or 0.0) - (number(row["after"]["size"]) or 0.0)
     )
-    shown = [f"{one['name']} {_error(one['before'])} → {_error(one['after'])}" for one in ranked[:SHOWN]]
+    shown = [f"{row['name']} {_error(row['before'])} → {_error(row['after'])}" for row in ranked[:SHOWN]]
     return listed(shown + [f"{len(ranked) - SHOWN} more"] * (len(ranked) > SHOWN)) or MISSING
 
 
@@ -69,9 +69,9 @@ def _error(error: Record) -> str:
     return f"{significant(error['size'], 2)} tolerances" if error["in_tolerances"] else f"{percent(error['size'])} %"
 
 
-def _move(one: Record) -> str:
-    before, after = (to_text(one[key], one["unit"], 4) for key in ("before", "after"))
-    return f"{one['name']} {before} → {after} ({fixed(one['moved'], 1)} half widths)"
+def _move(row: Record) -> str:
+    before, after = (to_text(row[key], row["unit"], 4) for key in ("before", "after"))
+    return f"{row['name']} {before} → {after} ({fixed(row['moved'], 1)} half widths)"
 
 
 UPDATE = Presenter(lambda found: [f"Update in {found.folder}", *found.content["lines"]])

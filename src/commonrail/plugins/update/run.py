@@ -156,7 +156,7 @@ def update(
     former = folder / RECORD
     optimiser = read_record(former, "commonrail update") if former.is_file() else document
     optimiser = optimiser.get("optimiser", {})  # of the user, before any update
-    with new_folder(place) as part:
+    with new_folder(place) as unfinished:
         addition = read_addition(folder, inputs, fit, judge, stated)
         study = updated_study(
             folder,
@@ -168,7 +168,7 @@ def update(
         )
         listener.note("judging the new data by the prediction bands of the run ...")
         new = _judged(study, addition, best, None if is_prior else draws, threads)
-        calibration = calibrate_into(part, study, threads=threads, listener=listener)
+        calibration = calibrate_into(unfinished, study, threads=threads, listener=listener)
         if calibration.status != "finished":
             raise KeyboardInterrupt
         content: dict[str, Any] = {
@@ -180,10 +180,10 @@ def update(
         }
         content |= {"moved": _moved(record, calibration), "errors": _errors(calibration)}
         content["lines"] = update_lines(content)
-        with summed(part):
-            write_record(part / RECORD, content)
-        write_report(part, live=False)
-    return Update(place, calibration, {one["name"]: Agreement(one["agreement"]) for one in new}, content)
+        with summed(unfinished):
+            write_record(unfinished / RECORD, content)
+        write_report(unfinished, live=False)
+    return Update(place, calibration, {row["name"]: Agreement(row["agreement"]) for row in new}, content)
 
 
 def _judged(
@@ -192,12 +192,12 @@ def _judged(
     """Records of new data sets, judged by a run whose calibrated values are the start values of the study."""
     fitted = [data for data in of_role(study.data, Role.FIT) if not addition.holds(data.name)]
     new, bands = [data for data in study.data if addition.holds(data.name)], dict[str, Band]()
-    unseen = [data.changed(role=Role.VALIDATION) for data in new if data.kind in {one.kind for one in fitted}]
+    unseen = [data.changed(role=Role.VALIDATION) for data in new if data.kind in {other.kind for other in fitted}]
     if draws is not None and unseen:
         with suppress(SimulationError):  # the fit that follows says what cannot be simulated
-            known = replace(study, data=(*fitted, *unseen))
-            found = predict(known, best, draws=draws, levels=(LEVEL, FAR_LEVEL), threads=threads)
-            bands = {band.data.name: band for band in found.bands}
+            predicted_study = replace(study, data=(*fitted, *unseen))
+            prediction = predict(predicted_study, best, draws=draws, levels=(LEVEL, FAR_LEVEL), threads=threads)
+            bands = {band.data.name: band for band in prediction.bands}
     scores = score_all(study, study.injector, threads, new)
     return [
         {"name": data.name, "role": data.role.value, "error": _error_of(data, score)}
@@ -220,24 +220,24 @@ def _agreement(band: Band | None) -> dict[str, Any]:
 
 def _error_of(data: DataSet, score: Score) -> dict[str, Any]:
     """Error of a data set as the verdict of a report has it: a share, or in tolerances; JSON-able."""
-    found = view_of(data.kind).fit_error(data.record({JUDGED: score}))
-    size = found.size if found else float(np.sqrt(np.mean(data.errors(score.values) ** 2)))
-    return {"size": number(size), "in_tolerances": found is None or found.in_tolerances}
+    fit_error = view_of(data.kind).fit_error(data.record({JUDGED: score}))
+    size = fit_error.size if fit_error else float(np.sqrt(np.mean(data.errors(score.values) ** 2)))
+    return {"size": number(size), "in_tolerances": fit_error is None or fit_error.in_tolerances}
 
 
 def _baseline(data: DataSet, score: Score, fitted: Sequence[DataSet]) -> dict[str, Any] | None:
     """Trivial model of the fitted data, that of the kind, or of a curve the fitted one at the nearest point."""
-    for one in score.baselines(fitted):
-        return {"text": str(one["text"]), "beaten": one.get("beaten")}
-    curves = [one for one in fitted if isinstance(one, RateData)]
+    for item in score.baselines(fitted):
+        return {"text": str(item["text"]), "beaten": item.get("beaten")}
+    curves = [item for item in fitted if isinstance(item, RateData)]
     if not isinstance(data, RateData) or not curves:
         return None
     place = _place(data)
-    nearest = min(curves, key=lambda one: float(np.abs(np.log(_place(one) / place)).sum()))
+    nearest = min(curves, key=lambda item: float(np.abs(np.log(_place(item) / place)).sum()))
     volume = np.append(0.0, np.cumsum(nearest.rate * np.diff(nearest.bounds)))
     trivial = replace(score, values=np.diff(np.interp(data.bounds, nearest.bounds, volume)) / np.diff(data.bounds))
-    own, other = (_error_of(data, one)["size"] for one in (score, trivial))
-    beaten = None if own is None or other is None else own < other
+    size, other = (_error_of(data, item)["size"] for item in (score, trivial))
+    beaten = None if size is None or other is None else size < other
     return {"text": f"the nearest fitted curve, {nearest.name}", "beaten": beaten}
 
 
@@ -247,22 +247,24 @@ def _place(data: RateData) -> Floats:
 
 def _moved(record: Mapping[str, Any], calibration: Calibration) -> list[dict[str, Any]]:
     """Values [SI] before and after, largest move first in units of the half width of the earlier interval."""
-    intervals = {one["name"]: one for one in record.get("certainty", {}).get("parameters", ())}
-    found = []
-    for one in record["parameters"]:
-        before, after = float(one["best"]), calibration.best[one["name"]]
-        low, high = (intervals.get(one["name"], {}).get(end) for end in ("lower", "upper"))
+    intervals = {parameter["name"]: parameter for parameter in record.get("certainty", {}).get("parameters", ())}
+    rows = []
+    for parameter in record["parameters"]:
+        before, after = float(parameter["best"]), calibration.best[parameter["name"]]
+        low, high = (intervals.get(parameter["name"], {}).get(end) for end in ("lower", "upper"))
         moved = None if low is None or high is None or low == high else 2.0 * (after - before) / (high - low)
-        found.append({"name": one["name"], "unit": one["unit"], "before": before, "after": after, "moved": moved})
-    return sorted(found, key=lambda one: -abs(one["moved"] or 0.0))
+        rows.append(
+            {"name": parameter["name"], "unit": parameter["unit"], "before": before, "after": after, "moved": moved}
+        )
+    return sorted(rows, key=lambda row: -abs(row["moved"] or 0.0))
 
 
 def _errors(calibration: Calibration) -> list[dict[str, Any]]:
     """Error of each data set with the earlier and the new values; it `rises` if by more than `RISEN`."""
-    found, scores = [], calibration.scores
+    rows, scores = [], calibration.scores
     for data, start, best in zip(calibration.study.data, scores["start"], scores[JUDGED], strict=True):
         before, after = _error_of(data, start), _error_of(data, best)
         sizes = before["size"], after["size"]
         rises = sizes[1] is None or (sizes[0] is not None and sizes[1] > (1.0 + RISEN) * sizes[0])
-        found.append({"name": data.name, "role": data.role.value, "before": before, "after": after, "rises": rises})
-    return found
+        rows.append({"name": data.name, "role": data.role.value, "before": before, "after": after, "rises": rises})
+    return rows

@@ -51,24 +51,24 @@ def read_addition(
     nor the user states.
     """
     document = read_toml(run / STUDY)[0]
-    known = {item.original: item.name for item in inputs}
-    known |= {fingerprint(run / block["file"]): block["file"] for block in document["data"]}
+    sources = {item.original: item.name for item in inputs}
+    sources |= {fingerprint(run / block["file"]): block["file"] for block in document["data"]}
     for path in (*files, *held_out):
         content = fingerprint(path)
-        if content in known and content:
-            raise InputError(f"{path}: this is {known[content]}, which the study of {run} has already; omit it.")
+        if content in sources and content:
+            raise InputError(f"{path}: this is {sources[content]}, which the study of {run} has already; omit it.")
         if str(path.absolute()) in [item.origin for item in inputs]:
             raise InputError(
                 f"{path}: the study of {run} has this file as it was before; put new rows into a file of their own."
             )
-        known[content] = str(path)
+        sources[content] = str(path)
     injector = str(document["injector"])
     model = load_injector(run / injector if injector.endswith(".toml") else injector)
     surveys, blocks = tuple(survey_file(path, stated) for path in (*files, *held_out)), list[dict[str, Any]]()
-    for found in surveys:
+    for survey in surveys:
         others = [*document["data"], *blocks]
-        block = block_of_file(found, surveys, model, stated)
-        block |= {"file": str(found.path.absolute()), "role": "validation" if found.path in held_out else "fit"}
+        block = block_of_file(survey, surveys, model, stated)
+        block |= {"file": str(survey.path.absolute()), "role": "validation" if survey.path in held_out else "fit"}
         while block["name"] in [other["name"] for other in others]:
             block["name"] += "-2"
         peers = [other for other in document["data"] if other["kind"] == block["kind"]]
@@ -81,7 +81,7 @@ def read_addition(
         if missing := open_keys(block):
             options = [f"--{key.replace('_', '-')}" for key in missing if key in _OPTIONS]
             cure = f"state {listed(options)}" if len(options) == len(missing) else "write its block by hand"
-            raise InputError(f"{found.path}: neither the file nor the study tells {listed(missing)}; {cure}.")
+            raise InputError(f"{survey.path}: neither the file nor the study tells {listed(missing)}; {cure}.")
         blocks.append(block)
     return Addition(surveys, tuple(blocks))
 
@@ -90,16 +90,16 @@ def _completed(
     block: Mapping[str, Any], peers: Sequence[Mapping[str, Any]], keys: Sequence[str] = (*_BENCH, *SHARED)
 ) -> dict[str, Any]:
     """A block with the keys of its peers that all of these state alike, where its file does not tell them."""
-    found = dict(block)
+    full_block = dict(block)
     for key in keys:
         value = peers[0].get(key)
         if value is None or any(peer.get(key) != value for peer in peers):
             continue
-        if isinstance(value, Mapping) and isinstance(found.get(key), Mapping):
-            found[key] |= {inner: value.get(inner, UNKNOWN) for inner in open_keys(found[key])}
-        elif key not in ("shots", "drive") and found.get(key, UNKNOWN) == UNKNOWN:
-            found[key] = value
-    return found
+        if isinstance(value, Mapping) and isinstance(full_block.get(key), Mapping):
+            full_block[key] |= {inner: value.get(inner, UNKNOWN) for inner in open_keys(full_block[key])}
+        elif key not in ("shots", "drive") and full_block.get(key, UNKNOWN) == UNKNOWN:
+            full_block[key] = value
+    return full_block
 
 
 def updated_study(

@@ -77,7 +77,7 @@ def update(
     place = out or free_run_folder(f"{run.absolute().name}-update", run.parent)
     check_folder(place)
     with Bar(f"{run}: update") as bar, telling(shown_by(bar, JUDGED_SOON)):
-        found = run_update(
+        result = run_update(
             run,
             files,
             out=place,
@@ -89,7 +89,9 @@ def update(
             listener=Listener(lambda p: bar.show(stage_of(p)), bar.note),
         )
     if json:
-        print_json({"kind": "update", "folder": str(place), **found.content})
+        print_json({"kind": "update", "folder": str(place), **result.content})
         return
-    print_lines([*found.content["lines"], verdict(read_as(CalibrationRecord, read_result(place)), str(place)).headline])
+    print_lines(
+        [*result.content["lines"], verdict(read_as(CalibrationRecord, read_result(place)), str(place)).headline]
+    )
     click.echo(f"report: {place / 'report.html'}")

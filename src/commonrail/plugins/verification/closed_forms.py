@@ -1,7 +1,7 @@
-"""Closed forms beside the model: waves in the pipe, modes of the chain, steady flow, mass balance.
+"""Closed forms to compare with the model: waves in the pipe, modes of the chain, steady flow, mass balance.
 
 Each function makes its case from the injector (no leakage, no friction, as the theory needs it), runs it, and
-sets the run beside a closed form or a scalar root that uses nothing of the model but the fuel's laws.
+compares the run with a closed form or a scalar root that uses nothing of the model but the fuel's laws.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from commonrail.physics.variants import Variant
 
 # The laws of steady flow written out once more, from the drawing and the fuel's own laws alone.
 #
-# Nothing here uses the model's coefficients or its fuel polynomials: `closed_forms` sets runs beside these figures.
+# Nothing here uses the model's coefficients or its fuel polynomials: `closed_forms` compares runs with these figures.
 
 RAIL = 160e6  # [Pa]
 
@@ -137,7 +137,7 @@ def _turbulent(effective: float, drop: float, density: float, offset: float) -> 
     return math.sqrt(offset**2 + 2.0 * density * effective**2 * drop) - offset
 
 
-# Traces of the lanes, and what is read off them: an echo's delay, a frequency, the ringing of the chain.
+# Traces of the lanes, and figures read from them: an echo's delay, a frequency, the ringing of the chain.
 
 
 def traced(injector: Injector, point: OperatingPoint, dt: float) -> dict[str, Floats]:
@@ -188,7 +188,7 @@ def chain_matrices(k: Floats, masses: Floats, joint: float) -> tuple[Floats, Flo
     matrix = np.diag(np.append(springs, 0.0) + np.append(0.0, springs))
     matrix -= np.diag(springs, 1) + np.diag(springs, -1)
     plunger, needle = masses[:5], masses[5:]
-    half = [np.append(part, 0.0) / 2 + np.append(0.0, part) / 2 for part in (plunger, needle)]
+    half = [np.append(body, 0.0) / 2 + np.append(0.0, body) / 2 for body in (plunger, needle)]
     return matrix, np.concatenate(half)
 
 
@@ -242,7 +242,7 @@ class Check(NamedTuple):
 
 
 def check(name: str, value: float, limit: float, unit: str, detail: str) -> Check:
-    """Check that passes if |value| ≤ limit [unit]; NaN does not. The detail is what was compared."""
+    """Check that passes if |value| ≤ limit [unit]; NaN does not. The detail says what was compared."""
     return Check(name, float(value), limit, unit, bool(abs(value) <= limit), detail)
 
 
@@ -330,8 +330,8 @@ def chain_modes(injector: Injector) -> list[Check]:
     stiffness[8, 8] += seat.stiffness
     squares, shapes = eigh(stiffness, np.diag(nodes))
     omega = np.sqrt(squares)
-    found = [chain_frequency(p, seat, shapes[:, i], nodes, omega[i]) for i in range(9)]
-    worst = float(np.max(np.abs(np.array(found) / omega - 1.0)))
+    frequencies = [chain_frequency(p, seat, shapes[:, i], nodes, omega[i]) for i in range(9)]
+    worst = float(np.max(np.abs(np.array(frequencies) / omega - 1.0)))
     detail = (
         f"nine modes, {omega[0] / 2e3 / math.pi:.1f} to {omega[8] / 2e3 / math.pi:.0f} kHz; limit: 200 steps a period"
     )
@@ -339,7 +339,7 @@ def chain_modes(injector: Injector) -> list[Check]:
 
 
 def steady_flow(injector: Injector) -> list[Check]:
-    """Held open for 4 ms behind a short pipe: seat and nozzle in series; Z-hole, and A-hole with valve, in series."""
+    """Held open for 4 ms with a short pipe: seat and nozzle in series; Z-hole, and A-hole with valve, in series."""
     wide = _steady(injector, {}, "")
     narrow = _steady(injector, {"valve.lift": 15e-6}, ", valve as the narrowest section")
     return wide + narrow[1:]

@@ -41,7 +41,7 @@ VOLUME, RATE, OPENING = (0.3, 0.1), (1.0, 0.4), 0.3
 
 @dataclass(frozen=True)
 class Run:
-    """One injection with one energising by the program outside; the horizon of the point is that of the rate.
+    """One injection with one energising by the program outside; the point's horizon is the end of the rate.
 
     Injected volume [m³], instant at which the tip passes 5 um [s], and rate (samples,) as means over `INTERVAL` each
     [m³/s], where they are known.
@@ -93,18 +93,20 @@ def gaps(run: Run, solution: Solution) -> Gaps:
 def against_outside(runs: Sequence[Run], pool: Executor) -> list[Check]:
     """Largest gaps of both engines, simulated by a pool of processes."""
     return [
-        one for engine, simulated in ENGINES.items() for one in checks_of(engine, runs, list(pool.map(simulated, runs)))
+        gap_check
+        for engine, simulated in ENGINES.items()
+        for gap_check in checks_of(engine, runs, list(pool.map(simulated, runs)))
     ]
 
 
-def checks_of(engine: str, runs: Sequence[Run], found: Sequence[Gaps]) -> Iterator[Check]:
+def checks_of(engine: str, runs: Sequence[Run], gaps: Sequence[Gaps]) -> Iterator[Check]:
     """Checks of the gaps of one engine."""
     for short, what in ((False, "from 400 us"), (True, "short injections")):
-        members = [one for run, one in zip(runs, found, strict=True) if run.short is short]
-        rates = [one.rate for one in members if one.rate is not None]
-        yield _worst(f"{engine}, volume, {what}", [one.volume for one in members], VOLUME[not short], "%")
+        members = [gap for run, gap in zip(runs, gaps, strict=True) if run.short is short]
+        rates = [gap.rate for gap in members if gap.rate is not None]
+        yield _worst(f"{engine}, volume, {what}", [gap.volume for gap in members], VOLUME[not short], "%")
         yield _worst(f"{engine}, rate, L1, {what}", rates, RATE[not short], "%")
-    yield _worst(f"{engine}, opening", [one.opening for one in found], OPENING, "us")
+    yield _worst(f"{engine}, opening", [gap.opening for gap in gaps], OPENING, "us")
 
 
 def _worst(name: str, values: Sequence[float], limit: float, unit: str) -> Check:
@@ -144,7 +146,7 @@ def objective_and_scores(injector: Injector) -> list[Check]:
 
 def _reported(injector: Injector, data: Sequence[DataSet]) -> float:
     simulator = Simulator(injector, (), STEP, 1)
-    return sum(one.weight * float(one.misfit(one.score(simulator).values)) for one in data)
+    return sum(data_set.weight * float(data_set.misfit(data_set.score(simulator).values)) for data_set in data)
 
 
 def _curve(injector: Injector) -> RateData:

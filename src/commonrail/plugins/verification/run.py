@@ -49,7 +49,7 @@ class Difference(NamedTuple):
 
 
 class Compared(NamedTuple):
-    """Outcome of a task: single simulations in f64, and in f32 if it was asked for, against the reference.
+    """Outcome of a task: single simulations in f64, and optionally in f32, against the reference.
 
     `volume` is injected by the reference [m³], `gap` by the fast engine less that [m³], `batch` by `simulate_batch`
     less that of `simulate` [m³]; NaN where one has failed. `sensitivity` is the change of the injected volume [%] per 1
@@ -96,9 +96,11 @@ def _sensitivity(task: Task) -> float:
     if isinstance(task.limits, RateLimits):
         return math.nan
     holes = DIRECT_HOLES if task.injector.variant.actuation is Actuation.DIRECT else HOLES
-    own = np.array([task.injector.values[name] for name in holes])
+    nominal = np.array([task.injector.values[name] for name in holes])
     shifts = SHIFT * np.array([sign * row for row in np.eye(len(holes)) for sign in (1.0, -1.0)])
-    volume = simulate_batch(task.injector, [task.point], holes, own * (1.0 + shifts), threads=1).injected_volume[:, 0]
+    volume = simulate_batch(task.injector, [task.point], holes, nominal * (1.0 + shifts), threads=1).injected_volume[
+        :, 0
+    ]
     moved = np.abs(volume[::2] - volume[1::2])
     return float(np.max(moved) / np.sum(volume) / SHIFT * 2.0) if np.sum(volume) > 0.0 else 0.0
 
@@ -125,7 +127,7 @@ def verify(
     processes: int | None = None,
     quick: bool = False,
 ) -> list[Check]:
-    """Check the fast engine against the reference and both against what is known otherwise.
+    """Check the fast engine against the reference and both against independent figures.
 
     The injector is flexible, fed by an ideal rail and driven by PWM or regulator: the catalogue's "virtual-lino-2016".
     The injectors of the catalogue and figures of a program outside the project are compared too. `progress` is told
@@ -136,12 +138,12 @@ def verify(
     outside = load_outside()
     tasks = comparisons(injector, quick, [load_injector(name) for name in injector_catalogue()])
     tell(f"comparing the engines: {len(tasks)} simulations by the reference")
-    found: list[Compared] = []
+    compared: list[Compared] = []
     with ProcessPoolExecutor(processes) as pool:
-        for k, (task, one) in enumerate(zip(tasks, pool.map(compare, tasks), strict=True)):
-            found.append(one)
+        for k, (task, comparison) in enumerate(zip(tasks, pool.map(compare, tasks), strict=True)):
+            compared.append(comparison)
             tell(f"{k + 1} of {len(tasks)}: {task.group}")
-        checks = checks_of(tasks, found)
+        checks = checks_of(tasks, compared)
         tell("objective against scores")
         checks += objective_and_scores(injector)
         tell(f"figures from outside: {len(outside)} runs")
@@ -152,24 +154,24 @@ def verify(
     return checks
 
 
-def checks_of(tasks: Sequence[Task], found: Sequence[Compared]) -> list[Check]:
+def checks_of(tasks: Sequence[Task], compared: Sequence[Compared]) -> list[Check]:
     """The worst figures of each group, in the order in which the groups appear, then of the batches."""
     groups: dict[str, list[tuple[Task, Compared]]] = {}
     single: dict[str, list[Difference]] = {}
-    for task, one in zip(tasks, found, strict=True):
-        groups.setdefault(task.group, []).append((task, one))
-        if one.single is not None:
-            single.setdefault(task.single, []).append(one.single)
+    for task, comparison in zip(tasks, compared, strict=True):
+        groups.setdefault(task.group, []).append((task, comparison))
+        if comparison.single is not None:
+            single.setdefault(task.single, []).append(comparison.single)
     checks: list[Check] = []
     for group, members in groups.items():
         limits = members[0][0].limits
         if isinstance(limits, RateLimits):
-            checks += _rate_checks(group, limits, [one.double for _, one in members])
+            checks += _rate_checks(group, limits, [comparison.double for _, comparison in members])
         else:
             checks += [_volume_check(group, limit, members) for limit in limits]
     for group, differences in single.items():
         checks += _rate_checks(group, RateLimits(), differences)
-    return [*checks, _batches(tasks, found)]
+    return [*checks, _batches(tasks, compared)]
 
 
 def _rate_checks(group: str, limits: RateLimits, differences: Sequence[Difference]) -> Iterator[Check]:
@@ -181,12 +183,12 @@ def _rate_checks(group: str, limits: RateLimits, differences: Sequence[Differenc
 
 
 def _volume_check(group: str, limit: VolumeLimit, members: Sequence[tuple[Task, Compared]]) -> Check:
-    shares = np.array([100.0 * abs(one.gap) / limit.of(one.volume) for _, one in members])
+    shares = np.array([100.0 * abs(comparison.gap) / limit.of(comparison.volume) for _, comparison in members])
     shares = np.where(np.isnan(shares), np.inf, shares)
-    # the largest of those that must keep the limit
+    # the largest among the share that must keep the limit
     k = int(np.argsort(shares)[math.ceil(limit.share * len(shares)) - 1])
     task, worst = members[k]
-    some = sum(one.volume > INJECTS for _, one in members)
+    some = sum(comparison.volume > INJECTS for _, comparison in members)
     pressure, drive = task.point.at_start(task.point.rail_pressure), task.injector.variant.drive.value
     detail = (
         f"share of {limit.text}, median {np.median(shares):.2g} %, {len(shares)} simulations, of which {some} inject; "
@@ -197,8 +199,8 @@ def _volume_check(group: str, limit: VolumeLimit, members: Sequence[tuple[Task, 
     return check(f"{group}: {of}", float(shares[k]), 100.0, "% of its limit", detail)
 
 
-def _batches(tasks: Sequence[Task], found: Sequence[Compared]) -> Check:
-    gaps = np.array([1e9 * abs(one.batch) for one in found])
+def _batches(tasks: Sequence[Task], compared: Sequence[Compared]) -> Check:
+    gaps = np.array([1e9 * abs(comparison.batch) for comparison in compared])
     k = int(np.argmax(gaps))
     detail = (
         f"injected volume, early stop, {len(gaps)} simulations, worst: {tasks[k].group}; limit: what a SAC gives after "

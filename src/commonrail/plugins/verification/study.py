@@ -85,7 +85,7 @@ class Task(NamedTuple):
     """One comparison of the engines.
 
     Checks are named by the group, whose members have the same limits; `single` is the group of the same run in single
-    precision, empty if there is none; `method` is that of the reference.
+    precision, or empty; `method` is the reference's method.
     """
 
     group: str
@@ -167,9 +167,9 @@ def _fuels(injector: Injector) -> list[Task]:
 
 
 def _short(injector: Injector, times: tuple[float, ...], pressures: tuple[float, ...]) -> list[Task]:
-    whole = f"{times[0] * 1e6:g} us" if len(times) == 1 else f"{times[0] * 1e6:g} to {times[-1] * 1e6:g} us"
+    times_text = f"{times[0] * 1e6:g} us" if len(times) == 1 else f"{times[0] * 1e6:g} to {times[-1] * 1e6:g} us"
     return [
-        Task(f"energising time {whole}", driven, OperatingPoint(pressure, time), SHORT)
+        Task(f"energising time {times_text}", driven, OperatingPoint(pressure, time), SHORT)
         for time in times
         for driven in (_driven(injector, Drive.PWM), _driven(injector, Drive.REGULATED))
         for pressure in pressures
@@ -203,9 +203,9 @@ def _random_injectors(injector: Injector) -> list[Task]:
     low, high = np.log((1.0 - AROUND, 1.0 + AROUND))
     factors = np.exp(np.random.default_rng(SEED).uniform(low, high, (DRAWS, len(names))))
     factors[:, np.isin(names, COUNTS)] = 1.0  # no part has a share of a hole
-    own = np.array([injector.values[name] for name in names])
+    nominal = np.array([injector.values[name] for name in names])
     point = OperatingPoint(RANDOM_AT, ENERGISING, horizon=RANDOM_HORIZON)
-    batch = simulate_batch(injector, [point], names, factors * own)
+    batch = simulate_batch(injector, [point], names, factors * nominal)
     refused = np.isin(batch.status[:, 0], (Status.OUTSIDE_DOMAIN, Status.NOT_CLOSED_AT_START))
     drawn = factors[~refused & ~(batch.injected_volume[:, 0] < SOME)][:INJECTORS]  # what fails otherwise stays
     group = f"{len(drawn)} random injectors, every parameter but counts within ± {100 * AROUND:.0f} %"

@@ -107,7 +107,7 @@ def view_of(kind: str) -> View:
     """
     if (part := registry.find("views", kind)) is None:
         raise InputError(f'There is no view of the data "{kind}"; install or update the package that has it.')
-    return part.part(View, "a View")  # type: ignore[type-abstract]
+    return part.load_as(View, "a View")  # type: ignore[type-abstract]
 
 
 # Columns of tables with models side by side.

@@ -309,7 +309,7 @@ def _tests(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
     """Statistical tests that found something."""
     text = f"State in {advice.study} what the data look like, or a discrepancy of theirs, and calibrate again."
     for test in record.certainty.tests if record.certainty else ():
-        if test.found:
+        if test.detected:
             chances = [chance for chance in (test.probability, test.score, test.size, 1.0) if chance is not None]
             step = Step(text, advice.calibrate(), FREE)
             if free := _suspect(record, test):
