@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from commonrail.plugins.export.library import Library, write_library
-from commonrail.plugins.export.object_files import compiler_for, own_platform, target_named, vectors_of
-from commonrail.plugins.export.sources import named
+from commonrail.plugins.export.object_files import compiler_for, find_target, own_platform, vectors_of
+from commonrail.plugins.export.sources import insert_model_name
 from commonrail.readers.injector import load_injector
 
 MODEL = "virtual-lino-2016"
@@ -39,11 +39,11 @@ class Timing(NamedTuple):
 
 def build(folder: Path) -> tuple[Library, Path]:
     """Library and timing program in a folder."""
-    target = target_named(own_platform()[0])
+    target = find_target(own_platform()[0])
     library = write_library(load_injector(MODEL), folder, [target])
     source, out = folder / "speed.c", folder / "speed"
     text = Path(__file__).with_suffix(".c").read_text(encoding="utf-8")
-    source.write_text(named(text, library.model.name), encoding="utf-8")
+    source.write_text(insert_model_name(text, library.model.name), encoding="utf-8")
     static = folder / f"lib{library.model.name}.a"
     command = [*compiler_for(target).command, "-O2", str(source), str(static), "-lm", "-o", str(out)]
     subprocess.run(command, cwd=folder, check=True)
@@ -68,7 +68,7 @@ def main(rounds: int) -> None:
         print(f"load before: {os.getloadavg()[0]:.1f}")
         print("| injectors | lanes at once | step, us | ns per step | ticks per step | times real time | error, % |")
         print("| --- | --- | --- | --- | --- | --- | --- |")
-        widths = [0, 1, *(WIDTHS[one] for one in vectors_of(target_named(own_platform()[0])))]
+        widths = [0, 1, *(WIDTHS[one] for one in vectors_of(find_target(own_platform()[0])))]
         found = {(width, step): timing(program, step, width, rounds) for width in widths for step in STEPS}
         for (width, step), one in found.items():
             each, error = one.whole / one.steps, 100.0 * (one.mass / finest - 1.0)

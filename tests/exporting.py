@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from commonrail.base.errors import ConfigurationError
-from commonrail.plugins.export.object_files import compiler_for, own_platform, target_named
+from commonrail.plugins.export.object_files import compiler_for, find_target, own_platform
 
 
 def usable_platform() -> str:
@@ -14,7 +14,7 @@ def usable_platform() -> str:
     if not names:
         pytest.skip("this machine runs none of the platforms that are exported to")
     try:
-        compiler_for(target_named(names[0]))
+        compiler_for(find_target(names[0]))
     except ConfigurationError as error:
         pytest.skip(str(error))
     return names[0]

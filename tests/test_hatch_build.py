@@ -21,7 +21,7 @@ from commonrail.base.choices import Precision
 from commonrail.base.errors import ConfigurationError
 from commonrail.compiler.target import LEVEL_3
 from commonrail.physics.injector import Injector
-from commonrail.plugins.export.object_files import compiler_for, target_named
+from commonrail.plugins.export.object_files import compiler_for, find_target
 from tools.wheel_libraries import write_libraries
 
 LACKING = "hatchling, which builds wheels, is not installed"
@@ -35,7 +35,7 @@ ASKED, TAG = "COMMONRAIL_BUILD_KERNELS", "COMMONRAIL_WHEEL_TAG"
 def has_compiler() -> bool:
     """True if libraries can be linked here."""
     try:
-        compiler_for(target_named("linux64"))
+        compiler_for(find_target("linux64"))
     except ConfigurationError:
         return False
     return True

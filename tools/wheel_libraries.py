@@ -27,7 +27,7 @@ from commonrail.engine.job import VECTORS
 from commonrail.engine.machine_code import COMPILERS, FOLDER, SOURCES, STAMP, file_of, object_of, symbol_of
 from commonrail.engine.threads import usable_threads
 from commonrail.physics.variants import Variant
-from commonrail.plugins.export.object_files import compiler_for, link_shared, target_named
+from commonrail.plugins.export.object_files import compiler_for, find_target, link_shared
 
 _SERVO = tuple(
     Variant(body, boundary, drive, laws) for laws in Laws for body in Body for boundary in Boundary for drive in Drive
@@ -67,7 +67,7 @@ def write_libraries(
     double precision an exact one too. With one of `processes` this one compiles. ConfigurationError if there is no C
     compiler, or it fails.
     """
-    target = target_named("linux64")
+    target = find_target("linux64")
     compiler = compiler_for(target)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / STAMP).unlink(missing_ok=True)  # without it no library is used, also if this ends halfway

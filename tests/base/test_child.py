@@ -10,7 +10,7 @@ import pytest
 from commonrail.base.errors import InputError
 from commonrail.compiler import child as child_process
 from commonrail.plugins.doctor.run import run_child
-from commonrail.plugins.export.object_files import compiler_for, run, target_named
+from commonrail.plugins.export.object_files import compiler_for, find_target, run_compiler
 from commonrail.readers.guarded import read_apart
 from commonrail.workers.task import pack
 from commonrail.workers.workers import Workers
@@ -44,7 +44,7 @@ def read_mat(folder: Path) -> None:
 
 def link(folder: Path) -> None:
     pytest.importorskip("ziglang")
-    run([*compiler_for(target_named("wasm32")).command, "--version"], folder)
+    run_compiler([*compiler_for(find_target("wasm32")).command, "--version"], folder)
 
 
 def check_machine(folder: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from commonrail.plugins.export.fmu import write_fmu
 from commonrail.plugins.export.library import Library, write_library
-from commonrail.plugins.export.object_files import target_named
+from commonrail.plugins.export.object_files import find_target
 from commonrail.readers.injector import load_injector
 from tests.cli.conftest import command  # noqa: F401
 from tests.conftest import DRAWN
@@ -26,7 +26,7 @@ def own() -> str:
 @pytest.fixture(scope="session")
 def library(own: str, tmp_path_factory: pytest.TempPathFactory) -> Library:
     """Library of the virtual injector."""
-    return write_library(load_injector(DRAWN), tmp_path_factory.mktemp("library"), [target_named(own)])
+    return write_library(load_injector(DRAWN), tmp_path_factory.mktemp("library"), [find_target(own)])
 
 
 @pytest.fixture(scope="session")
@@ -39,7 +39,7 @@ def native(library: Library, own: str) -> Native:
 def fmu(own: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """FMU of the virtual injector for this machine."""
     path = tmp_path_factory.mktemp("fmu") / "injector.fmu"
-    write_fmu(load_injector(DRAWN), path, [target_named(own)])
+    write_fmu(load_injector(DRAWN), path, [find_target(own)])
     return path
 
 
@@ -47,7 +47,7 @@ def fmu(own: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def fmu3(own: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same by version 3.0."""
     path = tmp_path_factory.mktemp("fmu") / "injector.fmu"
-    write_fmu(load_injector(DRAWN), path, [target_named(own)], 3)
+    write_fmu(load_injector(DRAWN), path, [find_target(own)], 3)
     return path
 
 

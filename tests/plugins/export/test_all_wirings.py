@@ -24,7 +24,7 @@ from commonrail.physics.variants import Variant
 from commonrail.plugins.export.description import AT_REST
 from commonrail.plugins.export.fmu import write_fmu
 from commonrail.plugins.export.library import write_library
-from commonrail.plugins.export.object_files import target_named
+from commonrail.plugins.export.object_files import find_target
 from commonrail.readers.injector import load_injector
 from tests.conftest import DRAWN
 from tests.plugins.export.native import BlockRun, Floats, Native, Run
@@ -129,7 +129,7 @@ def test_candidates_of_every_wiring_have_the_bits_of_the_lanes(variant: Variant,
     """Bouncing needles and plungers too, which would magnify one rounding to 1e-5 of a peak."""
     injector, rng = wired(variant), np.random.default_rng([*variant.label.encode()])
     assert injector.wired() == variant
-    native = Native(write_library(injector, tmp_path, [target_named(own)]), own)
+    native = Native(write_library(injector, tmp_path, [find_target(own)]), own)
     simulated = []
     for candidate in candidates_of(injector, rng):
         point = point_of(candidate, rng)
@@ -183,7 +183,7 @@ def test_fmus_of_every_wiring_have_the_bits_of_the_lanes(variant: Variant, own: 
     solution = simulate(injector, point, same_bits=True)
     assert solution.injected_mass > 1e-7
     expected = {**solution.channels, "injected": solution.injected}
-    write_fmu(injector, tmp_path / "injector.fmu", [target_named(own)])
+    write_fmu(injector, tmp_path / "injector.fmu", [find_target(own)])
     rail, cylinder, low = point.initial_pressures()
     found = fmpy.simulate_fmu(
         str(tmp_path / "injector.fmu"),

@@ -11,7 +11,7 @@ from commonrail.base.choices import Actuation, Boundary, Drive
 from commonrail.engine.status import check_inputs
 from commonrail.physics.variants import DRIVE, RAIL, RETURN, Variant, unread_inputs, unread_parameters
 from commonrail.plugins.export.description import AT_REST, terminals, variables
-from commonrail.plugins.export.sources import reads_of
+from commonrail.plugins.export.sources import define_inputs_read
 from commonrail.plugins.export.verb import Form, _next
 
 SERVO = [Variant("flexible", rail, drive) for rail in Boundary for drive in Drive]
@@ -38,7 +38,7 @@ def test_an_fmu_declares_what_its_variant_reads_and_nothing_else(variant: Varian
 
 @VARIANTS
 def test_the_header_of_a_library_says_what_is_read(variant: Variant) -> None:
-    unread = {name for name, read, _ in reads_of(variant) if not read}
+    unread = {name for name, read, _ in define_inputs_read(variant) if not read}
     assert unread == {f"READS_{name.upper()}" for name in unread_inputs(variant)}
 
 

@@ -33,7 +33,7 @@ def test_an_unknown_platform_is_a_sentence(command: Command, tmp_path: Path) -> 
 )
 def test_what_cannot_be_written_is_refused_before_any_work(command: Command, monkeypatch, options, sentence) -> None:
     monkeypatch.setattr(
-        "commonrail.plugins.export.fmu.model_of", lambda injector: pytest.fail("compiled before the check")
+        "commonrail.plugins.export.fmu.make_model", lambda injector: pytest.fail("compiled before the check")
     )
     done = command("export", "fmu", "virtual-lino-2016", *options)
     assert done.status == 2

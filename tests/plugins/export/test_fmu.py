@@ -17,7 +17,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.physics.variants import unread_parameters
 from commonrail.plugins.export.fmu import write_fmu
-from commonrail.plugins.export.object_files import target_named
+from commonrail.plugins.export.object_files import find_target
 from commonrail.readers.injector import load_injector
 from tests.conftest import DRAWN
 from tests.plugins.export.test_library import ROUNDING
@@ -288,7 +288,7 @@ def test_flat_names_are_the_same_model(own, fmu, tmp_path):
 
     for fmi in (2, 3):
         path = tmp_path / f"flat{fmi}.fmu"
-        write_fmu(load_injector(DRAWN), path, [target_named(own)], fmi, flat=True)
+        write_fmu(load_injector(DRAWN), path, [find_target(own)], fmi, flat=True)
         assert validate_fmu(str(path)) == []
     start = {"boundary__rail_pressure": 160e6, "energising_1__duration": 700e-6}
     flat, structured = run(tmp_path / "flat2.fmu", start=start), run(fmu)

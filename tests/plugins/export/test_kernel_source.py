@@ -11,7 +11,7 @@ import pytest
 from commonrail.base.errors import ConfigurationError
 from commonrail.plugins.export.c_source import kernel_source
 from commonrail.plugins.export.library import Library
-from commonrail.plugins.export.object_files import compiler_for, link_shared, target_named
+from commonrail.plugins.export.object_files import compiler_for, find_target, link_shared
 from tests.plugins.export.native import BlockRun, Native, Run
 from tests.plugins.export.test_library import BOUNDARY
 
@@ -24,7 +24,7 @@ entry:
 
 
 def test_the_sources_compile_without_warnings_to_the_same_injection(library: Library, native: Native, own, tmp_path):
-    target, name = target_named(own), library.model.name
+    target, name = find_target(own), library.model.name
     sources = [library.folder / f"{name}{part}.c" for part in ("", "_block", "_kernel")]
     out = tmp_path / "from_sources.so"
     link_shared(compiler_for(target), sources, out, target, (f"{name.upper()}_SHARED",))

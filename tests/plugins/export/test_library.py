@@ -20,7 +20,7 @@ from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import Status
 from commonrail.physics.injector import FUEL_TEMPERATURE
 from commonrail.plugins.export.library import write_library
-from commonrail.plugins.export.object_files import target_named
+from commonrail.plugins.export.object_files import find_target
 from commonrail.readers.injector import load_injector
 from tests.conftest import DRAWN
 from tests.plugins.export.native import Native, Run
@@ -269,7 +269,7 @@ def test_every_choice_of_wiring_has_the_channels_of_the_lanes(wiring, own, tmp_p
     rail = 30e6 if injector.variant.actuation is Actuation.DIRECT else 120e6
     point = OperatingPoint(rail, [] if traced else 600e-6, drive=drive, horizon=1.5e-3)
     solution = simulate(injector, point)
-    library = Native(write_library(injector, tmp_path, [target_named(own)]), own)
+    library = Native(write_library(injector, tmp_path, [find_target(own)]), own)
     run = Run(library, (rail, 5e6, 0.5e6, 0.0))
     rows = [run.observe()]
     for one in inputs_of(injector, point):
@@ -288,7 +288,7 @@ def test_every_choice_of_wiring_has_the_channels_of_the_lanes(wiring, own, tmp_p
 @pytest.mark.parametrize("platform", ["win64", "linux-arm64", "darwin-arm64"])
 def test_zig_links_for_other_platforms(platform, injector, tmp_path):
     pytest.importorskip("ziglang", reason="zig is not installed: pip install 'commonrail[export]'")
-    library = write_library(injector, tmp_path, [target_named(platform)])
+    library = write_library(injector, tmp_path, [find_target(platform)])
     content = library.shared[platform].read_bytes()
     # magic numbers of PE, of ELF with the machine AArch64, of Mach-O with the processor ARM64
     signs = {"win64": b"MZ", "linux-arm64": b"\x7fELF", "darwin-arm64": b"\xcf\xfa\xed\xfe\x0c\x00\x00\x01"}

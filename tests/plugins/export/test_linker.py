@@ -9,12 +9,19 @@ from pathlib import Path
 import pytest
 
 from commonrail.compiler import cache
-from commonrail.plugins.export.object_files import archive, compile_source, compiler_for, link_shared, run, target_named
+from commonrail.plugins.export.object_files import (
+    archive,
+    compile_source,
+    compiler_for,
+    find_target,
+    link_shared,
+    run_compiler,
+)
 
 
 def test_a_relative_folder_is_that_of_the_caller(own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    target = target_named(own)
+    target = find_target(own)
     compiler = compiler_for(target)
     folder = Path("library")
     folder.mkdir()
@@ -34,7 +41,7 @@ def test_the_first_link_for_a_target_says_that_a_c_library_is_built(
     said: list[str] = []
     monkeypatch.setattr("commonrail.plugins.export.object_files.note", said.append)
     for target in ("aarch64-linux-gnu.2.17", "aarch64-linux-gnu.2.17", "wasm32-freestanding", "x86_64-windows-gnu"):
-        run([sys.executable, "-c", "", "-target", target], tmp_path)
+        run_compiler([sys.executable, "-c", "", "-target", target], tmp_path)
     assert ["aarch64-linux-gnu.2.17" in said[0], "x86_64-windows-gnu" in said[1], len(said)] == [True, True, 2]
 
 
@@ -51,6 +58,6 @@ def test_a_cache_of_the_linker_that_others_can_write_to_is_not_used(
     monkeypatch.setattr(cache, "note", lambda text: None)
     cache.private_folder.cache_clear()
     code = "import os, pathlib; pathlib.Path('used').write_text(os.environ['ZIG_GLOBAL_CACHE_DIR'])"
-    run([sys.executable, "-c", code], tmp_path)
+    run_compiler([sys.executable, "-c", code], tmp_path)
     cache.private_folder.cache_clear()
     assert not (tmp_path / "used").read_text().startswith(str(shared))

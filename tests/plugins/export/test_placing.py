@@ -9,8 +9,8 @@ import pytest
 
 from commonrail.base.errors import ConfigurationError
 from commonrail.plugins.export import library
-from commonrail.plugins.export.library import placed, write_library
-from commonrail.plugins.export.object_files import target_named
+from commonrail.plugins.export.library import place_when_complete, write_library
+from commonrail.plugins.export.object_files import find_target
 from commonrail.readers.injector import load_injector
 from tests.conftest import DRAWN
 
@@ -23,7 +23,7 @@ def entries(folder: Path) -> dict[str, str]:
 def test_a_new_folder_appears_with_all_its_files(tmp_path: Path) -> None:
     folder, usual = tmp_path / "above" / "new", tmp_path / "usual"
     usual.mkdir()
-    with placed(folder) as made:
+    with place_when_complete(folder) as made:
         (made / "inner").mkdir()
         (made / "inner" / "one").write_text("1")
         assert not folder.exists()
@@ -35,7 +35,7 @@ def test_other_files_of_a_folder_stay(tmp_path: Path) -> None:
     (tmp_path / "inner").mkdir()
     for name in ("own", "replaced", "inner/replaced"):
         (tmp_path / name).write_text("old")
-    with placed(tmp_path) as made:
+    with place_when_complete(tmp_path) as made:
         (made / "inner").mkdir()
         for name in ("replaced", "inner/replaced", "inner/new"):
             (made / name).write_text("new")
@@ -58,6 +58,6 @@ def test_an_export_that_fails_changes_nothing(
 
     monkeypatch.setattr(library.object_files, "link_shared", fail)  # the last thing that is made of a platform
     with pytest.raises(ConfigurationError, match="failed"):
-        write_library(load_injector(DRAWN), folder, [target_named(own)])
+        write_library(load_injector(DRAWN), folder, [find_target(own)])
     assert entries(tmp_path) == before
     assert folder.exists() == exists

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import commonrail.plugins.export
-from commonrail.plugins.export.object_files import compiler_for, run, target_named
+from commonrail.plugins.export.object_files import compiler_for, find_target, run_compiler
 from commonrail.plugins.foreign_fmu.data import FmuData, fmu_curve
 
 HERE = Path(__file__).parent
@@ -19,7 +19,7 @@ TRUTH = 1.7305  # of k; no failing value lies within 0.0005 of it, where a share
 
 def write_decay(folder: Path, platform: str) -> Path:
     """FMU of decay.c for a platform."""
-    target = target_named(platform)
+    target = find_target(platform)
     build = folder / "build"
     build.mkdir()
     sources = [HERE / "decay.c", HERE / "absent.c"]
@@ -27,7 +27,7 @@ def write_decay(folder: Path, platform: str) -> Path:
         (build / name).write_text((HEADERS / name).read_text())
     binary = build / f"decay{target.suffix}"
     own = compiler_for(target).command
-    run([*own, "-O2", "-fPIC", "-shared", "-I.", *map(str, sources), "-o", str(binary), "-lm"], build)
+    run_compiler([*own, "-O2", "-fPIC", "-shared", "-I.", *map(str, sources), "-o", str(binary), "-lm"], build)
     path = folder / "decay.fmu"
     with zipfile.ZipFile(path, "w") as archive:
         archive.write(HERE / "decay.xml", "modelDescription.xml")

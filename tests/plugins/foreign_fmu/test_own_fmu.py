@@ -7,7 +7,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.plugins.export.fmu import write_fmu
-from commonrail.plugins.export.object_files import target_named
+from commonrail.plugins.export.object_files import find_target
 from commonrail.plugins.multistart import MultiStartSettings
 from tests.conftest import DRAWN
 from tests.exporting import usable_platform
@@ -23,7 +23,7 @@ STOP = 3e-3
 def test_a_parameter_of_an_exported_injector_is_found_again(version, tmp_path):
     injector = cr.load_injector(DRAWN)
     path = tmp_path / "injector.fmu"
-    write_fmu(injector, path, [target_named(usable_platform())], version)
+    write_fmu(injector, path, [find_target(usable_platform())], version)
     drawn = injector.values[PRELOAD]
     points = [cr.OperatingPoint(rail, time, horizon=STOP) for rail, time in POINTS]
     truth = injector.with_values({PRELOAD: TRUTH * drawn})

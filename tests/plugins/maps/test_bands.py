@@ -12,7 +12,7 @@ import pytest
 import commonrail as cr
 from commonrail.plugins.maps.axes import MapAxes
 from commonrail.plugins.maps.response import Conditions
-from commonrail.plugins.maps.run import InjectionMap, _tables, injection_map, with_bands
+from commonrail.plugins.maps.run import InjectionMap, _tables, add_bands, injection_map
 from commonrail.readers.grid import read_grid
 from commonrail.readers.quantity_matrix import find_map
 from commonrail.runs.folder import read_fit
@@ -49,7 +49,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def found(run: Path) -> InjectionMap:
-    return with_bands(injection_map(cr.load_injector(run / "calibrated.toml"), AXES, CONDITIONS), *read_fit(run))
+    return add_bands(injection_map(cr.load_injector(run / "calibrated.toml"), AXES, CONDITIONS), *read_fit(run))
 
 
 def test_cells_have_the_bands_that_predict_gives_their_points(run: Path, found: InjectionMap) -> None:
@@ -100,7 +100,7 @@ def test_quantities_at_a_stated_density_have_bands_at_that_of_the_map(run: Path,
         quantity=data.quantity / share,
         absolute=data.absolute / share,
     )
-    other = with_bands(replace(found, bands=None), replace(study, data=(stated,)), best)
+    other = add_bands(replace(found, bands=None), replace(study, data=(stated,)), best)
     assert other.bands is not None
     # the reference density of the data is the map's within the rounding of twelve digits of the file
     for mine, its in zip(found.bands.quantity[0.9], other.bands.quantity[0.9], strict=True):
@@ -110,7 +110,7 @@ def test_quantities_at_a_stated_density_have_bands_at_that_of_the_map(run: Path,
 def test_another_injector_than_the_calibrated_one_has_no_bands(run: Path, found: InjectionMap) -> None:
     other = replace(found, injector=found.injector.with_values({"control_chamber.a_hole_diameter": 0.2e-3}))
     with pytest.raises(cr.errors.ConfigurationError, match="omit the changes or the bands"):
-        with_bands(other, *read_fit(run))
+        add_bands(other, *read_fit(run))
 
 
 def test_files_and_page_of_a_map_hold_the_bands(run: Path, tmp_path: Path) -> None:

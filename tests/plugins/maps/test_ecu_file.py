@@ -12,7 +12,7 @@ from commonrail.base.errors import InputError
 from commonrail.plugins.maps.ecu_file import read_axes, read_ecu_maps
 from commonrail.plugins.maps.file import write_map_file
 from commonrail.plugins.maps.response import Conditions
-from commonrail.plugins.maps.table import MapTable, shaped_like, simulated_columns, with_columns_of
+from commonrail.plugins.maps.table import MapTable, arrange_like, complete_columns, find_simulated_columns
 from commonrail.readers.columns import PLAIN
 from commonrail.readers.overview import survey
 from commonrail.readers.quantity_matrix import LONGEST_SIMULATED, GivenUnits
@@ -77,13 +77,13 @@ def test_a_crank_angle_of_a_control_unit_needs_the_engine_speed(tmp_path: Path) 
 
 def test_a_column_that_cannot_be_simulated_stays_as_it_was() -> None:
     like, conditions = table(), Conditions(cylinder_pressure=20e6)
-    which = simulated_columns(like, conditions)
+    which = find_simulated_columns(like, conditions)
     assert which.tolist() == [False, False, True, True, True, True, True]
     part = replace(like, x=like.x._replace(values=like.x.values[which]), values=2.0 * like.values[:, which])
     part = replace(part, states=tuple(row[2:] for row in like.states))
     turned = replace(like, x=like.y, y=like.x, values=like.values.T)
     for source in (like, turned):
-        new = shaped_like(with_columns_of(part, source, conditions), source)
+        new = arrange_like(complete_columns(part, source, conditions), source)
         values = new.values.T if source is turned else new.values
         np.testing.assert_array_equal(values[:, ~which], like.values[:, ~which])
         np.testing.assert_array_equal(values[:, which], 2.0 * like.values[:, which])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from commonrail.plugins.maps.choices import Beyond, CellState, Several
 from commonrail.plugins.maps.inverse import NARROWEST, TOLERANCE, Inverse, Rules, invert
-from commonrail.plugins.maps.response import Line, Response, knots_of
+from commonrail.plugins.maps.response import Line, Response, sample_times
 
 Floats = NDArray[np.float64]
 Law = Callable[[Floats, Floats], Floats]
@@ -30,7 +30,7 @@ def found(
         count += times.size
         return Response(law(np.full(len(rows), rail), times), np.zeros(times.shape))
 
-    times = knots_of(np.array([LONGEST]))
+    times = sample_times(np.array([LONGEST]))
     rails = np.full(len(times), rail)
     lines = [Line(rail, times, law(rails, times), np.zeros(len(times)))]
     result, lines = invert(simulate, lines, np.array(quantity) * MM3, rules)
@@ -102,7 +102,7 @@ def beside(offset: float) -> Law:
 
 
 def inverse_of(law: Law, rails: Floats, rules: Rules) -> Inverse:
-    times = knots_of(np.array([LONGEST]))
+    times = sample_times(np.array([LONGEST]))
     lines = [Line(rail, times, law(np.full(len(times), rail), times), np.zeros(len(times))) for rail in rails.tolist()]
 
     def simulate(rows: NDArray[np.intp], times: Floats) -> Response:
@@ -146,7 +146,7 @@ def test_a_row_without_a_sound_simulation_has_no_numbers() -> None:
 
 def test_a_simulation_that_fails_during_the_search_ends_its_cell_alone() -> None:
     def torn(rail: Floats, time: Floats) -> Floats:
-        on_grid = np.isin(time, knots_of(np.array([LONGEST])))
+        on_grid = np.isin(time, sample_times(np.array([LONGEST])))
         failing = (time > 290 * US) & (time < 310 * US) & ~on_grid
         return np.where(failing, np.nan, smooth(rail, time))
 
@@ -163,5 +163,5 @@ def test_energising_times_rise_with_the_quantity_even_across_a_fold() -> None:
 
 def test_samples_of_the_search_join_those_of_the_grid() -> None:
     _, lines, count = found(smooth, [5.0])
-    assert len(lines[0].time) == len(knots_of(np.array([LONGEST]))) + count
+    assert len(lines[0].time) == len(sample_times(np.array([LONGEST]))) + count
     assert np.all(np.diff(lines[0].time) >= 0.0)

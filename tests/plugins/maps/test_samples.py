@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from commonrail.plugins.maps.axes import ENERGISING_TIMES
-from commonrail.plugins.maps.response import FINE, FINE_UNTIL, Line, Response, falls_of, knots_of
+from commonrail.plugins.maps.response import FINE, FINE_UNTIL, Line, Response, find_falls, sample_times
 
 MM3, US = 1e-9, 1e-6
 
@@ -19,14 +19,14 @@ def line(times: list[float], volumes: list[float]) -> Line:
 
 def test_the_times_of_the_axis_are_among_those_that_are_simulated() -> None:
     times = np.array(ENERGISING_TIMES)
-    knots = knots_of(times)
+    knots = sample_times(times)
     assert set(times.tolist()) <= set(knots.tolist())
     assert np.all(np.diff(knots) > 0.0)
     assert knots[-1] == times[-1]
 
 
 def test_a_fall_of_some_tens_of_microseconds_cannot_hide_between_the_times() -> None:
-    knots = knots_of(np.array([2e-3]))
+    knots = sample_times(np.array([2e-3]))
     assert np.diff(knots[knots <= FINE_UNTIL]).max() <= FINE * 1.001
 
 
@@ -47,13 +47,13 @@ def test_falls_are_found_from_their_largest_to_their_smallest_quantity(
     volumes: list[float], falls: list[tuple[float, ...]]
 ) -> None:
     found = [
-        (f.start / US, f.end / US, f.high / MM3, f.low / MM3) for f in falls_of(line([10, 20, 30, 40, 50], volumes))
+        (f.start / US, f.end / US, f.high / MM3, f.low / MM3) for f in find_falls(line([10, 20, 30, 40, 50], volumes))
     ]
     assert [pytest.approx(f) for f in falls] == found
 
 
 def test_joined_samples_are_sorted() -> None:
-    joined = line([10, 30], [1, 3]).joined(np.array([20 * US]), Response(np.array([2 * MM3]), np.array([1e-4])))
+    joined = line([10, 30], [1, 3]).add_samples(np.array([20 * US]), Response(np.array([2 * MM3]), np.array([1e-4])))
     assert joined.time.tolist() == pytest.approx([10 * US, 20 * US, 30 * US])
     assert joined.volume.tolist() == pytest.approx([1 * MM3, 2 * MM3, 3 * MM3])
     assert joined.at(np.array([20 * US])).lift.tolist() == [1e-4]

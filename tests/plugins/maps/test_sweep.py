@@ -20,7 +20,7 @@ from commonrail.plugins.maps.sweep import (
     Base,
     Variable,
     _first_alone,
-    fused_of,
+    find_fused,
     most_frequent,
     reason_of,
     sweep,
@@ -29,7 +29,7 @@ from commonrail.plugins.maps.sweep import (
 )
 from commonrail.plugins.maps.sweep_file import sweep_record
 from commonrail.plugins.maps.sweep_page import sweep_lines
-from commonrail.plugins.maps.table import held_tables
+from commonrail.plugins.maps.table import tables_at_quantities
 
 INJECTOR = cr.load_injector("virtual-lino-2016")
 CONDITIONS = Conditions(threads=1)
@@ -254,7 +254,7 @@ def test_fusion_is_a_needle_that_is_open_when_the_second_would_open_it(
     instants: tuple[float, float, float], fused: bool
 ) -> None:
     delay, first, last = instants
-    found = fused_of(batch(first, last), np.array([800e-6]), np.array([[delay * 1e-6]]))
+    found = find_fused(batch(first, last), np.array([800e-6]), np.array([[delay * 1e-6]]))
     assert found.tolist() == [[fused]]
 
 
@@ -272,7 +272,7 @@ def test_compensated_times_hold_the_second_quantity() -> None:
         pulses = [(0.0, 300e-6), (300e-6 + dwell, float(time))]
         second = cr.simulate(INJECTOR, cr.OperatingPoint(160e6, pulses)).injected_volume - first
         assert second == pytest.approx(5e-9, abs=0.02e-9)
-    tables = held_tables(found, "tiSecond", change=False)
+    tables = tables_at_quantities(found, "tiSecond", change=False)
     assert [t.label for t in tables] == ["tiSecond_800us", "tiSecond_2000us"]
     assert tables[0].values[0, 0] == pytest.approx(found.energising_time[0, 0, 0] * 1e6, abs=6e-4)
 

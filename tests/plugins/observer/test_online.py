@@ -20,7 +20,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector
-from commonrail.plugins.export.object_files import target_named
+from commonrail.plugins.export.object_files import find_target
 from commonrail.plugins.observer.disturbance import Disturbance
 from commonrail.plugins.observer.file import Observation
 from commonrail.plugins.observer.online import (
@@ -98,7 +98,7 @@ class Library:
     def __init__(self, injector: Injector, folder: Path) -> None:
         own = usable_platform()
         online = Online(injector, SETTINGS, SAMPLING)
-        written = write_observer_library(online, folder, [target_named(own)])
+        written = write_observer_library(online, folder, [find_target(own)])
         self.dll, self.name = ctypes.CDLL(str(written.shared[own])), written.model.name
         self.fields = [v.name for v in online_variables(online) if v.kind.causality == "output"]
         number = [(str(i), c_double) for i in range(len(self.fields))]
@@ -197,7 +197,7 @@ def test_the_fmu_finds_what_python_finds(
     from fmpy.validation import validate_fmu
 
     online, path = Online(rigid_volume, SETTINGS, SAMPLING), tmp_path / "observer.fmu"
-    write_observer_fmu(online, path, [target_named(usable_platform())])
+    write_observer_fmu(online, path, [find_target(usable_platform())])
     assert not validate_fmu(str(path))
     given = np.zeros(len(log.time) - 1, [("time", float), ("pressure", float), ("command", float)])
     # an importer holds an input over the step that follows

@@ -79,8 +79,8 @@ def test_a_page_and_an_export_say_that_they_compile_for_a_minute(
             raise InputError("enough is said")
 
     monkeypatch.setattr(page, "wasm_module", compiled)
-    monkeypatch.setattr(library, "model_of", compiled)
-    monkeypatch.setattr(fmu, "model_of", compiled)
+    monkeypatch.setattr(library, "make_model", compiled)
+    monkeypatch.setattr(fmu, "make_model", compiled)
     calls = (("page", "cri2-16", "--out", "b.html"), ("export", "library", "cri2-16"), ("export", "fmu", "cri2-16"))
     monkeypatch.chdir(tmp_path)
     for words in calls:

@@ -181,7 +181,7 @@ def test_a_state_of_another_injector_is_refused(pwm: Injector) -> None:
         {"memory": np.nan},
         {"steps": -1},
         {"steps": "3"},
-        {"held": None},
+        {"overrides": None},
     ],
 )
 def test_a_damaged_state_is_refused_and_the_stepper_keeps_its_own(pwm: Injector, change: dict[str, object]) -> None:

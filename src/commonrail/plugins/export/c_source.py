@@ -64,26 +64,26 @@ def constant(value: str, kind: str) -> str:
     return str(number % 2**32) + "u" if kind == "i32" else str(number)
 
 
-def _signed(c: Value, operation: str, left: str, right: str) -> tuple[str, str]:
+def _signed_operation(c: Value, operation: str, left: str, right: str) -> tuple[str, str]:
     sign = {"ashr": ">>", "sdiv": "/", "srem": "%"}[operation]
     return "i64", f"(uint64_t)((int64_t){c(left, 'i64')} {sign} (int64_t){c(right, 'i64')})"
 
 
 def _real_comparison(c: Value, word: str, kind: str, left: str, right: str) -> tuple[str, str]:
     a, b = c(left, kind), c(right, kind)
-    whole = {
+    expressions = {
         "ord": f"{a} == {a} && {b} == {b}",
         "uno": f"{a} != {a} || {b} != {b}",
         "one": f"{a} < {b} || {a} > {b}",
         "une": f"{a} != {b}",
         "ueq": f"!({a} < {b} || {a} > {b})",
     }
-    if word in whole:
-        return "i1", whole[word]
+    if word in expressions:
+        return "i1", expressions[word]
     return "i1", f"{a} {_ORDERED[word[1:]]} {b}" if word[0] == "o" else f"!({a} {_NEGATED[word[1:]]} {b})"
 
 
-def _whole_comparison(c: Value, word: str, kind: str, left: str, right: str) -> tuple[str, str]:
+def _integer_comparison(c: Value, word: str, kind: str, left: str, right: str) -> tuple[str, str]:
     cast = "(int64_t)" if word[0] == "s" else ""
     sign = _ORDERED[word if word in ("eq", "ne") else word[1:]]
     return "i1", f"{cast}{c(left, kind)} {sign} {cast}{c(right, kind)}"
@@ -110,7 +110,7 @@ def _conversion(c: Value, operation: str, origin: str, value: str, kind: str) ->
 
 
 def _call(c: Value, kind: str, name: str, arguments: str) -> tuple[str, str]:
-    operands = [part.split()[-1] for part in arguments.split(", ")]
+    operands = [argument.split()[-1] for argument in arguments.split(", ")]
     return kind, f"{_CALLS[name]}({', '.join(c(operand, kind) for operand in operands)})"
 
 
@@ -154,14 +154,14 @@ _EXPRESSIONS: list[tuple[re.Pattern[str], Callable[..., tuple[str, str]]]] = [
             lambda c, kind, base, index: ("ptr", f"{c(base, 'ptr')} + (int64_t){c(index, 'i64')} * {_SIZES[kind]}"),
         ),
         (rf"fcmp {FLAGS}(\w+) (\w+) ({VALUE}), ({VALUE})$", _real_comparison),
-        (rf"icmp {FLAGS}(\w+) (\w+) ({VALUE}), ({VALUE})$", _whole_comparison),
+        (rf"icmp {FLAGS}(\w+) (\w+) ({VALUE}), ({VALUE})$", _integer_comparison),
         (
             rf"select {FLAGS}i1 ({VALUE}), (\w+) ({VALUE}), \w+ ({VALUE})$",
             lambda c, condition, kind, yes, no: (kind, f"{c(condition, 'i1')} ? {c(yes, kind)} : {c(no, kind)}"),
         ),
         (rf"(?:tail |notail )?call {FLAGS}(\w+) @{_any(_CALLS)}\((.*)\)", _call),
         (rf"(sitofp|uitofp|fptosi|zext|sext|ptrtoint|trunc|bitcast) {FLAGS}(\w+) ({VALUE}) to (\w+)$", _conversion),
-        (rf"(ashr|sdiv|srem) {FLAGS}i64 ({VALUE}), ({VALUE})$", _signed),
+        (rf"(ashr|sdiv|srem) {FLAGS}i64 ({VALUE}), ({VALUE})$", _signed_operation),
     )
 ]
 
@@ -187,7 +187,7 @@ static inline uint64_t umin(uint64_t a, uint64_t b) { return a < b ? a : b; }
 def kernel_source(text: str) -> str:
     """C source of a module from LLVM's text of it; ConfigurationError if an instruction has no translation."""
     functions = re.findall(r"^define [^\n]*\n.*?^}", text, re.M | re.S)
-    return "\n".join([_HEAD, *(_Function(one).source() for one in functions)])
+    return "\n".join([_HEAD, *(_Function(function).source() for function in functions)])
 
 
 class _Phi(NamedTuple):
@@ -201,7 +201,7 @@ class _Function:
 
     def __init__(self, text: str) -> None:
         head, *lines = text.splitlines()
-        self.head, self.lines = head, _used(_joined(lines[:-1]))
+        self.head, self.lines = head, drop_unread_values(_join_lines(lines[:-1]))
         self.names: dict[str, str] = {}
         self.kinds: dict[str, str] = {}
         self.labels: dict[str, str] = {}
@@ -212,7 +212,7 @@ class _Function:
         self._read_phis()
         body = self._body()
         variables = {**self.kinds, **{f"{phi.variable}_in": phi.kind for phis in self.phis.values() for phi in phis}}
-        declared = "".join(f"    {_declared(name, kind)} = 0;\n" for name, kind in variables.items())
+        declared = "".join(f"    {_declare(name, kind)} = 0;\n" for name, kind in variables.items())
         signature, parameters = self._signature()
         unused = "".join(f"    (void){name};\n" for name in parameters)
         return f"{signature} {{\n{declared}{unused}{body}}}\n"
@@ -221,9 +221,9 @@ class _Function:
         match = re.search(r"@([\w.$]+)\((.*)\) (?:local_unnamed_addr )?(?:#\d+ )?{", self.head)
         if match is None or " i32 @" not in self.head:
             raise unknown(self.head)
-        parts = [part.split() for part in re.split(r", (?=(?:ptr|i64|i32|double) )", match.group(2))]
+        parts = [parameter.split() for parameter in re.split(r", (?=(?:ptr|i64|i32|double) )", match.group(2))]
         parameters = {self.value(words[-1], words[0]): words[0] for words in parts}
-        return f"int32_t {match.group(1)}({', '.join(starmap(_declared, parameters.items()))})", list(parameters)
+        return f"int32_t {match.group(1)}({', '.join(starmap(_declare, parameters.items()))})", list(parameters)
 
     def label(self, name: str) -> str:
         """C label of a block."""
@@ -276,7 +276,7 @@ class _Function:
         return "\n".join(out) + "\n"
 
 
-def _declared(name: str, kind: str) -> str:
+def _declare(name: str, kind: str) -> str:
     return f"{TYPES[kind]}{'' if kind == 'ptr' else ' '}{name}"
 
 
@@ -310,7 +310,7 @@ def _assignment(f: _Function, _block: str, value: str, text: str) -> list[str]:
 
 
 def _memory(f: _Function, _block: str, function: str, arguments: str) -> list[str]:
-    values = [part.split()[-1] for part in arguments.split(", ")]
+    values = [argument.split()[-1] for argument in arguments.split(", ")]
     kinds = ("ptr", "i8" if function == "memset" else "ptr", "i64")
     to, source, count = (f.value(value, kind) for value, kind in zip(values, kinds, strict=False))
     return [f"{'memset' if function == 'memset' else 'memmove'}({to}, {source}, (size_t){count});"]
@@ -331,7 +331,7 @@ _STATEMENTS: list[tuple[re.Pattern[str], Callable[..., list[str]]]] = [
 ]
 
 
-def _joined(lines: list[str]) -> list[str]:
+def _join_lines(lines: list[str]) -> list[str]:
     """Instructions and labels without comments and metadata, a switch in one line."""
     out: list[str] = []
     inside = False
@@ -348,15 +348,17 @@ def _joined(lines: list[str]) -> list[str]:
     return out
 
 
-def _used(lines: list[str]) -> list[str]:
+def drop_unread_values(lines: list[str]) -> list[str]:
     """Lines but those of values that nothing reads: what was assumed of them is not translated."""
-    kept = [line for line in lines if not re.match(rf"(?:tail |notail )?call void @(?:{_UNTRANSLATED})", line)]
+    remaining = [line for line in lines if not re.match(rf"(?:tail |notail )?call void @(?:{_UNTRANSLATED})", line)]
     while True:
-        read = Counter(name for line in kept for name in set(re.findall(VALUE, line)))
-        left = [line for line in kept if not (match := re.match(rf"({VALUE}) = ", line)) or read[match.group(1)] > 1]
-        if len(left) == len(kept):
-            return kept
-        kept = left
+        read = Counter(name for line in remaining for name in set(re.findall(VALUE, line)))
+        left = [
+            line for line in remaining if not (match := re.match(rf"({VALUE}) = ", line)) or read[match.group(1)] > 1
+        ]
+        if len(left) == len(remaining):
+            return remaining
+        remaining = left
 
 
 def _label_of(line: str) -> str | None:

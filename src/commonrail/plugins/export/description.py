@@ -105,14 +105,14 @@ def flat_name(name: str) -> str:
 
 
 def _parameters(injector: Injector) -> list[Variable]:
-    found, unread = [], variants.unread_parameters(injector.variant)
+    parameters, unread = [], variants.unread_parameters(injector.variant)
     for i, path in enumerate((*parameter_paths(injector.variant.actuation), FUEL_TEMPERATURE)):
         if path not in unread:
             low, high, low_open, high_open = bounds_of(injector, path)
             limits = _inside(low, high, low_open), _inside(high, low, high_open)
             quantity, value = injector.quantities[path], injector.values[path]
-            found.append(Variable(path, i, _FIXED, quantity.unit, quantity.meaning, value, *limits))
-    return found
+            parameters.append(Variable(path, i, _FIXED, quantity.unit, quantity.meaning, value, *limits))
+    return parameters
 
 
 def _inside(limit: float, other: float, is_open: int) -> float:
@@ -149,14 +149,14 @@ def _inputs(injector: Injector) -> list[Variable]:
         Variable(variants.DRIVE, _INPUT + 3, _INPUT_KIND, unit, driven, 0.0),
     )
     unread = variants.unread_inputs(injector.variant)
-    found = [v._replace(name=f"boundary.{v.name}") for v in boundaries if v.name not in unread]
+    inputs = [v._replace(name=f"boundary.{v.name}") for v in boundaries if v.name not in unread]
     if variants.RAIL in unread:
         meaning = "rail pressure at rest; from then on that of the rail's volume is simulated"
-        found.insert(0, Variable(AT_REST, _INPUT, _FIXED, "Pa", meaning, RAIL, *rail))
+        inputs.insert(0, Variable(AT_REST, _INPUT, _FIXED, "Pa", meaning, RAIL, *rail))
     command = "true: the solenoid is energised"
     if variants.COMMAND in unread:
         command = "true: an injection begins, of which the instants are; the coil is driven by boundary.drive"
-    return [*found, Variable("command", _COMMAND, Kind("Boolean", "input", "discrete"), "", command, 0.0)]
+    return [*inputs, Variable("command", _COMMAND, Kind("Boolean", "input", "discrete"), "", command, 0.0)]
 
 
 def _outputs(injector: Injector) -> list[Variable]:
@@ -208,7 +208,7 @@ def describe2(model: Model, listed: Sequence[Variable], token: str, sources: Seq
         for index, variable in enumerate(listed, start=1):
             if variable.kind.causality == "output":
                 Xml.SubElement(unknowns, "Unknown", index=str(index))
-    return _written(root)
+    return _to_text(root)
 
 
 def describe3(model: Model, listed: Sequence[Variable], token: str, sources: Sequence[str]) -> str:
@@ -230,7 +230,7 @@ def describe3(model: Model, listed: Sequence[Variable], token: str, sources: Seq
         for variable in listed:
             if variable.kind.causality == "output":
                 Xml.SubElement(structure, name, valueReference=str(variable.reference))
-    return _written(root)
+    return _to_text(root)
 
 
 def _about(model: Model, listed: Sequence[Variable]) -> dict[str, str]:
@@ -297,7 +297,7 @@ def _start(variable: Variable) -> dict[str, str]:
     return {"start": repr(float(variable.start)) if variable.kind.type == "Real" else str(bool(variable.start)).lower()}
 
 
-def _written(root: Xml.Element) -> str:
+def _to_text(root: Xml.Element) -> str:
     """Text of a document."""
     Xml.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n"
@@ -314,7 +314,7 @@ def build_description(model: Model, sources: Sequence[str]) -> str:
     for name in sources:
         Xml.SubElement(files, "SourceFile", name=name)
     Xml.SubElement(configuration, "Library", name="m", external="true")
-    return _written(root)
+    return _to_text(root)
 
 
 def terminals(listed: Sequence[Variable]) -> str:
@@ -326,11 +326,11 @@ def terminals(listed: Sequence[Variable]) -> str:
         ("fuel_line", {"pressure": "boundary.rail_pressure", "flow": "inlet_flow"}, "inlet of the feed pipe"),
         ("coil", {"drive": "boundary.drive", "current": "coil_current"}, "coil of the solenoid"),
     ):
-        found = {m: text for m, variable in members.items() for text in {variable, flat_name(variable)} & names}
-        if found:
+        connected = {m: text for m, variable in members.items() for text in {variable, flat_name(variable)} & names}
+        if connected:
             terminal = Xml.SubElement(table, "Terminal", name=name, matchingRule="bus", description=description)
-        for member, variable in found.items():
+        for member, variable in connected.items():
             kind = "inflow" if member == "flow" else "signal"
             attributes = {"variableName": variable, "memberName": member, "variableKind": kind}
             Xml.SubElement(terminal, "TerminalMemberVariable", attributes)
-    return _written(root)
+    return _to_text(root)

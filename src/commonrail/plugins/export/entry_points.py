@@ -112,13 +112,13 @@ def entries(*words: str) -> dict[str, tuple[Law, Any]]:
     """
     from numba import types
 
-    place, real, whole = types.CPointer(types.float64), types.float64, types.int64
+    place, real, integer = types.CPointer(types.float64), types.float64, types.int64
     variant = Variant(*words)
     begin, march = _loop_entries(variant)
     observe, figures = _read_entries(variant)
     return {
-        "kernel_begin": (begin, types.void(place, place, whole, place, real, real, real, real, place)),
-        "kernel_march": (march, types.void(place, place, whole, whole, whole, place, real)),
+        "kernel_begin": (begin, types.void(place, place, integer, place, real, real, real, real, place)),
+        "kernel_march": (march, types.void(place, place, integer, integer, integer, place, real)),
         "kernel_observe": (observe, types.void(place, place)),
         "kernel_figures": (figures, types.void(place, real, place)),
         "kernel_medium": (_medium_entry(), types.void(place, real, place)),
@@ -128,8 +128,8 @@ def entries(*words: str) -> dict[str, tuple[Law, Any]]:
 def _medium_entry() -> Law:
     from numba import carray
 
-    def medium(coefficients, pressure, found):  # type: ignore[no-untyped-def]
-        fuel, out = _load_fuel(carray(coefficients, (_FUEL,)), 0, 1), carray(found, (3,))
+    def medium(coefficients, pressure, properties):  # type: ignore[no-untyped-def]
+        fuel, out = _load_fuel(carray(coefficients, (_FUEL,)), 0, 1), carray(properties, (3,))
         density = fuel_kernel.density(fuel, pressure)
         out[0] = density
         out[1] = density * fuel_kernel.stiffness(fuel, density)
@@ -149,8 +149,8 @@ def _loop_entries(variant: Variant) -> tuple[Law, Law]:
 
     def begin(work, waves, ring, theta, rail, cylinder, low, dt, figures):  # type: ignore[no-untyped-def]
         memory = Memory(carray(work, (working,)), carray(waves, (max(3 * ring, columns),)), ring, None)
-        own, out = carray(theta, (1, columns)), carray(figures, (1, noted))
-        put(memory, own, candidates, Setting(rail, cylinder, low, dt), out)
+        parameters, out = carray(theta, (1, columns)), carray(figures, (1, noted))
+        put(memory, parameters, candidates, Setting(rail, cylinder, low, dt), out)
 
     def march(work, waves, ring, first, count, inputs, dt):  # type: ignore[no-untyped-def]
         memory = Memory(carray(work, (working,)), carray(waves, (3 * ring,)), ring, None)
@@ -236,15 +236,15 @@ def block_entries(*words: str) -> dict[str, tuple[Law, Any]]:
     rows, copy, gather = make_rows(variant, LANES), row_copier(LANES), row_gatherer(LANES)
     advance = make_advance(variant, rows, make_own_inputs(), row_tester(LANES))
     arrive, leave = make_wave_transport(rows, copy, gather)
-    working, first_input, given, noted = rows.end, rows.inputs, len(INPUTS.paths), len(Outcome._fields)
+    working, first_input, input_count, noted = rows.end, rows.inputs, len(INPUTS.paths), len(Outcome._fields)
 
     def march(work, waves, ring, first, count, inputs, dt, alike):  # type: ignore[no-untyped-def]
         memory = Memory(carray(work, (working * LANES,)), carray(waves, (3 * ring * LANES,)), ring, None)
-        table = carray(inputs, (count * given * LANES,))
+        table = carray(inputs, (count * input_count * LANES,))
         for n in range(count):
             k = first + n
-            for i in range(given):
-                copy(memory.work, (first_input + i) * LANES, table, (n * given + i) * LANES)
+            for i in range(input_count):
+                copy(memory.work, (first_input + i) * LANES, table, (n * input_count + i) * LANES)
             arrive(memory, k, alike != 0)
             advance(memory.work, float(k + 1), k, dt)
             leave(memory, k)
@@ -254,8 +254,8 @@ def block_entries(*words: str) -> dict[str, tuple[Law, Any]]:
         # every step sets the cylinder pressure of all lanes anew, and what depends on it here is not read
         report_remaining(numbers, rows, numbers[rows.cylinder * LANES], carray(out, (LANES, noted)))
 
-    place, real, whole = types.CPointer(types.float64), types.float64, types.int64
+    place, real, integer = types.CPointer(types.float64), types.float64, types.int64
     return {
-        "kernel_block": (march, types.void(place, place, whole, whole, whole, place, real, whole)),
+        "kernel_block": (march, types.void(place, place, integer, integer, integer, place, real, integer)),
         "kernel_block_figures": (figures, types.void(place, place)),
     }

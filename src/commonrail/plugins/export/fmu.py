@@ -22,7 +22,7 @@ from commonrail.plugins.export import description
 from commonrail.plugins.export.description import CYLINDER, RAIL, RETURN, Variable
 from commonrail.plugins.export.library import block_texts, write_around, write_kernels, write_sources, write_texts
 from commonrail.plugins.export.object_files import Compiler, Target, compiler_for, link_shared, vectors_of
-from commonrail.plugins.export.sources import Model, model_of, source_file, template
+from commonrail.plugins.export.sources import Model, make_model, source_file, template
 from commonrail.report.html import render
 
 
@@ -73,48 +73,48 @@ def write_fmu(
     platforms, `fmi` is the version of the standard, 2 or 3. ConfigurationError if the standard knows no such platform,
     there is no compiler for one, or it fails.
     """
-    tools_of(targets, fmi)
-    model, listed = model_of(injector), description.variables(injector, flat)
-    made = Instance(model, listed, _injector_texts(injector), documentation_page(model, listed))
-    return write_instance(made, out, targets, fmi)
+    find_tools(targets, fmi)
+    model, listed = make_model(injector), description.variables(injector, flat)
+    fmu = Instance(model, listed, _injector_texts(injector), documentation_page(model, listed))
+    return write_instance(fmu, out, targets, fmi)
 
 
-def write_instance(made: Instance, out: Path, targets: Sequence[Target], fmi: int) -> tuple[str, ...]:
+def write_instance(fmu: Instance, out: Path, targets: Sequence[Target], fmi: int) -> tuple[str, ...]:
     """Write an FMU of whatever an instance is; as `write_fmu`."""
-    folders, compilers = tools_of(targets, fmi)
-    model, listed = made.model, made.variables
+    folders, compilers = find_tools(targets, fmi)
+    model, listed = fmu.model, fmu.variables
     token = f"{{{uuid.UUID(model.stamp[:32])}}}"
     with tempfile.TemporaryDirectory(prefix="commonrail-") as temporary:
         folder = Path(temporary)
-        written = [*write_sources(model, folder), *_write_instance(made, folder, token, fmi)]
+        written = [*write_sources(model, folder), *_write_instance(fmu, folder, token, fmi)]
         to_compile = [path.name for path in written if path.suffix == ".c"]
         describe = _DESCRIPTIONS[fmi]
         contents = {"modelDescription.xml": describe(model, listed, token, to_compile).encode()}
         for target in targets:
             binary = folder / f"{target.name}{target.suffix}"
-            _link(compilers[target.name], made, folder, binary, target)
+            _link(compilers[target.name], fmu, folder, binary, target)
             contents[f"binaries/{folders[target.name]}/{model.name}{target.suffix}"] = binary.read_bytes()
         contents |= {f"sources/{path.name}": path.read_bytes() for path in written}
     contents["model.png" if fmi == 2 else "terminalsAndIcons/icon.png"] = source_file("icon.png").read_bytes()
     if fmi == 3:
         contents["sources/buildDescription.xml"] = description.build_description(model, to_compile).encode()
         contents["terminalsAndIcons/terminalsAndIcons.xml"] = description.terminals(listed).encode()
-    contents["documentation/index.html"] = made.page.encode()
+    contents["documentation/index.html"] = fmu.page.encode()
     contents["documentation/licenses/notices.txt"] = template("notices.txt").replace("NAME", model.name).encode()
     _pack(out, contents)
     return tuple(contents)
 
 
-def _link(compiler: Compiler, made: Instance, folder: Path, binary: Path, target: Target) -> None:
+def _link(compiler: Compiler, fmu: Instance, folder: Path, binary: Path, target: Target) -> None:
     """Link the binary of a target: the C around the physics, and the physics as LLVM compiles it."""
-    model, vectors = made.model, vectors_of(target) if made.blocks else ()
+    model, vectors = fmu.model, vectors_of(target) if fmu.blocks else ()
     kernels = write_kernels(model, folder, target, vectors)
     around = sorted(path for path in folder.glob("*.c") if path.stem != f"{model.name}_kernel")
     defines = (f"{model.name.upper()}_VECTORS",) if vectors else ()
     link_shared(compiler, (*around, *kernels), binary, target, defines)
 
 
-def tools_of(targets: Sequence[Target], fmi: int) -> tuple[dict[str, str], dict[str, Compiler]]:
+def find_tools(targets: Sequence[Target], fmi: int) -> tuple[dict[str, str], dict[str, Compiler]]:
     """Folder of the binary and compiler of each target by its name; errors as of `write_fmu`."""
     check_fmi(fmi)
     folders = {target.name: target.fmi2 if fmi == 2 else target.fmi3 for target in targets}
@@ -130,8 +130,8 @@ def tools_of(targets: Sequence[Target], fmi: int) -> tuple[dict[str, str], dict[
 def check_fmi(version: int) -> None:
     """Refuse a version of the standard that is not written (ConfigurationError)."""
     if version not in _HEADERS:
-        known = " and ".join(map(str, _HEADERS))
-        raise ConfigurationError(f"FMUs are written for version {known} of the FMI standard, not {version}.")
+        versions = " and ".join(map(str, _HEADERS))
+        raise ConfigurationError(f"FMUs are written for version {versions} of the FMI standard, not {version}.")
 
 
 def _injector_texts(injector: Injector) -> dict[str, str]:
@@ -146,12 +146,12 @@ def _injector_texts(injector: Injector) -> dict[str, str]:
     }
 
 
-def _write_instance(made: Instance, folder: Path, token: str, fmi: int) -> list[Path]:
+def _write_instance(fmu: Instance, folder: Path, token: str, fmi: int) -> list[Path]:
     """Write the sources around the library that make it an FMU."""
-    own = {name: text.replace("/*START*/", f'#define CR_GUID "{token}"') for name, text in made.texts.items()}
+    texts = {name: text.replace("/*START*/", f'#define CR_GUID "{token}"') for name, text in fmu.texts.items()}
     common = {name: template(name) for name in ("instance.h", "instance.c", f"fmi{fmi}.c")}
-    blocks = block_texts() if made.blocks else {}
-    written = write_around(made.model, folder, {**own, **common, **blocks})
+    blocks = block_texts() if fmu.blocks else {}
+    written = write_around(fmu.model, folder, {**texts, **common, **blocks})
     return written + write_texts(folder, {name: template(f"fmi/{name}") for name in _HEADERS[fmi]})
 
 

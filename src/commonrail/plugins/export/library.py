@@ -17,13 +17,13 @@ from commonrail.physics.injector import Injector
 from commonrail.plugins.export import object_files
 from commonrail.plugins.export.entry_points import LANES, sizes
 from commonrail.plugins.export.object_files import Compiler, Target, compiler_for, vectors_of
-from commonrail.plugins.export.sources import Model, model_of, named, template
+from commonrail.plugins.export.sources import Model, insert_model_name, make_model, template
 
 # Folder whose files appear when all of them are complete.
 
 
 @contextmanager
-def placed(folder: Path) -> Iterator[Path]:
+def place_when_complete(folder: Path) -> Iterator[Path]:
     """Empty folder to write into; when the block ends without an error, its files are those of `folder`.
 
     A new folder, with those above it, appears at once. In one that exists, each file takes the place of that of its
@@ -32,20 +32,20 @@ def placed(folder: Path) -> Iterator[Path]:
     exists = folder.exists()
     if not exists:
         folder.parent.mkdir(parents=True, exist_ok=True)
-    own = Path(tempfile.mkdtemp(prefix=".commonrail-", dir=folder if exists else folder.parent))
-    made = own / "made"  # with the permissions that a new folder has
-    made.mkdir()
+    temporary = Path(tempfile.mkdtemp(prefix=".commonrail-", dir=folder if exists else folder.parent))
+    staging = temporary / "made"  # with the permissions that a new folder has
+    staging.mkdir()
     try:
-        yield made
+        yield staging
         if exists:
-            for path in filter(Path.is_file, sorted(made.rglob("*"))):
-                target = folder / path.relative_to(made)
+            for path in filter(Path.is_file, sorted(staging.rglob("*"))):
+                target = folder / path.relative_to(staging)
                 target.parent.mkdir(parents=True, exist_ok=True)
                 os.replace(path, target)
         else:
-            os.rename(made, folder)
+            os.rename(staging, folder)
     finally:
-        shutil.rmtree(own, ignore_errors=True)
+        shutil.rmtree(temporary, ignore_errors=True)
 
 
 # Sources of examples, and the names of their files.
@@ -69,7 +69,7 @@ def write_library(injector: Injector, folder: Path, targets: Sequence[Target]) -
     folders by their names. Files of the same names are replaced. ConfigurationError if there is no compiler for a
     target, or it fails; InputError if files of the examples' names are there that no export has written.
     """
-    return write_library_with(partial(model_of, injector), {}, folder, targets)
+    return write_library_with(partial(make_model, injector), {}, folder, targets)
 
 
 def write_library_with(
@@ -86,19 +86,19 @@ def write_library_with(
     compilers = {target.name: compiler_for(target) for target in targets if target.suffix != ".wasm"}
     model = make()
     shared: dict[str, Path] = {}
-    with placed(folder) as made:
-        files = [*write_sources(model, made), *write_around(model, made, block_texts() | dict(more))]
+    with place_when_complete(folder) as staging:
+        files = [*write_sources(model, staging), *write_around(model, staging, block_texts() | dict(more))]
         for target in targets:
-            place = made / target.name if len(targets) > 1 else made
+            place = staging / target.name if len(targets) > 1 else staging
             place.mkdir(exist_ok=True)
             if target.name not in compilers:
                 files += write_kernels(model, place, target, ())
                 continue
-            written = _write_binaries(model, made, place, target, compilers[target.name])
+            written = _write_binaries(model, staging, place, target, compilers[target.name])
             shared[target.name] = written[-1]
             files += written
-        files += _write_examples(model, made, "PLATFORM/" if len(targets) > 1 else "")
-    moved = {path: folder / path.relative_to(made) for path in files}
+        files += _write_examples(model, staging, "PLATFORM/" if len(targets) > 1 else "")
+    moved = {path: folder / path.relative_to(staging) for path in files}
     return Library(model, folder, {name: moved[path] for name, path in shared.items()}, tuple(moved.values()))
 
 
@@ -106,8 +106,8 @@ def write_kernels(model: Model, place: Path, target: Target, vectors: Sequence[s
     """Write the objects of the compiled physics, those of blocks for the names of `vectors` last."""
     name, wired = model.name, model.injector.wired()
     objects = {f"{name}_kernel_{target.name}.o": object_files.emit(wired, target, name)}
-    for one in vectors:
-        objects[f"{name}_block_{one}_{target.name}.o"] = object_files.emit_block(wired, target, one, name)
+    for vector in vectors:
+        objects[f"{name}_block_{vector}_{target.name}.o"] = object_files.emit_block(wired, target, vector, name)
     for file, content in objects.items():
         (place / file).write_bytes(content)
     return [place / file for file in objects]
@@ -120,7 +120,9 @@ def block_texts() -> dict[str, str]:
 
 def write_around(model: Model, folder: Path, texts: Mapping[str, str]) -> list[Path]:
     """Write texts with the model's name in them and before their own."""
-    return write_texts(folder, {f"{model.name}_{name}": named(text, model.name) for name, text in texts.items()})
+    return write_texts(
+        folder, {f"{model.name}_{name}": insert_model_name(text, model.name) for name, text in texts.items()}
+    )
 
 
 def _write_binaries(model: Model, folder: Path, place: Path, target: Target, compiler: Compiler) -> list[Path]:
@@ -133,13 +135,13 @@ def _write_binaries(model: Model, folder: Path, place: Path, target: Target, com
     defines = (f"{upper}_VECTORS",) if vectors else ()
     sources = [path for path in sorted(folder.glob("*.c")) if path.stem != f"{model.name}_kernel"]
     objects = [place / f"{source.stem}.o" for source in sources]
-    for source, made in zip(sources, objects, strict=True):
-        object_files.compile_source(compiler, source, made, target, defines)
+    for source, compiled in zip(sources, objects, strict=True):
+        object_files.compile_source(compiler, source, compiled, target, defines)
     prefix = "" if target.suffix == ".dll" else "lib"
     static, shared = place / f"lib{model.name}.a", place / f"{prefix}{model.name}{target.suffix}"
     object_files.archive(compiler, (*objects, *kernels), static)
-    for made in objects:
-        made.unlink()
+    for compiled in objects:
+        compiled.unlink()
     object_files.link_shared(compiler, (*sources, *kernels), shared, target, (f"{upper}_SHARED", *defines))
     return [*kernels, static, shared]
 
@@ -170,7 +172,7 @@ def _write_examples(model: Model, folder: Path, beside: str) -> list[Path]:
     }
     texts = {}
     for source, name in {**_EXAMPLES, "sfunction.c": f"{model.name}_sfunction.c"}.items():
-        texts[name] = named(template(source), model.name)
+        texts[name] = insert_model_name(template(source), model.name)
         for before, after in replacements.items():
             texts[name] = texts[name].replace(before, after)
     return write_texts(folder, texts)

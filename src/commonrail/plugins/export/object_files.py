@@ -62,7 +62,7 @@ TARGETS = {target.name: target for target in _ALL}
 _VECTORS = {"x86_64": {"avx2": "x86-64-v3", "avx512": "x86-64-v4"}}
 
 
-def target_named(name: str) -> Target:
+def find_target(name: str) -> Target:
     """Target by its name; ConfigurationError if there is none."""
     if name not in TARGETS:
         raise ConfigurationError(f'There is no platform "{name}"{nearest(name, TARGETS)}; known: {", ".join(TARGETS)}.')
@@ -88,7 +88,7 @@ def emit(variant: Variant, target: Target, prefix: str = "cr") -> bytes:
     return lower.emit(texts, names, System(target.triple, target.processor, target.features), "hidden")
 
 
-def linked_text(variant: Variant, prefix: str = "cr") -> str:
+def link_llvm_text(variant: Variant, prefix: str = "cr") -> str:
     """LLVM text of all entries of a wiring, named as `emit` names them, for the plainest processor."""
     texts, plain = _portable(source_of(variant)), TARGETS["linux64"]
     system = System(plain.triple, plain.processor)
@@ -115,10 +115,10 @@ def emit_block(variant: Variant, target: Target, vectors: str, prefix: str = "cr
 def _portable(source: Source) -> dict[str, str]:
     """Texts of a source; one that only one machine could run is refused (ConfigurationError names what was found)."""
     texts = child.texts(source)
-    found = sorted({match.group() for text in texts.values() for match in _FOREIGN.finditer(text)})
-    if found:
+    foreign = sorted({match.group() for text in texts.values() for match in _FOREIGN.finditer(text)})
+    if foreign:
         raise ConfigurationError(
-            f"The compiled physics cannot be exported: it contains {', '.join(found)}, which only this machine has; "
+            f"The compiled physics cannot be exported: it contains {', '.join(foreign)}, which only this machine has; "
             "install the version of Numba that constraints.txt names."
         )
     return texts
@@ -155,13 +155,13 @@ def compiler_for(target: Target, prefer_zig: bool = False) -> Compiler:
     libraries.
     """
     zig = importlib.util.find_spec("ziglang") is not None
-    own = target.name in own_platform()
-    found = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None) if own else None
-    if found and not (prefer_zig and zig):
-        return Compiler((found,), False)
+    is_native = target.name in own_platform()
+    system_compiler = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None) if is_native else None
+    if system_compiler and not (prefer_zig and zig):
+        return Compiler((system_compiler,), False)
     if zig:
         return Compiler((*python("-m", "ziglang", "cc", "-target"), target.zig), True)
-    needed = "a C compiler (cc, gcc, clang), or zig" if own else "zig, which compiles for every platform"
+    needed = "a C compiler (cc, gcc, clang), or zig" if is_native else "zig, which compiles for every platform"
     cure = "pip install 'commonrail[export]' installs zig (its package is ziglang)"
     raise ConfigurationError(f"Binaries for {target.name} need {needed}: {cure}.")
 
@@ -174,13 +174,13 @@ def link_shared(compiler: Compiler, inputs: Sequence[Path], out: Path, target: T
     options = [*_options(target, defines), "-fvisibility=hidden", "-shared", "-s"]
     libraries = ("-lm",) if target.suffix == ".so" else ()
     paths = [*map(_absolute, inputs), "-o", _absolute(out)]
-    run([*compiler.command, *options, *paths, *libraries], out.parent)
+    run_compiler([*compiler.command, *options, *paths, *libraries], out.parent)
 
 
 def compile_source(compiler: Compiler, source: Path, out: Path, target: Target, defines: Sequence[str] = ()) -> None:
     """Compile one C source into an object; `defines` as of `link_shared`."""
     paths = [_absolute(source), "-o", _absolute(out)]
-    run([*compiler.command, *_options(target, defines), "-c", *paths], out.parent)
+    run_compiler([*compiler.command, *_options(target, defines), "-c", *paths], out.parent)
 
 
 def _options(target: Target, defines: Sequence[str]) -> list[str]:
@@ -192,7 +192,7 @@ def archive(compiler: Compiler, objects: Sequence[Path], out: Path) -> None:
     """Put objects into a static library, which is replaced where it exists."""
     out.unlink(missing_ok=True)
     tool = python("-m", "ziglang", "ar") if compiler.is_zig else [shutil.which("ar") or "ar"]
-    run([*tool, "rcs", _absolute(out), *map(_absolute, objects)], out.parent)
+    run_compiler([*tool, "rcs", _absolute(out), *map(_absolute, objects)], out.parent)
 
 
 def _absolute(path: Path) -> str:
@@ -200,16 +200,16 @@ def _absolute(path: Path) -> str:
     return str(path.absolute())
 
 
-def run(command: Sequence[str], folder: Path) -> None:
+def run_compiler(command: Sequence[str], folder: Path) -> None:
     """Run a compiler in a folder; ConfigurationError with its first error line if it fails."""
     with tempfile.TemporaryDirectory(prefix="commonrail-") as spare:
-        _run(command, folder, cache.private_folder("zig") or Path(spare))
+        _run_with_cache(command, folder, cache.private_folder("zig") or Path(spare))
 
 
-def _run(command: Sequence[str], folder: Path, zig: Path) -> None:
+def _run_with_cache(command: Sequence[str], folder: Path, zig: Path) -> None:
     """Run a compiler; `zig` is the folder where zig keeps the C libraries that it has built."""
     environment = dict.fromkeys(("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"), str(zig)) | os.environ
-    built = _built(command, Path(environment["ZIG_GLOBAL_CACHE_DIR"]))
+    built = _marker_of_zig_target(command, Path(environment["ZIG_GLOBAL_CACHE_DIR"]))
     if built is not None and not built.exists():
         note(f"zig builds the C library of {built.name} for its first use: up to some minutes, once ...")
     try:
@@ -233,7 +233,7 @@ def _run(command: Sequence[str], folder: Path, zig: Path) -> None:
             built.mkdir(parents=True, exist_ok=True)
 
 
-def _built(command: Sequence[str], zig: Path) -> Path | None:
+def _marker_of_zig_target(command: Sequence[str], zig: Path) -> Path | None:
     """Folder that says that zig has linked for the command's target; None for other compilers or no C library."""
     target = command[command.index("-target") + 1] if "-target" in command else "freestanding"
     return None if target.endswith("freestanding") else zig / "targets" / target

@@ -11,7 +11,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.physics.injector import Injector
 from commonrail.plugins.export.fmu import check_fmi, write_fmu
 from commonrail.plugins.export.library import write_library
-from commonrail.plugins.export.object_files import TARGETS, Target, own_platform, target_named
+from commonrail.plugins.export.object_files import TARGETS, Target, find_target, own_platform
 
 
 def export(
@@ -49,7 +49,7 @@ def export(
     ConfigurationError
         If a platform, form or version is unknown, or there is no compiler for a platform.
     """
-    path, targets = file_path(out, "out"), targets_named(platforms)
+    path, targets = file_path(out, "out"), find_targets(platforms)
     instance(injector, Injector, "injector")
     if form == "library":
         return tuple(map(str, write_library(injector, path, targets).files))
@@ -59,10 +59,10 @@ def export(
     return tuple(f"{path}/{name}" for name in write_fmu(injector, path, targets, fmi, flat))
 
 
-def targets_named(platforms: Iterable[str] | None) -> list[Target]:
+def find_targets(platforms: Iterable[str] | None) -> list[Target]:
     """Platforms by their names, each once; by default this machine's plainest. ConfigurationError if there is none."""
     names = own_platform()[:1] if platforms is None else platforms
-    targets = [target_named(name) for name in dict.fromkeys(name.strip() for name in names if name.strip())]
+    targets = [find_target(name) for name in dict.fromkeys(name.strip() for name in names if name.strip())]
     if not targets:
         raise ConfigurationError(f"Platforms: there is no name; name some of {', '.join(TARGETS)}.")
     return targets

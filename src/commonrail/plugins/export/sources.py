@@ -29,7 +29,7 @@ from commonrail.physics.law import Domain
 from commonrail.physics.variants import COMMAND, DRIVE, RAIL, RETURN, Variant, unread_inputs
 from commonrail.plugins.export.c_source import kernel_source
 from commonrail.plugins.export.entry_points import channels, sizes
-from commonrail.plugins.export.object_files import linked_text
+from commonrail.plugins.export.object_files import link_llvm_text
 
 # The condition on the time step as C, from its Python source.
 #
@@ -50,25 +50,25 @@ def step_condition(variant: Variant) -> str:
     if variant.actuation is not Actuation.DIRECT:
         symbols[_CHAMBER] = room_left(symbols, _Symbol("lift", lines))
     medium = Medium(*(_Symbol(f"medium[{i}]", lines) for i in range(len(Medium._fields))))  # type: ignore[arg-type]
-    found = is_stable(variant, symbols, medium, _Symbol("dt", lines))  # type: ignore[arg-type]
+    verdict = is_stable(variant, symbols, medium, _Symbol("dt", lines))  # type: ignore[arg-type]
     used = sorted({name for group in limiting(variant.actuation) for name in group})
-    statements = "".join(f"    {line}\n" for line in _used(lines, found.text))
+    statements = "".join(f"    {line}\n" for line in select_used_statements(lines, verdict.text))
     return (
         f"/* Depends on {', '.join(used)}. */\n"
         "static int cr_bears(const double *p, double lift, const double *medium, double dt) {\n    (void)lift;\n"
-        f"{statements}    return {found.text};\n}}\n"
+        f"{statements}    return {verdict.text};\n}}\n"
     )
 
 
-def _used(lines: list[str], result: str) -> list[str]:
+def select_used_statements(lines: list[str], result: str) -> list[str]:
     """Statements on which the result depends, in their order."""
-    wanted, kept = {result}, []
+    names, needed = {result}, []
     for line in reversed(lines):
         name, _, expression = line.partition(" = ")
-        if name.split()[-1] in wanted:
-            wanted.update(re.findall(r"\bt\d+", expression))
-            kept.append(line)
-    return kept[::-1]
+        if name.split()[-1] in names:
+            names.update(re.findall(r"\bt\d+", expression))
+            needed.append(line)
+    return needed[::-1]
 
 
 class _Symbol(NDArrayOperatorsMixin):
@@ -132,14 +132,14 @@ DEGREE = 24
 class FuelTable(NamedTuple):
     """Series of `FuelCoefficients` over a range of temperature, from `coldest` to `hottest` [K].
 
-    `series` (coefficients, degree + 1) are in T_k((2 T − coldest − hottest)/(hottest − coldest)); `own` (coefficients,)
-    are those of the model's own temperature, to the last bit.
+    `series` (coefficients, degree + 1) are in T_k((2 T − coldest − hottest)/(hottest − coldest)). `exact`
+    (coefficients,) holds the coefficients at the model's own temperature, to the last bit.
     """
 
     coldest: float
     hottest: float
     series: Floats
-    own: Floats
+    exact: Floats
 
     def at(self, temperature: float) -> Floats:
         """Coefficients at a temperature [K]."""
@@ -159,10 +159,10 @@ def fuel_table(fuel: Fuel, exact_at: float) -> FuelTable:
     def values(nodes: Floats) -> Floats:
         return np.array([fuel_coefficients(fuel, float(t)) for t in low + 0.5 * (nodes + 1.0) * (high - low)])
 
-    own = np.array(fuel_coefficients(fuel, exact_at))
+    exact = np.array(fuel_coefficients(fuel, exact_at))
     series = np.asarray(chebyshev.chebinterpolate(values, DEGREE), float).T  # type: ignore[type-var]
-    table = FuelTable(low, max(high, float(np.nextafter(low, np.inf))), series, own)
-    table.series[:, 0] += own - table.at(exact_at)
+    table = FuelTable(low, max(high, float(np.nextafter(low, np.inf))), series, exact)
+    table.series[:, 0] += exact - table.at(exact_at)
     return table
 
 
@@ -207,7 +207,7 @@ class Model(NamedTuple):
     sources: dict[str, str]
 
 
-def model_of(injector: Injector, temperatures: Sequence[float] = ()) -> Model:
+def make_model(injector: Injector, temperatures: Sequence[float] = ()) -> Model:
     """Sources of an injector's library.
 
     `temperatures` [K]: besides the injector's own, at which the fuel's coefficients are commonrail's to the last bit.
@@ -218,13 +218,13 @@ def model_of(injector: Injector, temperatures: Sequence[float] = ()) -> Model:
     if not name or name[0].isdigit():
         name = f"injector_{name}".rstrip("_")
     tables, defines = _tables(injector, temperatures), _defines(injector)
-    kernel = kernel_source(linked_text(wired, name))
+    kernel = kernel_source(link_llvm_text(wired, name))
     digest = hashlib.sha256((tables + defines + kernel).encode()).hexdigest()
     public_sizes = (
         ("PARAMETERS", size.parameters + 1, "the last one is the temperature of the fuel"),
         ("CHANNELS", size.channels, ", ".join(c.name for c in channels(wired.actuation))),
         ("ENERGISINGS", ENERGISINGS, "planned at once"),
-        *reads_of(wired),
+        *define_inputs_read(wired),
     )
     public = "".join(f"#define CR_{key} {value} /* {meaning} */\n" for key, value, meaning in public_sizes)
     core = f"#define CR_STAMP UINT64_C(0x{digest[:16]})\n{defines}"
@@ -232,17 +232,17 @@ def model_of(injector: Injector, temperatures: Sequence[float] = ()) -> Model:
         injector,
         name,
         digest,
-        named(template("commonrail.h").replace("/*SIZES*/\n", public), name),
+        insert_model_name(template("commonrail.h").replace("/*SIZES*/\n", public), name),
         {
-            f"{name}.c": named(template("core.c"), name),
-            f"{name}_core.h": named(template("core.h").replace("/*DEFINES*/\n", core), name),
-            f"{name}_model.h": named(tables, name),
+            f"{name}.c": insert_model_name(template("core.c"), name),
+            f"{name}_core.h": insert_model_name(template("core.h").replace("/*DEFINES*/\n", core), name),
+            f"{name}_model.h": insert_model_name(tables, name),
             f"{name}_kernel.c": kernel,
         },
     )
 
 
-def reads_of(variant: Variant) -> list[tuple[str, int, str]]:
+def define_inputs_read(variant: Variant) -> list[tuple[str, int, str]]:
     """Definitions that state which inputs of `cr_boundary` the model reads while it is simulated."""
     unread = unread_inputs(variant)
     words = {
@@ -264,7 +264,7 @@ def template(name: str) -> str:
     return source_file(name).read_text(encoding="utf-8")
 
 
-def named(text: str, name: str) -> str:
+def insert_model_name(text: str, name: str) -> str:
     """A source with the model's name in place of ``cr``: two models can be linked into one program."""
     text = text.replace('"cr_commonrail.h"', f'"{name}.h"')
     return re.sub(r"\bCR_", f"{name.upper()}_", re.sub(r"\bcr_", f"{name}_", text))
@@ -308,17 +308,17 @@ def _tables(injector: Injector, temperatures: Sequence[float]) -> str:
     """Text of the private header: parameters, channels, fuel, sentences, the condition on the step."""
     wired = injector.wired()
     fuel = fuel_table(injector.fuel, injector.values[FUEL_TEMPERATURE])
-    known = {injector.values[FUEL_TEMPERATURE]: fuel.own}
-    known |= {float(t): np.array(fuel_coefficients(injector.fuel, t)) for t in temperatures if t not in known}
-    observed = [[_quoted(c.name), _quoted(c.unit)] for c in channels(wired.actuation)]
+    exact = {injector.values[FUEL_TEMPERATURE]: fuel.exact}
+    exact |= {float(t): np.array(fuel_coefficients(injector.fuel, t)) for t in temperatures if t not in exact}
+    observed = [[_quote(c.name), _quote(c.unit)] for c in channels(wired.actuation)]
     ends = {int(status): status.sentence for status in Status if status is not Status.CONDITION_NOT_MET}
-    sentences = [[str(status), _quoted(text)] for status, text in (ends | _OWN_SENTENCES).items()]
+    sentences = [[str(status), _quote(text)] for status, text in (ends | _OWN_SENTENCES).items()]
     sizes_of_tables = {
         "DEGREE": fuel.series.shape[1] - 1,
         "COLDEST": repr(fuel.coldest),
         "HOTTEST": repr(fuel.hottest),
         "SENTENCES": len(sentences),
-        "KNOWN": len(known),
+        "KNOWN": len(exact),
     }
     parts = (
         "/* Generated: tables of one model. */\n#ifndef CR_MODEL\n#define CR_MODEL",
@@ -327,7 +327,7 @@ def _tables(injector: Injector, temperatures: Sequence[float]) -> str:
         _parameters(injector),
         _rows(_CHANNEL, "cr_channel cr_channels[]", observed),
         _rows(_SENTENCE, "cr_words cr_sentences[]", sentences),
-        _fuel(fuel, known),
+        _fuel(fuel, exact),
         _longest_way(wired.actuation),
         step_condition(wired),
         "#endif\n",
@@ -354,21 +354,21 @@ def _parameters(injector: Injector) -> str:
         quantity = injector.quantities[path]
         low, high, low_open, high_open = bounds_of(injector, path)
         numbers = [repr(float(value)).replace("inf", "HUGE_VAL") for value in (injector.values[path], low, high)]
-        rows.append([_quoted(path), _quoted(quantity.unit), *numbers, str(low_open), str(high_open)])
+        rows.append([_quote(path), _quote(quantity.unit), *numbers, str(low_open), str(high_open)])
     return _rows(_PARAMETER, "cr_parameter cr_parameters[]", rows)
 
 
-def _quoted(text: str) -> str:
+def _quote(text: str) -> str:
     return json.dumps(text, ensure_ascii=True)
 
 
-def _fuel(table: FuelTable, known: Mapping[float, Floats]) -> str:
+def _fuel(table: FuelTable, exact: Mapping[float, Floats]) -> str:
     rows = ",\n".join("    {" + ", ".join(map(repr, row.tolist())) + "}" for row in table.series)
-    own = ",\n".join(f"    {{{', '.join(map(repr, [t, *row.tolist()]))}}}" for t, row in known.items())
+    exact_rows = ",\n".join(f"    {{{', '.join(map(repr, [t, *row.tolist()]))}}}" for t, row in exact.items())
     return (
         f"static const double cr_fuel[CR_FUEL][CR_DEGREE + 1] = {{\n{rows}\n}};\n"
         "/* Temperature, and the coefficients at it. */\n"
-        f"static const double cr_known_fuel[CR_KNOWN][CR_FUEL + 1] = {{\n{own}\n}};"
+        f"static const double cr_known_fuel[CR_KNOWN][CR_FUEL + 1] = {{\n{exact_rows}\n}};"
     )
 
 

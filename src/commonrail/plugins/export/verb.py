@@ -71,12 +71,12 @@ def export(
     from commonrail.cli.model_name import read_model_name
     from commonrail.plugins.export.fmu import check_fmi
     from commonrail.plugins.export.run import export as write
-    from commonrail.plugins.export.run import targets_named
+    from commonrail.plugins.export.run import find_targets
 
-    named = read_model_name(model)
-    injector = with_overrides(named.injector, set_)
-    targets = targets_named(None if platforms is None else platforms.split(","))
-    place = out or Path(named.label.replace("/", "-") + (".fmu" if form is Form.FMU else ""))
+    source = read_model_name(model)
+    injector = with_overrides(source.injector, set_)
+    targets = find_targets(None if platforms is None else platforms.split(","))
+    place = out or Path(source.label.replace("/", "-") + (".fmu" if form is Form.FMU else ""))
     refuse_unused({"names": (form is Form.FMU, "an FMU"), "fmi": (form is Form.FMU, "an FMU")})
     if form is Form.FMU:
         check_fmi(fmi)

@@ -85,7 +85,7 @@ class Curves(NamedTuple):
 
 
 def adjust(
-    wanted: Adjustment, axes: MapAxes, curves: Curves, inverse: Inverse, simulate: Simulate
+    adjustment: Adjustment, axes: MapAxes, curves: Curves, inverse: Inverse, simulate: Simulate
 ) -> tuple[Curves, Inverse, tuple[Cost, ...]]:
     """Quantities and energising times after the steps, and the errors of these.
 
@@ -94,14 +94,14 @@ def adjust(
     costs, cells, shut = list[Cost](), np.isin(curves.time, axes.energising_time), curves.volume == 0.0
     plain, times = curves.volume, inverse.energising_time
 
-    def injected(volume: Floats) -> Floats:
+    def clip_quantities(volume: Floats) -> Floats:
         return np.where(shut, 0.0, np.maximum(volume, 0.0))
 
     def smooth_quantities(largest: float) -> Floats:
         grid, even = (axes.rail_pressure, curves.time), np.ones(plain.shape)
-        return smooth(plain, grid, even, injected, lambda found: _rms((found - plain)[:, cells]), largest)
+        return smooth(plain, grid, even, clip_quantities, lambda smoothed: _rms((smoothed - plain)[:, cells]), largest)
 
-    for step, volume in _steps(wanted, plain, smooth_quantities, wanted.quantity_resolution, np.array(False)):
+    for step, volume in _steps(adjustment, plain, smooth_quantities, adjustment.quantity_resolution, np.array(False)):
         costs.append(_cost(step, False, axes, (volume - curves.volume)[:, cells]))
         curves = curves._replace(volume=volume)
     reached = np.isin(inverse.state, (CellState.REACHED, CellState.SEVERAL))
@@ -117,12 +117,12 @@ def adjust(
     def smooth_times(largest: float) -> Floats:
         grid, weight = (axes.rail_pressure, axes.quantity), np.where(reached, _slopes(curves, times), 0.0) ** 2
 
-        def cost(found: Floats) -> float:
-            return _rms((at(found).delivered - before)[reached])
+        def cost(candidate: Floats) -> float:
+            return _rms((at(candidate).delivered - before)[reached])
 
-        return smooth(times, grid, weight, lambda found: np.where(reached, found, times), cost, largest)
+        return smooth(times, grid, weight, lambda smoothed: np.where(reached, smoothed, times), cost, largest)
 
-    for step, time in _steps(wanted, times, smooth_times, wanted.time_resolution, jump):
+    for step, time in _steps(adjustment, times, smooth_times, adjustment.time_resolution, jump):
         after = at(time)
         costs.append(_cost(step, True, axes, np.where(searched, after.delivered - inverse.delivered, np.nan)))
         inverse = after
@@ -130,13 +130,17 @@ def adjust(
 
 
 def _steps(
-    wanted: Adjustment, values: Floats, smoothed: Callable[[float], Floats], resolution: float | None, up: Bools
+    adjustment: Adjustment,
+    values: Floats,
+    smooth_values: Callable[[float], Floats],
+    resolution: float | None,
+    up: Bools,
 ) -> Iterator[tuple[str, Floats]]:
     """Values after each step; those of the mask `up` are never rounded down."""
-    if wanted.smooth is not None:
-        values = smoothed(wanted.smooth)
+    if adjustment.smooth is not None:
+        values = smooth_values(adjustment.smooth)
         yield "smooth", values
-    if wanted.monotone:
+    if adjustment.monotone:
         values = monotone(values)
         yield "monotone", values
     if resolution is not None:
@@ -162,23 +166,23 @@ def monotone(values: Floats) -> Floats:
     """
     from scipy.optimize import isotonic_regression  # slow to import
 
-    found = values.copy()
-    for row in found:
+    rows = values.copy()
+    for row in rows:
         sound = np.isfinite(row)
         if sound.any():
             row[sound] = isotonic_regression(row[sound]).x
-    return found
+    return rows
 
 
 def smooth(
     values: Floats,
     axes: tuple[Floats, Floats],
     weight: Floats,
-    limited: Callable[[Floats], Floats],
+    limit: Callable[[Floats], Floats],
     cost: Callable[[Floats], float],
     largest: float,
 ) -> Floats:
-    """Smoothest `limited` values (n, m) over two axes whose cost does not exceed the largest one.
+    """Smoothest values (n, m) over two axes, passed through `limit`, whose cost does not exceed the largest one.
 
     Least squares with a penalty on second divided differences along both axes (Whittaker 1923; Eilers 2003): planes
     stay as they are. The strength of the penalty is the largest that the cost allows (Morozov 1966). Values that are
@@ -196,22 +200,22 @@ def smooth(
     penalty = kron(_bending(axes[0]), identity[1]) + kron(identity[0], _bending(axes[1]))
     data = diags_array(scaled.ravel() + 1e-12)  # none of the values is undetermined
 
-    def solved(strength: float) -> Floats:
+    def solve(strength: float) -> Floats:
         matrix = csc_array(data + 10.0**strength * penalty)
-        return limited(spsolve(matrix, target.ravel()).reshape(values.shape))
+        return limit(spsolve(matrix, target.ravel()).reshape(values.shape))
 
     weak, strong = STRENGTHS
-    found = solved(strong)
-    if cost(found) <= largest:
-        return found
-    found = values
+    smoothest = solve(strong)
+    if cost(smoothest) <= largest:
+        return smoothest
+    smoothest = values
     for _ in range(HALVINGS):
         middle = 0.5 * (weak + strong)
-        if cost(smoothed := solved(middle)) <= largest:
-            weak, found = middle, smoothed
+        if cost(smoothed := solve(middle)) <= largest:
+            weak, smoothest = middle, smoothed
         else:
             strong = middle
-    return found
+    return smoothest
 
 
 def _bending(axis: Floats) -> csc_array:

@@ -72,14 +72,14 @@ def increasing(values: ArrayLike, unit: str, what: str) -> Floats:
 
     ConfigurationError if it is empty, longer than `MOST_POINTS`, or does not increase strictly.
     """
-    found = array(values, unit, what, 1)
-    if not 1 <= len(found) <= MOST_POINTS:
-        raise ConfigurationError(f"The {what} must be 1 to {MOST_POINTS} values, not {len(found)}.")
-    steps = np.diff(found)
+    axis = array(values, unit, what, 1)
+    if not 1 <= len(axis) <= MOST_POINTS:
+        raise ConfigurationError(f"The {what} must be 1 to {MOST_POINTS} values, not {len(axis)}.")
+    steps = np.diff(axis)
     if np.any(steps <= 0.0):
         at = int(np.argmax(steps <= 0.0))
-        before, after = (to_text(value, unit) for value in found[at : at + 2].tolist())
+        before, after = (to_text(value, unit) for value in axis[at : at + 2].tolist())
         raise ConfigurationError(
             f"The {what} must increase strictly, but {after} follows {before}; sort them and remove repeated ones."
         )
-    return found
+    return axis

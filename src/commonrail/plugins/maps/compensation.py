@@ -18,10 +18,10 @@ from commonrail.engine.status import OK
 from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector
 from commonrail.plugins.maps.axes import MapAxes, increasing
-from commonrail.plugins.maps.inverse import Inverse, invert, sampled
-from commonrail.plugins.maps.response import Conditions, Response, knots_of, simulate_many
+from commonrail.plugins.maps.inverse import Inverse, invert, sample_lines
+from commonrail.plugins.maps.response import Conditions, Response, sample_times, simulate_many
 from commonrail.plugins.maps.run import InjectionMap, injection_map, read_sweep
-from commonrail.plugins.maps.sweep import OPERATING, TIMES, Base, Variable, check_values, fused_of, table_unit
+from commonrail.plugins.maps.sweep import OPERATING, TIMES, Base, Variable, check_values, find_fused, table_unit
 
 if TYPE_CHECKING:
     from commonrail.calibration.run import Calibration
@@ -87,15 +87,17 @@ def compensation(
     def simulate(rows: IndexArray, times: Floats) -> Response:
         changed = {"rail_pressure": rows_pressure[rows], "dwell": rows_dwell[rows], "energising_time": times}
         points = base.points(changed)
-        found = simulate_many(injector, points, conditions)
-        fused = fused_of(found, points.last_starts, delay[None, rows])[0]
-        apart = ~fused & (found.status[0] == OK)
-        return Response(np.where(apart, found.injected_volume[0] - rows_first[rows], np.nan), found.greatest_lift[0])
+        batch = simulate_many(injector, points, conditions)
+        is_fused = find_fused(batch, points.last_starts, delay[None, rows])[0]
+        is_separate = ~is_fused & (batch.status[0] == OK)
+        return Response(
+            np.where(is_separate, batch.injected_volume[0] - rows_first[rows], np.nan), batch.greatest_lift[0]
+        )
 
-    lines = sampled(simulate, rows_pressure, knots_of(axes.energising_time))
+    lines = sample_lines(simulate, rows_pressure, sample_times(axes.energising_time))
     inverse, _ = invert(simulate, lines, axes.quantity, alone.rules)
     parts = [Inverse._make(table[i : i + count] for table in inverse) for i in range(0, len(rows_dwell), count)]
-    times = np.array([part.energising_time for part in parts])
+    times = np.array([inverse_at_dwell.energising_time for inverse_at_dwell in parts])
     return Compensation(alone, first_energising_time, Variable("dwell", "s", dwell), times, tuple(parts))
 
 
@@ -181,15 +183,15 @@ def fusion_dwell(injector: Injector, base: Base, rail_pressure: Floats, longest:
     first = simulate_many(injector, base.points({"rail_pressure": rail_pressure}, alone=True), base.conditions)
     delay, lost = first.opening, first.status[0] != OK
 
-    def fused(dwell: Floats) -> Bools:
+    def find_fused_at(dwell: Floats) -> Bools:
         points = base.points({"rail_pressure": rail_pressure, "dwell": dwell})
         batch = simulate_many(injector, points, base.conditions)
         lost[batch.status[0] != OK] = True
-        return np.asarray(fused_of(batch, points.last_starts, delay)[0])
+        return np.asarray(find_fused(batch, points.last_starts, delay)[0])
 
-    beyond, never = fused(high), ~fused(low)
+    beyond, never = find_fused_at(high), ~find_fused_at(low)
     while np.max(high - low) > NARROW:
         middle = 0.5 * (low + high)
-        there = fused(middle)
-        low, high = np.where(there, middle, low), np.where(there, high, middle)
+        is_fused = find_fused_at(middle)
+        low, high = np.where(is_fused, middle, low), np.where(is_fused, high, middle)
     return np.where(beyond | lost, np.nan, np.where(never, 0.0, 0.5 * (low + high)))

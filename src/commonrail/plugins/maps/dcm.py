@@ -50,7 +50,7 @@ def write_into_dcm(path: Path, source: Path, label: str, table: MapTable) -> Non
     """
     table.require_numbers("A DCM file")
     values, inside, done = iter(table.values.ravel().tolist()), False, False
-    text, encoding = _decoded(read_plain(source, LARGEST).removeprefix(b"\xef\xbb\xbf"))  # either keeps each byte
+    text, encoding = _decode(read_plain(source, LARGEST).removeprefix(b"\xef\xbb\xbf"))  # either keeps each byte
     if re.search(r"\r(?!\n)", text):  # others see a line end there
         raise InputError(f"{source}: a line ends with CR alone; lines must end with LF or CR LF.")
     lines = text.split("\n")
@@ -71,7 +71,7 @@ def write_into_dcm(path: Path, source: Path, label: str, table: MapTable) -> Non
         stream.write((notes + "\n".join(lines)).encode(encoding))
 
 
-def _decoded(data: bytes) -> tuple[str, str]:
+def _decode(data: bytes) -> tuple[str, str]:
     """Text of a DCM file, and its encoding: UTF-8, or Latin-1 if it is none."""
     try:
         return data.decode("utf-8"), "utf-8"
@@ -125,7 +125,7 @@ def read_dcm(path: Path, foreign: dict[str, str] | None = None, comments: list[s
 
     InputError if it is not DCM, or a map in it is damaged; the message names the line.
     """
-    text, _ = _decoded(read_bytes(path, LARGEST))
+    text, _ = _decode(read_bytes(path, LARGEST))
     lines = [(n, line) for n, raw in enumerate(text.split("\n"), start=1) if (line := raw.strip())]
     if comments is not None:
         comments += [line[1:].strip() for _, line in lines if line[0] == "*"][:MOST_COMMENTS]
@@ -199,12 +199,12 @@ def _read_map(path: Path, start: int, words: Sequence[str], content: Iterable[tu
 
 def _floats(path: Path, number: int, text: str) -> list[float]:
     try:
-        found = [read_decimal(word) for word in text.split()]
+        values = [read_decimal(word) for word in text.split()]
     except ValueError as error:
         raise InputError(f'{path}, line {number}: "{text.strip()[:40]}" are not numbers.') from error
-    if not all(map(math.isfinite, found)):
+    if not all(map(math.isfinite, values)):
         raise InputError(f"{path}, line {number}: a number is not finite.")
-    return found
+    return values
 
 
 def _table(

@@ -46,9 +46,9 @@ class Comparison(NamedTuple):
         return rms(self.simulated[small] - self.measured.volume[small])
 
 
-def compare_with(found: InjectionMap, measured: MeasuredMap, source: str) -> Comparison:
+def compare_with(simulated: InjectionMap, measured: MeasuredMap, source: str) -> Comparison:
     """Simulate a map's injector at the points of a measured map; `source` is the name of its file."""
-    response = respond(found.injector, measured.rail_pressure, measured.energising_time, found.conditions)
+    response = respond(simulated.injector, measured.rail_pressure, measured.energising_time, simulated.conditions)
     return Comparison(measured, source, response.volume)
 
 
@@ -74,8 +74,8 @@ def read_measured_map(path: Path, density: float) -> MeasuredMap:
     return in_si(read_found_map(path), density)
 
 
-def in_si(found: FoundMap, density: float) -> MeasuredMap:
+def in_si(measured: FoundMap, density: float) -> MeasuredMap:
     """Map in SI units; masses are divided by a density [kg/m³]."""
-    table = take_columns(found, COLUMNS, 1)
+    table = take_columns(measured, COLUMNS, 1)
     rail, time, quantity = table.columns.values()
     return MeasuredMap(rail, time, quantity / density if table.units["quantity"] == "kg" else quantity)

@@ -73,7 +73,7 @@ def read_ecu_maps(path: Path) -> EcuMaps:
         raise InputError(f"{path}: this is no CDFX file or table of TunerStudio that can be read ({error}).") from error
 
 
-def _elements(path: Path, data: bytes, wanted: str) -> Iterator[ElementTree.Element]:
+def _elements(path: Path, data: bytes, tag: str) -> Iterator[ElementTree.Element]:
     """Elements of a name, without their name space; what others hold is dropped."""
     count = 0
     for event, element in ElementTree.iterparse(BytesIO(data), ("start", "end")):
@@ -81,7 +81,7 @@ def _elements(path: Path, data: bytes, wanted: str) -> Iterator[ElementTree.Elem
         if count > MOST_VALUES:
             raise InputError(f"{path}: the file has more than the {MOST_VALUES} elements that are read.")
         element.tag = element.tag.rpartition("}")[2]
-        if event == "end" and element.tag == wanted:
+        if event == "end" and element.tag == tag:
             yield element
             element.clear()
 
@@ -115,8 +115,8 @@ def _read_table(path: Path, data: bytes) -> EcuMaps:
     cells = (root.findtext("zValues") or "").split()
     width = len(axes[0][1]) or 1
     # what the product writes there: label, title and unit of the values
-    told = re.search(r"written by commonrail: (\S+); (.*?); values: \w+ \[([^\]]*)\]", "; ".join(maps.comments))
-    texts = told.groups() if told else (path.stem, "", "")
+    heading = re.search(r"written by commonrail: (\S+); (.*?); values: \w+ \[([^\]]*)\]", "; ".join(maps.comments))
+    texts = heading.groups() if heading else (path.stem, "", "")
     maps.add(texts, axes, [cells[i : i + width] for i in range(0, len(cells), width)])
     return maps
 
@@ -181,12 +181,12 @@ class MapFile:
         """Refused: the file has no columns."""
         raise InputError(f'{self.path}: this file holds maps and no columns; read it with layout = "found".')
 
-    def quantity_map(self, given: quantity_matrix.GivenUnits) -> quantity_matrix.FoundMap:
+    def quantity_map(self, units_in_study: quantity_matrix.GivenUnits) -> quantity_matrix.FoundMap:
         """First duration map of the file, else its first quantity map.
 
-        Units that the file does not have are those `given`. Raises `InputError` if it has none.
+        Units that the file does not have are those `units_in_study`. Raises `InputError` if it has none.
         """
-        stated = given.by_kind()
+        stated = units_in_study.by_kind()
         candidates: list[tuple[bool, int, list[str], list[str], MapTable]] = []
         for table in self._tables:
             units = [table.y.unit, table.x.unit, table.unit]

@@ -19,7 +19,7 @@ from commonrail.plugins.maps.dcm import number_text, write_dcm, write_into_dcm
 from commonrail.plugins.maps.difference import Comparison
 from commonrail.plugins.maps.response import Conditions
 from commonrail.plugins.maps.run import InjectionMap, MapBands
-from commonrail.plugins.maps.table import Axis, Layer, MapTable, shaped_like
+from commonrail.plugins.maps.table import Axis, Layer, MapTable, arrange_like
 from commonrail.report.html import render
 
 LONGEST_SHEET = 31  # characters of the name of a sheet
@@ -41,7 +41,7 @@ def write_map_file(path: Path, tables: Sequence[MapTable]) -> None:
 
 def write_map_like(path: Path, table: MapTable, like: MapTable, source: Path) -> None:
     """Write a map in the shape of another one, whose file is `source`: a DCM file as that file with new values."""
-    table = shaped_like(table, like)
+    table = arrange_like(table, like)
     if path.suffix.lower() == source.suffix.lower() == ".dcm":
         write_into_dcm(path, source, like.label, table)
     else:
@@ -61,7 +61,7 @@ def _write_csv(path: Path, tables: Sequence[MapTable]) -> None:
     """One row for each cell, so that the file can serve as data of a study."""
     (table,) = tables
     parts: list[Axis | Layer] = [table.x, table.y, *table.layers]
-    x, y, *layers = (f"{part.name} [{part.unit}]" for part in parts)
+    x, y, *layers = (f"{column.name} [{column.unit}]" for column in parts)
     rows = []
     for i, x_value in enumerate(table.x.values.tolist()):
         for j, y_value in enumerate(table.y.values.tolist()):
@@ -78,15 +78,15 @@ def _cell(value: float) -> str:
 def _write_json(path: Path, tables: Sequence[MapTable]) -> None:
     maps = [
         vars(table)
-        | {name: _named_values(axis) for name, axis in (("x", table.x), ("y", table.y))}
-        | {"values": numbers(table.values), "layers": list(map(_named_values, table.layers))}
+        | {name: _describe_column(axis) for name, axis in (("x", table.x), ("y", table.y))}
+        | {"values": numbers(table.values), "layers": list(map(_describe_column, table.layers))}
         for table in tables
     ]
     write_text(path, json.dumps({"kind": "maps", "schema": 1, "maps": maps}, indent=1, allow_nan=False) + "\n")
 
 
-def _named_values(part: Axis | Layer) -> dict[str, Any]:
-    return part._asdict() | {"values": numbers(part.values)}
+def _describe_column(column: Axis | Layer) -> dict[str, Any]:
+    return column._asdict() | {"values": numbers(column.values)}
 
 
 def _write_mat(path: Path, tables: Sequence[MapTable]) -> None:
@@ -153,10 +153,10 @@ def _write_xlsx(path: Path, tables: Sequence[MapTable]) -> None:
         book.save(stream)
 
 
-def _sheet_name(wanted: str, taken: Sequence[str]) -> str:
-    name, count = wanted[:LONGEST_SHEET], 2
+def _sheet_name(label: str, taken: Sequence[str]) -> str:
+    name, count = label[:LONGEST_SHEET], 2
     while name in taken:
-        name, count = f"{wanted[: LONGEST_SHEET - 3]} {count}", count + 1
+        name, count = f"{label[: LONGEST_SHEET - 3]} {count}", count + 1
     return name
 
 
@@ -199,9 +199,13 @@ ENDINGS = tuple(_FORMS)
 # A map as one JSON object in SI units.
 
 
-def map_record(found: Mapping[str, InjectionMap], compared: Comparison | None = None) -> dict[str, Any]:
+def map_record(maps: Mapping[str, InjectionMap], compared: Comparison | None = None) -> dict[str, Any]:
     """Record [SI] of maps by label, the first one compared with measured data; null where there is no number."""
-    record: dict[str, Any] = {"schema": 1, "kind": "map", "maps": [_one(label, m) for label, m in found.items()]}
+    record: dict[str, Any] = {
+        "schema": 1,
+        "kind": "map",
+        "maps": [_one_map_record(label, m) for label, m in maps.items()],
+    }
     if compared is not None:
         record["measured"] = {
             "source": compared.source,
@@ -220,31 +224,31 @@ def conditions_record(conditions: Conditions) -> dict[str, float]:
     return {name: value for name, value in conditions._asdict().items() if name != "threads"}
 
 
-def _one(label: str, found: InjectionMap) -> dict[str, Any]:
-    inverse = found.inverse
+def _one_map_record(label: str, m: InjectionMap) -> dict[str, Any]:
+    inverse = m.inverse
     return {
         "label": label,
-        "injector": found.injector.name,
-        "variant": found.injector.variant.label,
-        "synthetic": found.injector.synthetic,
-        "conditions": conditions_record(found.conditions),
-        "reference_density": found.density,
-        "rules": {"several": found.rules.several.value, "unreachable": found.rules.beyond.value},
-        "adjustment": found.adjustment._asdict(),
-        "costs": [cost._asdict() for cost in found.costs],
-        "simulations": found.simulations,
-        **{name: axis.tolist() for name, axis in vars(found.axes).items()},
-        "injected_volume": numbers(found.volume),
-        "ballistic": found.ballistic.tolist(),
-        "falls_with_pressure": found.falls_with_pressure.tolist(),
+        "injector": m.injector.name,
+        "variant": m.injector.variant.label,
+        "synthetic": m.injector.synthetic,
+        "conditions": conditions_record(m.conditions),
+        "reference_density": m.density,
+        "rules": {"several": m.rules.several.value, "unreachable": m.rules.beyond.value},
+        "adjustment": m.adjustment._asdict(),
+        "costs": [cost._asdict() for cost in m.costs],
+        "simulations": m.simulations,
+        **{name: axis.tolist() for name, axis in vars(m.axes).items()},
+        "injected_volume": numbers(m.volume),
+        "ballistic": m.ballistic.tolist(),
+        "falls_with_pressure": m.falls_with_pressure.tolist(),
         "inverse": {
             "energising_time": numbers(inverse.energising_time),
             "delivered": numbers(inverse.delivered),
             "state": [[CellState(state).name for state in row] for row in inverse.state.tolist()],
-            "ballistic": found.inverse_ballistic.tolist(),
+            "ballistic": m.inverse_ballistic.tolist(),
         },
-        "falls": [fall._asdict() for fall in found.falls],
-        "bands": None if found.bands is None else _bands(found.bands),
+        "falls": [fall._asdict() for fall in m.falls],
+        "bands": None if m.bands is None else _bands(m.bands),
     }
 
 

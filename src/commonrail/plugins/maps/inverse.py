@@ -14,7 +14,7 @@ import numpy as np
 
 from commonrail.base.arrays import Bools, Floats, IndexArray, Ints
 from commonrail.plugins.maps.choices import Beyond, CellState, Several
-from commonrail.plugins.maps.response import Line, Response, falls_of
+from commonrail.plugins.maps.response import Line, Response, find_falls
 
 # Responses (n,) of lines, given by their indices (n,), at energising times (n,) [s].
 Simulate = Callable[[IndexArray, Floats], Response]
@@ -47,26 +47,26 @@ class Inverse(NamedTuple):
 
 
 class _Cells(NamedTuple):
-    """Open cells (n,): their places (2, n), wanted volumes, and simulated times with their misses (3, n) [s], [m³].
+    """Open cells (n,): their places (2, n), target volumes, and simulated times with their misses (3, n) [s], [m³].
 
-    The wanted volume lies between the first two times; the third is the one that they have replaced last.
+    The target volume lies between the first two times; the third is the one that they have replaced last.
     """
 
     place: IndexArray
-    wanted: Floats
+    target: Floats
     time: Floats
     miss: Floats
 
-    def only(self, kept: Bools) -> _Cells:
+    def only(self, mask: Bools) -> _Cells:
         """Cells of a mask."""
-        return _Cells(self.place[:, kept], self.wanted[kept], self.time[:, kept], self.miss[:, kept])
+        return _Cells(self.place[:, mask], self.target[mask], self.time[:, mask], self.miss[:, mask])
 
 
-def sampled(simulate: Simulate, rail_pressure: Floats, times: Floats) -> list[Line]:
+def sample_lines(simulate: Simulate, rail_pressure: Floats, times: Floats) -> list[Line]:
     """Lines at rail pressures (n,) [Pa], simulated at the same energising times (m,) [s]."""
     shape = len(rail_pressure), len(times)
-    found = simulate(np.repeat(np.arange(shape[0]), shape[1]), np.tile(times, shape[0]))
-    samples = zip(rail_pressure.tolist(), found.volume.reshape(shape), found.lift.reshape(shape), strict=True)
+    response = simulate(np.repeat(np.arange(shape[0]), shape[1]), np.tile(times, shape[0]))
+    samples = zip(rail_pressure.tolist(), response.volume.reshape(shape), response.lift.reshape(shape), strict=True)
     return [Line(pressure, times, volume, lift) for pressure, volume, lift in samples]
 
 
@@ -78,41 +78,41 @@ def invert(simulate: Simulate, lines: list[Line], quantity: Floats, rules: Rules
     """
     shape = len(lines), len(quantity)
     number = np.full(shape, np.nan)
-    found = Inverse(number, number.copy(), number.copy(), np.full(shape, int(CellState.FAILED)))
+    inverse = Inverse(number, number.copy(), number.copy(), np.full(shape, int(CellState.FAILED)))
     brackets: dict[Cell, Floats] = {}
     for i, j in np.ndindex(shape):
-        around = _brackets(found, (i, j), lines[i], float(quantity[j]), rules.beyond)
+        around = _brackets(inverse, (i, j), lines[i], float(quantity[j]), rules.beyond)
         if len(around):
             brackets[i, j] = around
     if brackets:
         branch = _branches(brackets, [line.rail_pressure for line in lines], shape, rules.several)
         place = np.array(list(brackets), np.intp).T
         around = np.array([brackets[cell][branch[cell]] for cell in brackets]).transpose(1, 2, 0)
-        lines = _search(simulate, found, lines, _Cells(place, quantity[place[1]], around[0], around[1]))
+        lines = _search(simulate, inverse, lines, _Cells(place, quantity[place[1]], around[0], around[1]))
     for row, line in enumerate(lines):  # more than one energising time delivers a quantity inside a fall
-        for fall in falls_of(line):
-            inside = (quantity >= fall.low) & (quantity <= fall.high) & (found.state[row] == CellState.REACHED)
-            found.state[row, inside] = CellState.SEVERAL
-    return found, lines
+        for fall in find_falls(line):
+            inside = (quantity >= fall.low) & (quantity <= fall.high) & (inverse.state[row] == CellState.REACHED)
+            inverse.state[row, inside] = CellState.SEVERAL
+    return inverse, lines
 
 
-def _brackets(found: Inverse, cell: Cell, line: Line, wanted: float, beyond: Beyond) -> Floats:
-    """Brackets (n, 2, 3) of a cell, one for each time at which the quantity rises past the wanted one [m³].
+def _brackets(inverse: Inverse, cell: Cell, line: Line, target: float, beyond: Beyond) -> Floats:
+    """Brackets (n, 2, 3) of a cell, one for each time at which the quantity rises past `target` [m³].
 
     Each has three times and their misses, as in `_Cells`. None where the number of the cell needs no search.
     """
     none = np.empty((0, 2, 3))
-    if wanted == 0.0:
-        found.energising_time[cell], found.delivered[cell], found.state[cell] = 0.0, 0.0, CellState.ZERO
+    if target == 0.0:
+        inverse.energising_time[cell], inverse.delivered[cell], inverse.state[cell] = 0.0, 0.0, CellState.ZERO
         return none
     sound = np.isfinite(line.volume)
     if not sound.any():
         return none
     time = np.concatenate([[0.0], line.time[sound]])
-    miss = np.concatenate([[0.0], line.volume[sound]]) - wanted
+    miss = np.concatenate([[0.0], line.volume[sound]]) - target
     at = np.flatnonzero((miss[:-1] < 0.0) & (miss[1:] >= 0.0))
     if not len(at):
-        found.energising_time[cell], found.state[cell] = _beyond(time, miss, beyond), CellState.BEYOND
+        inverse.energising_time[cell], inverse.state[cell] = _beyond(time, miss, beyond), CellState.BEYOND
     places = np.stack([at, at + 1, np.maximum(at - 1, 0)], axis=1)
     return np.stack([time[places], miss[places]], axis=1)
 
@@ -164,8 +164,8 @@ def _beyond(time: Floats, miss: Floats, rule: Beyond) -> float:
     return float(time[-1] - miss[-1] / slope)
 
 
-def _search(simulate: Simulate, found: Inverse, lines: list[Line], cells: _Cells) -> list[Line]:
-    """Search all open cells in `found`; return the lines with the samples that were simulated."""
+def _search(simulate: Simulate, inverse: Inverse, lines: list[Line], cells: _Cells) -> list[Line]:
+    """Search all open cells in `inverse`; return the lines with the samples that were simulated."""
     simulated: list[tuple[IndexArray, Floats, Response]] = []
     while cells.place.size:
         near, far, _ = cells.time
@@ -173,13 +173,13 @@ def _search(simulate: Simulate, found: Inverse, lines: list[Line], cells: _Cells
         time = np.where(narrow, np.maximum(near, far), near + _share(cells, first=not simulated) * (far - near))
         response = simulate(cells.place[0], time)
         simulated.append((cells.place[0], time, response))
-        miss = response.volume - cells.wanted
+        miss = response.volume - cells.target
         done = (np.abs(miss) <= TOLERANCE) | narrow | ~np.isfinite(miss)
-        _store(found, cells.only(done), time[done], response.only(done))
-        cells = _narrowed(cells, time, miss).only(~done)
+        _store(inverse, cells.only(done), time[done], response.only(done))
+        cells = _narrow(cells, time, miss).only(~done)
     rows, times = (np.concatenate([s[i] for s in simulated]) for i in (0, 1))
     both = Response(*(np.concatenate([getattr(s[2], name) for s in simulated]) for name in ("volume", "lift")))
-    return [line.joined(times[rows == row], both.only(rows == row)) for row, line in enumerate(lines)]
+    return [line.add_samples(times[rows == row], both.only(rows == row)) for row, line in enumerate(lines)]
 
 
 def _share(cells: _Cells, first: bool) -> Floats:
@@ -197,21 +197,21 @@ def _share(cells: _Cells, first: bool) -> Floats:
     return np.asarray(np.clip(share, INSIDE, 1.0 - INSIDE))
 
 
-def _narrowed(cells: _Cells, time: Floats, miss: Floats) -> _Cells:
+def _narrow(cells: _Cells, time: Floats, miss: Floats) -> _Cells:
     """Cells with the simulated time as first end of each bracket; the end that it replaces becomes the third point."""
     same = (miss < 0.0) == (cells.miss[0] < 0.0)
 
-    def moved(new: Floats, old: Floats) -> Floats:
+    def shift(new: Floats, old: Floats) -> Floats:
         return np.stack([new, np.where(same, old[1], old[0]), np.where(same, old[0], old[1])])
 
-    return cells._replace(time=moved(time, cells.time), miss=moved(miss, cells.miss))
+    return cells._replace(time=shift(time, cells.time), miss=shift(miss, cells.miss))
 
 
-def _store(found: Inverse, cells: _Cells, time: Floats, response: Response) -> None:
-    """Write cells that are done into `found`."""
+def _store(inverse: Inverse, cells: _Cells, time: Floats, response: Response) -> None:
+    """Write cells that are done into `inverse`."""
     at = cells.place[0], cells.place[1]
     sound = np.isfinite(response.volume)
-    found.energising_time[at] = np.where(sound, time, np.nan)
-    found.delivered[at], found.lift[at] = response.volume, response.lift
-    met = np.abs(response.volume - cells.wanted) <= TOLERANCE
-    found.state[at] = np.select([~sound, met], [int(CellState.FAILED), int(CellState.REACHED)], int(CellState.JUMP))
+    inverse.energising_time[at] = np.where(sound, time, np.nan)
+    inverse.delivered[at], inverse.lift[at] = response.volume, response.lift
+    met = np.abs(response.volume - cells.target) <= TOLERANCE
+    inverse.state[at] = np.select([~sound, met], [int(CellState.FAILED), int(CellState.REACHED)], int(CellState.JUMP))

@@ -19,7 +19,7 @@ from commonrail.plugins.maps.difference import Comparison, difference
 from commonrail.plugins.maps.inverse import TOLERANCE
 from commonrail.plugins.maps.response import FALL
 from commonrail.plugins.maps.run import InjectionMap
-from commonrail.plugins.maps.table import notes_of
+from commonrail.plugins.maps.table import describe_conditions
 from commonrail.report.figure import drawings
 from commonrail.report.fit.rules import CARE, GOOD, Tile
 from commonrail.report.html import render
@@ -37,20 +37,20 @@ LEGEND = (
 )
 
 
-def map_html(found: Mapping[str, InjectionMap], compared: Comparison | None = None) -> str:
+def map_html(maps: Mapping[str, InjectionMap], compared: Comparison | None = None) -> str:
     """Page of one map, the first compared with measured data, or of two with their difference; maps by their labels."""
-    heats, curves = map_figures(found, compared)
-    first = next(iter(found.values()))
+    heats, curves = map_figures(maps, compared)
+    first = next(iter(maps.values()))
     return page(
-        f"Quantity map: {' and '.join(found)}",
-        [m.injector for m in found.values()],
-        map_lines(found, compared),
+        f"Quantity map: {' and '.join(maps)}",
+        [m.injector for m in maps.values()],
+        map_lines(maps, compared),
         curves,
-        map_tables(found, compared),
-        facts=[("Conditions", note) for note in notes_of(first)],
+        map_tables(maps, compared),
+        facts=[("Conditions", note) for note in describe_conditions(first)],
         tiles=_tiles(first, compared),
         heats=heats,
-        model=next(iter(found)),
+        model=next(iter(maps)),
         kind="Map",
     )
 
@@ -91,9 +91,9 @@ def page(
     )
 
 
-def map_lines(found: Mapping[str, InjectionMap], compared: Comparison | None = None) -> list[str]:
+def map_lines(maps: Mapping[str, InjectionMap], compared: Comparison | None = None) -> list[str]:
     """Sentences: size of the map, what its cells deliver, and which cells are named."""
-    lines = [sentence for label, m in found.items() for sentence in _lines(label if len(found) > 1 else "", m)]
+    lines = [sentence for label, m in maps.items() for sentence in _lines(label if len(maps) > 1 else "", m)]
     if compared is not None:
         large, small = significant(100.0 * compared.rms_large, 3), significant(compared.rms_small * MM3, 3)
         what = f"{len(compared.measured.volume)} measured quantities of {compared.source}"
@@ -118,11 +118,13 @@ def _lines(label: str, m: InjectionMap) -> list[str]:
         CellState.JUMP: "hold a quantity that is jumped past",
         CellState.FAILED: "could not be simulated",
     }
-    named = [f"{m.count(state)} {words}" for state, words in counts.items() if m.count(state)]
+    exceptions = [f"{m.count(state)} {words}" for state, words in counts.items() if m.count(state)]
     if m.inverse_ballistic.any():
-        named.append(f"{int(m.inverse_ballistic.sum())} are ballistic: the needle turns round below its largest lift")
-    if named:
-        lines.append(f"Of the cells {listed(named)}.")
+        exceptions.append(
+            f"{int(m.inverse_ballistic.sum())} are ballistic: the needle turns round below its largest lift"
+        )
+    if exceptions:
+        lines.append(f"Of the cells {listed(exceptions)}.")
     return [*lines, *_band_sentences(m), _monotonicity(m)]
 
 
@@ -136,18 +138,18 @@ def _monotonicity(m: InjectionMap) -> str:
     )
 
 
-def map_tables(found: Mapping[str, InjectionMap], compared: Comparison | None = None) -> list[Table]:
+def map_tables(maps: Mapping[str, InjectionMap], compared: Comparison | None = None) -> list[Table]:
     """Falls, cells that are named, and largest differences."""
-    tables = [_costs(found), _falls(found), _named_cells(found), _falls_with_pressure(found)]
+    tables = [_costs_table(maps), _falls_table(maps), _special_cells_table(maps), _pressure_falls_table(maps)]
     if compared is not None:
-        tables.append(_measured_table(compared))
+        tables.append(_comparison_table(compared))
     return [table for table in tables if table.rows]
 
 
-def _costs(found: Mapping[str, InjectionMap]) -> Table:
+def _costs_table(maps: Mapping[str, InjectionMap]) -> Table:
     return tabulated(
         "Quantity errors of the adjustments",
-        [(label, cost) for label, m in found.items() for cost in m.costs],
+        [(label, cost) for label, m in maps.items() for cost in m.costs],
         [
             ("model", lambda r: r[0]),
             ("map", lambda r: "energising time" if r[1].inverse else "quantity"),
@@ -162,10 +164,10 @@ def _costs(found: Mapping[str, InjectionMap]) -> Table:
     )
 
 
-def _falls(found: Mapping[str, InjectionMap]) -> Table:
+def _falls_table(maps: Mapping[str, InjectionMap]) -> Table:
     return tabulated(
         "Places where the quantity falls with longer energising",
-        [(label, fall) for label, m in found.items() for fall in m.falls],
+        [(label, fall) for label, m in maps.items() for fall in m.falls],
         [
             ("model", lambda r: r[0]),
             ("rail pressure, MPa", lambda r: megapascal(r[1].rail_pressure)),
@@ -179,9 +181,9 @@ def _falls(found: Mapping[str, InjectionMap]) -> Table:
     )
 
 
-def _named_cells(found: Mapping[str, InjectionMap]) -> Table:
+def _special_cells_table(maps: Mapping[str, InjectionMap]) -> Table:
     rows = []
-    for label, m in found.items():
+    for label, m in maps.items():
         for (i, j), state in np.ndenumerate(m.inverse.state):
             if CellState(int(state)) in MARKS:
                 rows.append((label, m.axes.rail_pressure[i], m.axes.quantity[j], m.inverse, (i, j)))
@@ -197,14 +199,14 @@ def _named_cells(found: Mapping[str, InjectionMap]) -> Table:
             ("delivered, mm³", lambda r: fixed(r[3].delivered[r[4]], 3, MM3)),
         ],
         f"All other cells deliver their quantity within {TOLERANCE * MM3:g} mm³"
-        + (", before the adjustments." if any(m.costs for m in found.values()) else "."),
+        + (", before the adjustments." if any(m.costs for m in maps.values()) else "."),
         2,
     )
 
 
-def _falls_with_pressure(found: Mapping[str, InjectionMap]) -> Table:
+def _pressure_falls_table(maps: Mapping[str, InjectionMap]) -> Table:
     rows = []
-    for label, m in found.items():
+    for label, m in maps.items():
         for i, j in np.argwhere(m.falls_with_pressure):
             rows.append((label, m.axes.rail_pressure[i], m.axes.energising_time[j], m.volume[i - 1, j], m.volume[i, j]))
     return tabulated(
@@ -221,7 +223,7 @@ def _falls_with_pressure(found: Mapping[str, InjectionMap]) -> Table:
     )
 
 
-def _measured_table(compared: Comparison) -> Table:
+def _comparison_table(compared: Comparison) -> Table:
     measured = compared.measured
     rows = zip(*(v.tolist() for v in (*measured, compared.simulated)), strict=True)
     return tabulated(
@@ -240,14 +242,14 @@ def _measured_table(compared: Comparison) -> Table:
 
 
 def map_figures(
-    found: Mapping[str, InjectionMap], compared: Comparison | None = None
+    maps: Mapping[str, InjectionMap], compared: Comparison | None = None
 ) -> tuple[list[HeatMap], list[Figure]]:
     """Heat maps and curves of maps."""
-    labels = list(found)
-    first = found[labels[0]]
+    labels = list(maps)
+    first = maps[labels[0]]
     heats = list(_heats(first, labels[0]))
     if len(labels) == 2:
-        times, volumes = difference(first, found[labels[1]])
+        times, volumes = difference(first, maps[labels[1]])
         what, caption = f"{labels[1]} less {labels[0]}", "Unreachable quantities by the stated rule in both."
         title, other = f"Difference of the energising times, {what}", f"Difference of the quantities, {what}"
         heats.append(_heat(first, "quantity", times, title, caption, 1, diverging=True))
@@ -348,12 +350,12 @@ def _band_about(m: InjectionMap, row: int, step: tuple[int, int], largest: float
     return (Band("solid", x, points(low[drawn] * MM3), points(high[drawn] * MM3), *step),) if x else ()
 
 
-def _chosen(m: InjectionMap, compared: Comparison | None = None) -> Sequence[int]:
+def _choose_pressures(m: InjectionMap, compared: Comparison | None = None) -> Sequence[int]:
     """Rail pressures whose curves are drawn: the measured ones, or some evenly among all."""
     count = len(m.lines)
     if compared is not None:
         measured = [np.isclose(compared.measured.rail_pressure, line.rail_pressure).any() for line in m.lines]
-        return np.flatnonzero(measured).tolist() or _chosen(m)
+        return np.flatnonzero(measured).tolist() or _choose_pressures(m)
     return sorted({round(i * (count - 1) / max(min(CURVES, count) - 1, 1)) for i in range(min(CURVES, count))})
 
 
@@ -361,9 +363,9 @@ def _curves(m: InjectionMap, compared: Comparison | None, largest: float) -> Fig
     """Quantities over energising time, every simulated point; enlarged if there is a largest quantity."""
     series: list[Series] = []
     bands: list[Band] = []
-    chosen = _chosen(m, compared)
-    for family, row in enumerate(chosen):
-        step = family, len(chosen)
+    rows = _choose_pressures(m, compared)
+    for family, row in enumerate(rows):
+        step = family, len(rows)
         bands += _band_about(m, row, step, largest)
         line = m.lines[row]
         shown = np.flatnonzero(~(line.volume > largest))
@@ -390,20 +392,20 @@ def _iso_lines(m: InjectionMap, compared: Comparison | None) -> Figure:
     """Lines of equal quantity over rail pressure and energising time, the ballistic limit, and measured points."""
     reached = np.isin(m.inverse.state, (CellState.REACHED, CellState.SEVERAL))
     columns = np.flatnonzero(reached.sum(axis=0) > 1)
-    chosen = columns[np.unique(np.linspace(0, len(columns) - 1, min(ISO_LINES, len(columns))).round().astype(int))]
+    drawn = columns[np.unique(np.linspace(0, len(columns) - 1, min(ISO_LINES, len(columns))).round().astype(int))]
     rails = points(m.axes.rail_pressure * MPA)
     series = []
-    for family, j in enumerate(chosen.tolist()):
+    for family, j in enumerate(drawn.tolist()):
         times = np.where(reached[:, j], m.inverse.energising_time[:, j], np.nan)
         label = f"{significant(m.axes.quantity[j], 4, MM3)} mm³"
         look = ("solid", "dash")[family % 2]
-        series.append(Series(label, look, rails, points(times * MICROSECOND), family=family, ordered=len(chosen)))
+        series.append(Series(label, look, rails, points(times * MICROSECOND), family=family, ordered=len(drawn)))
     limit = [_ballistic_limit(m, i) for i in range(len(m.axes.rail_pressure))]
     if np.isfinite(limit).any():
         series.append(Series("ballistic below", "level", rails, points(np.array(limit) * MICROSECOND)))
     caption = "Each line is an injected quantity. Below the dotted line the needle turns round below its largest lift."
     if compared is not None:
-        series += _measured_points(compared)
+        series += _comparison_series(compared)
         caption += f" Markers are measured: {compared.source}."
     return Figure(
         "Lines of equal quantity", caption, "rail pressure, MPa", (Panel("energising time, µs", tuple(series)),)
@@ -419,7 +421,7 @@ def _ballistic_limit(m: InjectionMap, row: int) -> float:
     return float(0.5 * (times[ballistic[-1]] + times[ballistic[-1] + 1]))
 
 
-def _measured_points(compared: Comparison) -> Iterator[Series]:
+def _comparison_series(compared: Comparison) -> Iterator[Series]:
     """Measured points, of one colour for each range of the relative error of the simulated quantity."""
     measured = compared.measured
     error = np.full(measured.volume.shape, np.nan)  # nowhere where nothing is measured
@@ -452,12 +454,12 @@ def _tiles(m: InjectionMap, compared: Comparison | None) -> list[Tile]:
 
 
 def _inverse_curves(m: InjectionMap) -> Figure:
-    series, chosen = [], _chosen(m)
-    for family, row in enumerate(chosen):
+    series, rows = [], _choose_pressures(m)
+    for family, row in enumerate(rows):
         simulated = m.inverse.state[row] != CellState.BEYOND
         x, y = m.axes.quantity[simulated] * MM3, m.inverse.energising_time[row, simulated] * MICROSECOND
         series.append(
-            Series(pressure(m.axes.rail_pressure[row]), "solid", points(x), points(y), BOTH, family, len(chosen))
+            Series(pressure(m.axes.rail_pressure[row]), "solid", points(x), points(y), BOTH, family, len(rows))
         )
     return Figure(
         "Energising time over quantity",
@@ -467,24 +469,24 @@ def _inverse_curves(m: InjectionMap) -> Figure:
     )
 
 
-def _arrays(found: InjectionMap) -> Arrays:
+def _arrays(m: InjectionMap) -> Arrays:
     forward, back = ("rail_pressure", "energising_time"), ("rail_pressure", "quantity")
     names = np.vectorize(lambda state: CellState(int(state)).name)
     units = {"rail_pressure": "Pa", "energising_time": "s", "quantity": "m3"}
-    axes = {name: in_common_unit((name,), getattr(found.axes, name), unit) for name, unit in units.items()}
+    axes = {name: in_common_unit((name,), getattr(m.axes, name), unit) for name, unit in units.items()}
     values = {
-        "injected_volume": in_common_unit(forward, found.volume, "m3"),
-        "ballistic": Array(forward, found.ballistic),
-        "time_for_quantity": in_common_unit(back, found.inverse.energising_time, "s"),
-        "state": Array(back, names(found.inverse.state)),
+        "injected_volume": in_common_unit(forward, m.volume, "m3"),
+        "ballistic": Array(forward, m.ballistic),
+        "time_for_quantity": in_common_unit(back, m.inverse.energising_time, "s"),
+        "state": Array(back, names(m.inverse.state)),
     }
-    if found.bands is not None:
-        sources = (("injected_volume", forward, found.bands.quantity), ("delivered", back, found.bands.delivered))
+    if m.bands is not None:
+        sources = (("injected_volume", forward, m.bands.quantity), ("delivered", back, m.bands.delivered))
         for stem, axis, edges in sources:
             for level, pair in edges.items():
                 for side, volume in zip(("lower", "upper"), pair, strict=True):
                     values[f"{stem}_{100.0 * level:g}_{side}"] = in_common_unit(axis, volume, "m3")
-    return Arrays(axes, values, f"Quantity map of {found.injector.name}")
+    return Arrays(axes, values, f"Quantity map of {m.injector.name}")
 
 
 INJECTION_MAP = Presenter(

@@ -68,22 +68,24 @@ def simulate_many(
     step, threads = check_step(conditions.time_step), conditions.threads or usable_threads()
     places = [slice(first, first + AT_A_TIME) for first in range(0, len(points), AT_A_TIME)]
 
-    def simulated(place: slice, threads: int) -> Batch:
-        one = prepare_shared(injector, points[place], step)
-        return simulate_batch(injector, one.points, names, values, time_step=step, threads=threads, prepared=one)
+    def simulate_slice(place: slice, threads: int) -> Batch:
+        prepared = prepare_shared(injector, points[place], step)
+        return simulate_batch(
+            injector, prepared.points, names, values, time_step=step, threads=threads, prepared=prepared
+        )
 
     if len(places) < ENOUGH * threads:
-        return _joined([simulated(place, threads) for place in places])
+        return _join_batches([simulate_slice(place, threads) for place in places])
     load_loop(injector.wired(names), Precision.F64, False)  # in the calling thread, where Ctrl-C ends it
     with ThreadPoolExecutor(threads) as pool:
-        futures = [pool.submit(copy_context().run, simulated, place, 1) for place in places]
-        return _joined([future.result() for future in futures])
+        futures = [pool.submit(copy_context().run, simulate_slice, place, 1) for place in places]
+        return _join_batches([future.result() for future in futures])
 
 
-def _joined(parts: Sequence[Batch]) -> Batch:
+def _join_batches(parts: Sequence[Batch]) -> Batch:
     """One batch of several that follow one another in their points."""
     names = Batch.__dataclass_fields__
-    return Batch(**{name: np.concatenate([getattr(part, name) for part in parts], axis=1) for name in names})
+    return Batch(**{name: np.concatenate([getattr(batch, name) for batch in parts], axis=1) for name in names})
 
 
 def prepare_shared(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> Prepared:
@@ -91,18 +93,18 @@ def prepare_shared(injector: Injector, points: Sequence[OperatingPoint], dt: flo
     pressures: dict[object, int] = {}
     energisings: dict[object, int] = {}
     by_pressure, by_energising = [], []
-    chosen: list[OperatingPoint] = []
+    distinct: list[OperatingPoint] = []
     for point in points:
         pressure = point.rail_pressure, point.cylinder_pressure, point.return_pressure
         energising = point.energisings, point.horizon, point.start
         # one that brings something new is worked out; its number is that of both
         if pressure not in pressures or energising not in energisings:
-            pressures.setdefault(pressure, len(chosen))
-            energisings.setdefault(energising, len(chosen))
-            chosen.append(point)
+            pressures.setdefault(pressure, len(distinct))
+            energisings.setdefault(energising, len(distinct))
+            distinct.append(point)
         by_pressure.append(pressures[pressure])
         by_energising.append(energisings[energising])
-    few = prepare(injector, chosen, dt)
+    few = prepare(injector, distinct, dt)
     once = few.courses
     return few._replace(
         points=points,
@@ -148,15 +150,15 @@ def respond(injector: Injector, rail_pressure: Floats, energising_time: Floats, 
     """
     pairs = zip(rail_pressure.tolist(), energising_time.tolist(), strict=True)
     points = [conditions.point(*pair) for pair in pairs]
-    volume, lift, status = _simulated(injector, points, conditions)
+    volume, lift, status = _simulate_points(injector, points, conditions)
     open_ = np.flatnonzero(status == STILL_INJECTING).tolist()
     if open_:
         longer = [replace(points[i], horizon=points[i].end_of_energising + LONGEST_AFTER) for i in open_]
-        volume[open_], lift[open_], status[open_] = _simulated(injector, longer, conditions)
+        volume[open_], lift[open_], status[open_] = _simulate_points(injector, longer, conditions)
     return Response(np.where(status == OK, volume, np.nan), lift)
 
 
-def _simulated(
+def _simulate_points(
     injector: Injector, points: Sequence[OperatingPoint], conditions: Conditions
 ) -> tuple[Floats, Floats, Ints]:
     """Volumes [m³], lifts [m] and statuses of points."""
@@ -200,12 +202,12 @@ class Line(NamedTuple):
     volume: Floats
     lift: Floats
 
-    def joined(self, time: Floats, found: Response) -> Line:
+    def add_samples(self, time: Floats, response: Response) -> Line:
         """Line with more samples, at times (n,) [s]."""
         times = np.concatenate([self.time, time])
         order = np.argsort(times, kind="stable")
-        volume = np.concatenate([self.volume, found.volume])[order]
-        return Line(self.rail_pressure, times[order], volume, np.concatenate([self.lift, found.lift])[order])
+        volume = np.concatenate([self.volume, response.volume])[order]
+        return Line(self.rail_pressure, times[order], volume, np.concatenate([self.lift, response.lift])[order])
 
     def at(self, times: Floats) -> Response:
         """Samples at times [s] that are among them."""
@@ -217,22 +219,22 @@ def require_some(injector: Injector, lines: Sequence[Line], conditions: Conditio
     """Refuse lines without a single volume by a SimulationError with the reason at the last sample of the last line."""
     if all(np.isnan(line.volume).all() for line in lines):
         point = conditions.point(lines[-1].rail_pressure, float(lines[-1].time[-1]))
-        status = _simulated(injector, [point], conditions)[2]
+        status = _simulate_points(injector, [point], conditions)[2]
         raise SimulationError(f"{injector.name}: no point could be simulated. {Status(int(status[0])).sentence}")
 
 
-def knots_of(times: Floats) -> Floats:
+def sample_times(times: Floats) -> Floats:
     """Energising times that are simulated at each rail pressure: an axis and a fine grid up to its end [s]."""
     longest = float(times[-1])
     count = int(np.ceil(np.log(max(longest / FINE_UNTIL, 1.0)) / np.log(GROWTH)))
     coarse = FINE_UNTIL * GROWTH ** np.arange(1, count)
     grid = np.concatenate([np.arange(SHORTEST, FINE_UNTIL + FINE / 2, FINE), coarse])
     # a grid time beside one of the axis would only repeat it
-    apart = np.min(np.abs(grid[:, None] - times), axis=1) > FINE / 4
-    return np.unique(np.concatenate([times, grid[(grid < longest) & apart]]))
+    is_distinct = np.min(np.abs(grid[:, None] - times), axis=1) > FINE / 4
+    return np.unique(np.concatenate([times, grid[(grid < longest) & is_distinct]]))
 
 
-def falls_of(line: Line) -> Iterator[Fall]:
+def find_falls(line: Line) -> Iterator[Fall]:
     """Falls of the quantity along a line from `FALL` on, each from its largest to its smallest quantity."""
     sound = np.flatnonzero(np.isfinite(line.volume))
     time, volume = line.time[sound], line.volume[sound]

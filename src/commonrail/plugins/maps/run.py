@@ -20,7 +20,7 @@ from commonrail.plugins.maps import response
 from commonrail.plugins.maps.adjust import UNADJUSTED, Adjustment, Cost, Curves, adjust
 from commonrail.plugins.maps.axes import MapAxes
 from commonrail.plugins.maps.choices import Beyond, CellState, Several
-from commonrail.plugins.maps.inverse import Inverse, Rules, invert, sampled
+from commonrail.plugins.maps.inverse import Inverse, Rules, invert, sample_lines
 from commonrail.plugins.maps.response import Conditions
 from commonrail.plugins.maps.sweep import OPERATING, Base, Sweep, Variable, unit_of
 from commonrail.plugins.maps.sweep import sweep as swept
@@ -142,19 +142,19 @@ class InjectionMap(Shown):
             Zero for no quantity; NaN outside of the pressures of the map, and for what is not reached.
         """
         rail, volume = self._arguments(rail_pressure, quantity, "quantity", "m3")
-        times, wanted = self.curves.time, volume.reshape(-1, 1)
+        times, target = self.curves.time, volume.reshape(-1, 1)
         places = np.broadcast_arrays(rail.reshape(-1, 1), times)
         row = self._interpolator(np.stack(places, axis=-1))
         low, high = row[:, :-1], row[:, 1:]
-        rises = (low < wanted) & (high >= wanted)
+        rises = (low < target) & (high >= target)
         with np.errstate(invalid="ignore", divide="ignore"):
-            crossing = np.where(rises, times[:-1] + (wanted - low) / (high - low) * np.diff(times), np.inf)
+            crossing = np.where(rises, times[:-1] + (target - low) / (high - low) * np.diff(times), np.inf)
         axes = self.axes.rail_pressure, self.axes.quantity
         expected = _interpolator(axes, self.inverse.energising_time)(np.stack([rail, volume], axis=-1))
         nearest = np.argmin(np.abs(crossing - np.nan_to_num(expected).reshape(-1, 1)), axis=1)
-        found = np.take_along_axis(crossing, nearest[:, None], axis=1).reshape(volume.shape)
+        time = np.take_along_axis(crossing, nearest[:, None], axis=1).reshape(volume.shape)
         zero = (volume == 0.0) & np.isfinite(row[:, 0]).reshape(volume.shape)
-        return np.where(zero, 0.0, np.where(np.isfinite(found), found, np.nan))[()]
+        return np.where(zero, 0.0, np.where(np.isfinite(time), time, np.nan))[()]
 
     def _arguments(self, rail_pressure: ArrayLike, other: ArrayLike, what: str, unit: str) -> tuple[Floats, Floats]:
         rail = array(rail_pressure, "Pa", "rail pressure", finite=False)
@@ -180,8 +180,10 @@ def _interpolator(axes: tuple[Floats, Floats], values: Floats) -> Callable[[Floa
     """Function of points (..., 2) that interpolates linearly, and gives NaN outside of the axes."""
     from scipy.interpolate import RegularGridInterpolator  # slow to import
 
-    found: Callable[[Floats], Floats] = RegularGridInterpolator(axes, values, bounds_error=False, fill_value=np.nan)
-    return found
+    interpolate: Callable[[Floats], Floats] = RegularGridInterpolator(
+        axes, values, bounds_error=False, fill_value=np.nan
+    )
+    return interpolate
 
 
 def usual_axes(injector: Injector) -> MapAxes:
@@ -209,10 +211,10 @@ def injection_map(
     def simulate(rows: IndexArray, times: Floats) -> response.Response:
         return response.respond(injector, axes.rail_pressure[rows], times, conditions)
 
-    knots = response.knots_of(axes.energising_time)
+    knots = response.sample_times(axes.energising_time)
     at = counted(len(axes.rail_pressure), "rail pressure")
     tell(f"simulating {counted(len(knots), 'energising time')} at {at} ...")
-    lines = sampled(simulate, axes.rail_pressure, knots)
+    lines = sample_lines(simulate, axes.rail_pressure, knots)
     response.require_some(injector, lines, conditions)
     forward = [line.at(axes.energising_time) for line in lines]
     volume = np.array([line.at(knots).volume for line in lines])
@@ -230,10 +232,10 @@ def injection_map(
         density=response.density_at(injector, conditions),
         curves=curves,
         volume=curves.volume[:, np.isin(curves.time, axes.energising_time)],
-        ballistic=np.array([found.lift for found in forward]) < BALLISTIC * full,
+        ballistic=np.array([samples.lift for samples in forward]) < BALLISTIC * full,
         inverse=inverse,
         inverse_ballistic=np.nan_to_num(inverse.lift, nan=np.inf) < BALLISTIC * full,
-        falls=tuple(fall for line in lines for fall in response.falls_of(line)),
+        falls=tuple(fall for line in lines for fall in response.find_falls(line)),
         lines=tuple(lines),
         adjustment=adjustment,
         costs=costs,
@@ -309,8 +311,8 @@ def quantity_map(
     )
     if not (isinstance(resolution, Sequence) and not isinstance(resolution, str) and len(resolution) == 2):
         raise ConfigurationError('The resolution is a pair of a time and a quantity, such as ("0.4 us", "0.01 mm3").')
-    wanted = (smooth, "m3", "smoothing"), (resolution[0], "s", "resolution"), (resolution[1], "m3", "resolution")
-    error, finest_time, finest_quantity = (None if value is None else number(value, *what) for value, *what in wanted)
+    limits = (smooth, "m3", "smoothing"), (resolution[0], "s", "resolution"), (resolution[1], "m3", "resolution")
+    error, finest_time, finest_quantity = (None if value is None else number(value, *what) for value, *what in limits)
     adjustment = Adjustment(error, flag(monotone, "monotone"), finest_time, finest_quantity)
     rules = Rules(enum_member(several, Several, "several"), enum_member(beyond, Beyond, "beyond"))
     return injection_map(injector, axes, conditions, rules, progress, adjustment)
@@ -382,8 +384,8 @@ def _injector(model: object) -> Injector:
 SAME = 1e-6  # relative difference of a parameter from the fit's value that is rounding of the injector's file
 
 
-def with_bands(
-    found: InjectionMap, study: Study, best: Mapping[str, float], draws: Floats | None = None
+def add_bands(
+    mapped: InjectionMap, study: Study, best: Mapping[str, float], draws: Floats | None = None
 ) -> InjectionMap:
     """Map of an injector that a study has calibrated, with bands by `predict`; `best` are the values [SI] of the fit.
 
@@ -395,31 +397,31 @@ def with_bands(
     """
     from commonrail.plugins.prediction.run import LEVELS, predict
 
-    values = found.injector.values
+    values = mapped.injector.values
     for name, value in best.items():
         if name in values and not np.isclose(values[name], value, rtol=SAME, atol=0.0):
             raise ConfigurationError(
-                f"{found.injector.name} has {name} = {values[name]:g} and the fit {value:g}: the bands of a fit are "
+                f"{mapped.injector.name} has {name} = {values[name]:g} and the fit {value:g}: the bands of a fit are "
                 "those of the injector that it has calibrated; omit the changes or the bands."
             )
-    axes, conditions = found.axes, found.conditions
-    forward, inverse = np.isfinite(found.volume), np.isfinite(found.inverse.delivered) & (axes.quantity > 0.0)
+    axes, conditions = mapped.axes, mapped.conditions
+    forward, inverse = np.isfinite(mapped.volume), np.isfinite(mapped.inverse.delivered) & (axes.quantity > 0.0)
     pairs = _pairs(axes.rail_pressure, np.broadcast_to(axes.energising_time, forward.shape), forward)
-    pairs += _pairs(axes.rail_pressure, found.inverse.energising_time, inverse)
+    pairs += _pairs(axes.rail_pressure, mapped.inverse.energising_time, inverse)
     # a needle that closes late is no failure: simulations end with their injection anyway
     points = [replace(conditions.point(rail, time), horizon=time + response.LONGEST_AFTER) for rail, time in pairs]
     study = replace(study, time_step=conditions.time_step)
     predicted = predict(study, best, points, draws=draws, levels=LEVELS, threads=conditions.threads)
     (band,) = predicted.bands
     stated = float(np.asarray(band.data.mass_density))  # of the data; NaN for the injector's
-    factor = stated / found.density if np.isfinite(stated) else 1.0
+    factor = stated / mapped.density if np.isfinite(stated) else 1.0
     count = int(forward.sum())
     quantity, delivered = {}, {}
     for level, edges in band.edges.items():
-        apart = [factor * (edge - band.values) for edge in edges]
-        quantity[level] = _tables(found.volume, forward, [one[:count] for one in apart])
-        delivered[level] = _tables(found.inverse.delivered, inverse, [one[count:] for one in apart])
-    return replace(found, bands=MapBands(predicted.estimator, quantity, delivered))
+        offsets = [factor * (edge - band.values) for edge in edges]
+        quantity[level] = _tables(mapped.volume, forward, [offset[:count] for offset in offsets])
+        delivered[level] = _tables(mapped.inverse.delivered, inverse, [offset[count:] for offset in offsets])
+    return replace(mapped, bands=MapBands(predicted.estimator, quantity, delivered))
 
 
 def _pairs(rail_pressure: Floats, time: Floats, which: Bools) -> list[tuple[float, float]]:
@@ -428,9 +430,9 @@ def _pairs(rail_pressure: Floats, time: Floats, which: Bools) -> list[tuple[floa
     return list(zip(rail[which].tolist(), time[which].tolist(), strict=True))
 
 
-def _tables(volume: Floats, which: Bools, apart: list[Floats]) -> tuple[Floats, Floats]:
+def _tables(volume: Floats, which: Bools, offsets: list[Floats]) -> tuple[Floats, Floats]:
     """Edges of all cells, from their distances from the quantities of marked ones; none is injected backwards."""
     low, high = np.full((2, *volume.shape), np.nan)
     centre = volume[which]
-    low[which], high[which] = np.maximum(centre + apart[0], np.minimum(centre, 0.0)), centre + apart[1]
+    low[which], high[which] = np.maximum(centre + offsets[0], np.minimum(centre, 0.0)), centre + offsets[1]
     return low, high

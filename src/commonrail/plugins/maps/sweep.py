@@ -109,7 +109,7 @@ class Points(Sequence[OperatingPoint]):
             return self[index : index + 1 or None][0]
         places = range(len(self))[index]
         rows = zip(places, self._rows[index].tolist(), strict=True)
-        return [self._others.get(i) or _made(row, self._alone) for i, row in rows]
+        return [self._others.get(i) or _make_point(row, self._alone) for i, row in rows]
 
     @property
     def last_starts(self) -> Floats:
@@ -121,7 +121,7 @@ def _within(values: Floats, limits: Limits) -> Bools:
     return np.asarray((values >= limits.low) & (values <= limits.high))
 
 
-def _made(row: Sequence[float], alone: bool) -> OperatingPoint:
+def _make_point(row: Sequence[float], alone: bool) -> OperatingPoint:
     """Operating point of a row that is checked."""
     arguments = _arguments(row, alone)
     energisings = tuple(_energising(*pulse) for pulse in arguments["energisings"])
@@ -242,13 +242,13 @@ def unit_of(name: str) -> tuple[str, str]:
     plain = name.replace("-", "_")
     if plain in OPERATING:
         return plain, OPERATING[plain][0]
-    full, known = SHORT.get(plain, name), parameter_quantities()
-    if full not in known:
+    full, parameters = SHORT.get(plain, name), parameter_quantities()
+    if full not in parameters:
         raise ConfigurationError(
-            f'There is no variable "{name}"{nearest(name, [*OPERATING, *SHORT, *known])}; a variable is '
+            f'There is no variable "{name}"{nearest(name, [*OPERATING, *SHORT, *parameters])}; a variable is '
             f"{', '.join([*OPERATING, *SHORT])} or a parameter of the injector."
         )
-    return full, known[full].unit
+    return full, parameters[full].unit
 
 
 def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Sweep:
@@ -265,11 +265,11 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     values = np.stack(list(_columns(parameters).values()), axis=1) if parameters else None
     names = [v.name for v in parameters]
 
-    def simulated(points: Sequence[OperatingPoint]) -> Batch:
+    def simulate_points(points: Sequence[OperatingPoint]) -> Batch:
         return simulate_many(injector, points, base.conditions, names, values)
 
-    whole = base.points(columns)
-    both = simulated(whole)
+    grid = base.points(columns)
+    both = simulate_points(grid)
     two = _two(base, variables)
     total = np.where(both.status == OK, both.injected_volume, np.nan)
     if np.all(np.isnan(total)):
@@ -278,21 +278,21 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     alone, fused = np.full(total.shape, np.nan), np.zeros(total.shape, bool)
     first_status = np.full(total.shape, OK)
     if two:
-        distinct, which = _first_alone(base, columns, len(whole))
-        first = simulated(distinct)
+        distinct, which = _first_alone(base, columns, len(grid))
+        first = simulate_points(distinct)
         first_status = first.status[:, which]
         alone = np.where(first.status == OK, first.injected_volume, np.nan)[:, which]
-        fused = fused_of(both, whole.last_starts, first.opening[:, which])
+        fused = find_fused(both, grid.last_starts, first.opening[:, which])
     second = np.where(fused, np.nan, total - alone)
     sizes = [len(v.values) for v in (*parameters, *operating)]
     order = [[v.name for v in (*parameters, *operating)].index(v.name) for v in variables]
 
-    def shaped(table: NDArray[Any]) -> NDArray[Any]:
+    def arrange(table: NDArray[Any]) -> NDArray[Any]:
         """Axes in the order of the variables, from (candidates, points)."""
         return np.asarray(table.reshape(sizes).transpose(order))
 
     statuses = (status.astype(np.int64) for status in (both.status, first_status))
-    arrays: list[Any] = list(map(shaped, (total, second, fused, both.opening, *statuses)))
+    arrays: list[Any] = list(map(arrange, (total, second, fused, both.opening, *statuses)))
     return Sweep(injector, base, tuple(variables), *arrays)
 
 
@@ -338,7 +338,7 @@ def _check(variables: Sequence[Variable], base: Base) -> None:
 
 def check_values(injector: Injector, variables: Sequence[Variable]) -> None:
     """Refuse values of parameters that a simulation of their own would be refused for, with its sentence."""
-    known = injector.quantities
+    quantities = injector.quantities
     for name, _, values in variables:
         if name == RETURN and name in unread_inputs(injector.variant):
             raise ConfigurationError(
@@ -351,8 +351,8 @@ def check_values(injector: Injector, variables: Sequence[Variable]) -> None:
         for value in values.tolist():
             if words := not_whole(name, value):
                 raise ConfigurationError(f"{injector.name}: {words}.")
-        if name in known:  # one that another kind of injector has is refused as a value of this one would be
-            values = values[~(np.isfinite(values) & known[name].domain.admits(values))]
+        if name in quantities:  # one that another kind of injector has is refused as a value of this one would be
+            values = values[~(np.isfinite(values) & quantities[name].domain.admits(values))]
         for value in values[:1].tolist():
             injector.with_values({name: value})
     for name, _, values in variables:
@@ -366,7 +366,7 @@ def _columns(variables: Sequence[Variable]) -> dict[str, Floats]:
     return {v.name: grid.ravel() for v, grid in zip(variables, grids, strict=True)}
 
 
-def fused_of(batch: Batch, starts: Floats, delay: Floats) -> Bools:
+def find_fused(batch: Batch, starts: Floats, delay: Floats) -> Bools:
     """Simulations (candidates, points) whose needle is open when the second of two energisings would open it.
 
     `starts` (points,) are those of the second energising [s], the first one starts at 0; `delay` (candidates, points)
@@ -396,12 +396,12 @@ class WithoutNumber(NamedTuple):
         return reason_of(self.status)
 
 
-def without_number(found: Sweep) -> list[WithoutNumber]:
+def without_number(swept: Sweep) -> list[WithoutNumber]:
     """Reasons for missing numbers, the most frequent first."""
     groups = []
-    for alone, statuses in enumerate((found.status, np.where(found.status == OK, found.first_status, OK))):
+    for alone, statuses in enumerate((swept.status, np.where(swept.status == OK, swept.first_status, OK))):
         for status in np.unique(statuses[statuses != OK]).tolist():
             places = np.argwhere(statuses == status)
-            first = {v.name: float(v.values[i]) for v, i in zip(found.variables, places[0].tolist(), strict=True)}
+            first = {v.name: float(v.values[i]) for v, i in zip(swept.variables, places[0].tolist(), strict=True)}
             groups.append(WithoutNumber(Status(status), len(places), first, bool(alone)))
     return sorted(groups, key=lambda group: (group.alone, -group.combinations))

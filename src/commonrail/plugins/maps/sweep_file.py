@@ -17,85 +17,88 @@ from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.compensation import Compensation
 from commonrail.plugins.maps.file import conditions_record
 from commonrail.plugins.maps.sweep import Sweep, table_unit, without_number
-from commonrail.plugins.maps.table import notes_of
+from commonrail.plugins.maps.table import describe_conditions
 
 
-def write_sweep(path: Path, found: Sweep) -> None:
+def write_sweep(path: Path, swept: Sweep) -> None:
     """Write a row for each combination."""
-    head = [f"{v.name} [{table_unit(v.unit)}]" for v in found.variables] + ["quantity [mm3]"]
-    if found.two:
+    head = [f"{v.name} [{table_unit(v.unit)}]" for v in swept.variables] + ["quantity [mm3]"]
+    if swept.two:
         head += ["second_quantity [mm3]", "fused"]
-    lacking = [f"{g.combinations} of {found.volume.size} without a number: {g.sentence}" for g in without_number(found)]
-    note = f"simulated by commonrail, not measured: {found.injector.name} ({found.injector.variant.label})"
+    lacking = [f"{g.combinations} of {swept.volume.size} without a number: {g.sentence}" for g in without_number(swept)]
+    note = f"simulated by commonrail, not measured: {swept.injector.name} ({swept.injector.variant.label})"
     dwell = "dwell: from the end of the first energising to the start of the second"
-    axes = [convert(v.values, v.unit, table_unit(v.unit)) for v in found.variables]
+    axes = [convert(v.values, v.unit, table_unit(v.unit)) for v in swept.variables]
     places = product(*([f"{value:.9g}" for value in axis.tolist()] for axis in axes))
-    columns = [[_text(value) for value in (volume.ravel() * 1e9).tolist()] for volume in (found.volume, found.second)]
-    columns.append(["yes" if fused else "no" for fused in found.fused.ravel().tolist()])
-    columns = columns if found.two else columns[:1]
+    columns = [[_text(value) for value in (volume.ravel() * 1e9).tolist()] for volume in (swept.volume, swept.second)]
+    columns.append(["yes" if fused else "no" for fused in swept.fused.ravel().tolist()])
+    columns = columns if swept.two else columns[:1]
     rows = ((*place, *values) for place, *values in zip(places, *columns, strict=True))
-    write_csv(path, (note, *([dwell] if found.two else []), *lacking), head, rows)
+    write_csv(path, (note, *([dwell] if swept.two else []), *lacking), head, rows)
 
 
-def write_compensation(path: Path, found: Compensation) -> None:
+def write_compensation(path: Path, compensated: Compensation) -> None:
     """Write a row for each value of the condition, rail pressure and quantity."""
-    head = [f"{found.condition.name} [{found.unit}]", "rail_pressure [MPa]", "quantity [mm3]"]
+    head = [f"{compensated.condition.name} [{compensated.unit}]", "rail_pressure [MPa]", "quantity [mm3]"]
     head += ["energising_time [us]", "alone [us]", "state"]
-    axes = found.alone.axes
+    axes = compensated.alone.axes
 
     def rows() -> Iterator[Sequence[str]]:
-        for d, i, j in np.ndindex(found.energising_time.shape):
+        for d, i, j in np.ndindex(compensated.energising_time.shape):
             yield [
-                f"{found.values[d]:.9g}",
+                f"{compensated.values[d]:.9g}",
                 f"{axes.rail_pressure[i] * 1e-6:.9g}",
                 f"{axes.quantity[j] * 1e9:.9g}",
-                _text(float(found.energising_time[d, i, j]) * 1e6),
-                _text(float(found.alone.inverse.energising_time[i, j]) * 1e6),
-                CellState(int(found.inverses[d].state[i, j])).name.lower(),
+                _text(float(compensated.energising_time[d, i, j]) * 1e6),
+                _text(float(compensated.alone.inverse.energising_time[i, j]) * 1e6),
+                CellState(int(compensated.inverses[d].state[i, j])).name.lower(),
             ]
 
-    note = f"varied: {found.condition.name}"
-    if found.first_energising_time > 0.0:
-        note = f"energising time of the first injection {found.first_energising_time * 1e6:g} us; dwell: end to start"
-    write_csv(path, (*notes_of(found.alone), note), head, rows())
+    note = f"varied: {compensated.condition.name}"
+    if compensated.first_energising_time > 0.0:
+        first = f"energising time of the first injection {compensated.first_energising_time * 1e6:g} us"
+        note = f"{first}; dwell: end to start"
+    write_csv(path, (*describe_conditions(compensated.alone), note), head, rows())
 
 
-def sweep_record(found: Sweep) -> dict[str, Any]:
+def sweep_record(swept: Sweep) -> dict[str, Any]:
     """Record of a sweep [SI]; null where there is no number."""
-    base = {name: value for name, value in found.base._asdict().items() if name != "conditions"}
+    base = {name: value for name, value in swept.base._asdict().items() if name != "conditions"}
     return {
         "schema": 1,
         "kind": "sweep",
-        "injector": found.injector.name,
-        "synthetic": found.injector.synthetic,
-        "base": base | conditions_record(found.base.conditions),
-        "variables": [{"name": v.name, "unit": v.unit, "values": v.values.tolist()} for v in found.variables],
-        "injected_volume": numbers(found.volume),
-        "second_volume": numbers(found.second) if found.two else None,
-        "fused": found.fused.tolist() if found.two else None,
-        "opening": numbers(found.opening),
+        "injector": swept.injector.name,
+        "synthetic": swept.injector.synthetic,
+        "base": base | conditions_record(swept.base.conditions),
+        "variables": [{"name": v.name, "unit": v.unit, "values": v.values.tolist()} for v in swept.variables],
+        "injected_volume": numbers(swept.volume),
+        "second_volume": numbers(swept.second) if swept.two else None,
+        "fused": swept.fused.tolist() if swept.two else None,
+        "opening": numbers(swept.opening),
         "without_number": [
-            {**g._asdict(), "status": g.status.name, "sentence": g.sentence} for g in without_number(found)
+            {**g._asdict(), "status": g.status.name, "sentence": g.sentence} for g in without_number(swept)
         ],
-        "fusion": [{"rail_pressure": p, "dwell": number(d)} for p, d in found.fusion],
+        "fusion": [{"rail_pressure": p, "dwell": number(d)} for p, d in swept.fusion],
     }
 
 
-def compensation_record(found: Compensation) -> dict[str, Any]:
+def compensation_record(compensated: Compensation) -> dict[str, Any]:
     """Record of compensated energising times [SI]."""
-    axes = found.alone.axes
+    axes = compensated.alone.axes
     return {
         "schema": 1,
         "kind": "compensation",
-        "injector": found.alone.injector.name,
-        "synthetic": found.alone.injector.synthetic,
-        "first_energising_time": found.first_energising_time,
-        "condition": {**found.condition._asdict(), "values": found.condition.values.tolist()},
+        "injector": compensated.alone.injector.name,
+        "synthetic": compensated.alone.injector.synthetic,
+        "first_energising_time": compensated.first_energising_time,
+        "condition": {**compensated.condition._asdict(), "values": compensated.condition.values.tolist()},
         "rail_pressure": axes.rail_pressure.tolist(),
         "quantity": axes.quantity.tolist(),
-        "energising_time": numbers(found.energising_time),
-        "alone": numbers(found.alone.inverse.energising_time),
-        "state": [[[CellState(s).name for s in row] for row in part.state.tolist()] for part in found.inverses],
+        "energising_time": numbers(compensated.energising_time),
+        "alone": numbers(compensated.alone.inverse.energising_time),
+        "state": [
+            [[CellState(s).name for s in row] for row in inverse.state.tolist()] for inverse in compensated.inverses
+        ],
     }
 
 

@@ -17,7 +17,7 @@ from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.compensation import Compensation
 from commonrail.plugins.maps.page import page
 from commonrail.plugins.maps.sweep import OPERATING, Sweep, Variable, table_unit, without_number
-from commonrail.plugins.maps.table import notes_of
+from commonrail.plugins.maps.table import describe_conditions
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 
 MOST_FIGURES = 6
@@ -25,47 +25,47 @@ SHORT_NAMES = {FUEL_TEMPERATURE: "temperature"}
 DWELL = "Dwell: from the end of the first energising to the start of the second."
 
 
-def sweep_html(found: Sweep) -> str:
+def sweep_html(swept: Sweep) -> str:
     """Page of a sweep."""
-    title, lines, tables = f"Sweep: {found.injector.name}", sweep_lines(found), sweep_tables(found)
-    return page(title, [found.injector], lines, sweep_figures(found), tables, facts=_facts(found))
+    title, lines, tables = f"Sweep: {swept.injector.name}", sweep_lines(swept), sweep_tables(swept)
+    return page(title, [swept.injector], lines, sweep_figures(swept), tables, facts=_facts(swept))
 
 
-def _facts(found: Sweep) -> list[tuple[str, str]]:
+def _facts(swept: Sweep) -> list[tuple[str, str]]:
     """Model, and the conditions that are not varied."""
-    base, injector = found.base, found.injector
+    base, injector = swept.base, swept.injector
     values = base._asdict() | base.conditions._asdict()
-    facts = {name: _shown(values[name], unit) for name, (unit, _) in OPERATING.items()}
-    facts[FUEL_TEMPERATURE] = _shown(injector.values[FUEL_TEMPERATURE], "K")
-    for name in (*(v.name for v in found.variables), *(() if found.two else ("first_energising_time", "dwell"))):
+    facts = {name: _format_value(values[name], unit) for name, (unit, _) in OPERATING.items()}
+    facts[FUEL_TEMPERATURE] = _format_value(injector.values[FUEL_TEMPERATURE], "K")
+    for name in (*(v.name for v in swept.variables), *(() if swept.two else ("first_energising_time", "dwell"))):
         facts.pop(name, None)
     return [
         ("Model", f"{injector.title or injector.name} ({injector.variant.label})"),
         *((name.replace("_", " ").replace(".", " ").capitalize(), text) for name, text in facts.items()),
-        ("Time step", _shown(base.conditions.time_step, "s")),
+        ("Time step", _format_value(base.conditions.time_step, "s")),
     ]
 
 
-def sweep_figures(found: Sweep) -> list[Figure]:
+def sweep_figures(swept: Sweep) -> list[Figure]:
     """Quantities over the first variable; of two injections the second one first."""
-    figures = list(_figures(found, found.volume, "Injected quantity"))
-    return [*_figures(found, found.second, "Quantity of the second injection"), *figures] if found.two else figures
+    figures = list(_figures(swept, swept.volume, "Injected quantity"))
+    return [*_figures(swept, swept.second, "Quantity of the second injection"), *figures] if swept.two else figures
 
 
-def sweep_lines(found: Sweep) -> list[str]:
+def sweep_lines(swept: Sweep) -> list[str]:
     """Sentences: what was varied, the range of the quantities, fused and failed injections."""
-    names = [f"{_title(v)} ({counted(len(v.values), 'value')})" for v in found.variables]
-    sound = found.volume[np.isfinite(found.volume)]
-    count = counted(found.volume.size, "combination")
+    names = [f"{_title(v)} ({counted(len(v.values), 'value')})" for v in swept.variables]
+    sound = swept.volume[np.isfinite(swept.volume)]
+    count = counted(swept.volume.size, "combination")
     lines = [f"{count} of {', '.join(names)}: {fixed(sound.min(), 2, MM3)} to {fixed(sound.max(), 2, MM3)} mm³."]
-    if found.two:
-        second, fused = found.second[np.isfinite(found.second)], int(found.fused.sum())
+    if swept.two:
+        second, fused = swept.second[np.isfinite(swept.second)], int(swept.fused.sum())
         lines.append(f"{fused} are fused: the needle does not close between the two injections. {DWELL}")
         if len(second):
             low, high = fixed(second.min(), 2, MM3), fixed(second.max(), 2, MM3)
             lines.append(f"The second injection, total less the first alone, has {low} to {high} mm³.")
-    for group in without_number(found):
-        first = ", ".join(f"{_title(v)} {_shown(group.first[v.name], v.unit)}" for v in found.variables)
+    for group in without_number(swept):
+        first = ", ".join(f"{_title(v)} {_format_value(group.first[v.name], v.unit)}" for v in swept.variables)
         lacking = "no number"
         if group.alone:
             lacking = "no quantity of the second injection, since the first one alone failed"
@@ -74,14 +74,14 @@ def sweep_lines(found: Sweep) -> list[str]:
     return lines
 
 
-def sweep_tables(found: Sweep) -> list[Table]:
+def sweep_tables(swept: Sweep) -> list[Table]:
     """Dwells below which two injections fuse, where they were searched for."""
     columns: list[Column] = [
         ("rail pressure, MPa", lambda r: megapascal(r[0])),
         ("dwell, µs", lambda r: fixed(r[1], 0, MICROSECOND)),
     ]
     note = f"Found to 1 µs; a dash: fused at the longest dwell of the sweep too, or a simulation failed. {DWELL}"
-    table = tabulated("Dwell below which the injections fuse", found.fusion, columns, note, 0)
+    table = tabulated("Dwell below which the injections fuse", swept.fusion, columns, note, 0)
     return [table] if table.rows else []
 
 
@@ -90,9 +90,9 @@ def _title(variable: Variable) -> str:
     return name if "." in name else name.replace("_", " ")
 
 
-def _figures(found: Sweep, volume: Floats, title: str) -> Iterator[Figure]:
+def _figures(swept: Sweep, volume: Floats, title: str) -> Iterator[Figure]:
     """Curves over the first variable, a line for each value of the second, a figure for each of the third."""
-    first, others = found.variables[0], found.variables[1:]
+    first, others = swept.variables[0], swept.variables[1:]
     volume = volume.reshape(*volume.shape, *(1,) * (3 - volume.ndim))
     rows, parts = int(volume.shape[1]), int(np.prod(volume.shape[2:]))
     unit = table_unit(first.unit)
@@ -110,78 +110,86 @@ def _figures(found: Sweep, volume: Floats, title: str) -> Iterator[Figure]:
 
 
 def _value(variable: Variable, index: int) -> str:
-    return _shown(float(variable.values[index]), variable.unit)
+    return _format_value(float(variable.values[index]), variable.unit)
 
 
-def _shown(value: float, unit: str) -> str:
+def _format_value(value: float, unit: str) -> str:
     """Value of a variable with its unit; temperatures in degrees Celsius, as on the axes."""
     if unit == "K":
         return f"{significant(convert(value, 'K', 'degC'), 4)} °C"
     return quantity(value, unit)
 
 
-def compensation_html(found: Compensation) -> str:
+def compensation_html(compensated: Compensation) -> str:
     """Page of energising times that hold quantities over a condition."""
-    injector, tables = found.alone.injector, [compensation_table(found)]
-    title = f"{'Second injection' if found.first_energising_time else 'Energising times'}: {injector.name}"
-    facts = [("Conditions", note) for note in notes_of(found.alone)]
-    return page(title, [injector], _compensation_lines(found), _compensation_figures(found), tables, facts=facts)
+    injector, tables = compensated.alone.injector, [compensation_table(compensated)]
+    title = f"{'Second injection' if compensated.first_energising_time else 'Energising times'}: {injector.name}"
+    facts = [("Conditions", note) for note in describe_conditions(compensated.alone)]
+    return page(
+        title, [injector], _compensation_lines(compensated), _compensation_figures(compensated), tables, facts=facts
+    )
 
 
-def _compensation_lines(found: Compensation) -> list[str]:
-    if found.first_energising_time:
-        return [f"Energising time of the first injection: {fixed(found.first_energising_time, 0, 1e6)} µs. {DWELL}"]
-    return [f"Energising times that deliver each quantity over {_condition(found)}."]
+def _compensation_lines(compensated: Compensation) -> list[str]:
+    if compensated.first_energising_time:
+        return [
+            f"Energising time of the first injection: {fixed(compensated.first_energising_time, 0, 1e6)} µs. {DWELL}"
+        ]
+    return [f"Energising times that deliver each quantity over {_condition(compensated)}."]
 
 
-def _compensation_figures(found: Compensation) -> list[Figure]:
-    axes, two, figures = found.alone.axes, found.first_energising_time > 0.0, []
+def _compensation_figures(compensated: Compensation) -> list[Figure]:
+    axes, two, figures = compensated.alone.axes, compensated.first_energising_time > 0.0, []
     for i in range(min(len(axes.rail_pressure), MOST_FIGURES)):
-        times = found.energising_time[:, i] - (found.alone.inverse.energising_time[i] if two else 0.0)
+        times = compensated.energising_time[:, i] - (compensated.alone.inverse.energising_time[i] if two else 0.0)
         series = tuple(
-            Series(f"{significant(q, 4, MM3)} mm³", "solid", points(found.values), points(times[:, j] * 1e6), BOTH, j)
+            Series(
+                f"{significant(q, 4, MM3)} mm³", "solid", points(compensated.values), points(times[:, j] * 1e6), BOTH, j
+            )
             for j, q in enumerate(axes.quantity.tolist())
         )
         what = "Correction of the energising time" if two else "Energising time"
         caption = "Energising time that holds the second quantity, less that of an injection alone." if two else ""
         panel = Panel("correction, µs" if two else "energising time, µs", series, zero_line=two)
         at = pressure(float(axes.rail_pressure[i]))
-        figures.append(Figure(f"{what} at {at}", caption, _condition(found), (panel,)))
+        figures.append(Figure(f"{what} at {at}", caption, _condition(compensated), (panel,)))
     return figures
 
 
-def _condition(found: Compensation) -> str:
-    return f"{_title(found.condition)}, {in_print(found.unit)}"
+def _condition(compensated: Compensation) -> str:
+    return f"{_title(compensated.condition)}, {in_print(compensated.unit)}"
 
 
-def compensation_table(found: Compensation) -> Table:
+def compensation_table(compensated: Compensation) -> Table:
     """Energising times, a row for each value of the condition, rail pressure and quantity."""
-    axes, two = found.alone.axes, found.first_energising_time > 0.0
+    axes, two = compensated.alone.axes, compensated.first_energising_time > 0.0
     return tabulated(
         f"Energising time of {'the second' if two else 'an'} injection that holds its quantity",
-        list(np.ndindex(found.energising_time.shape)),
+        list(np.ndindex(compensated.energising_time.shape)),
         [
-            ("state", lambda p: CellState(int(found.inverses[p[0]].state[p[1:]])).name.lower()),
-            (_condition(found), lambda p: f"{found.values[p[0]]:.6g}"),
+            ("state", lambda p: CellState(int(compensated.inverses[p[0]].state[p[1:]])).name.lower()),
+            (_condition(compensated), lambda p: f"{compensated.values[p[0]]:.6g}"),
             ("rail pressure, MPa", lambda p: megapascal(float(axes.rail_pressure[p[1]]))),
             ("quantity, mm³", lambda p: significant(float(axes.quantity[p[2]]), 4, MM3)),
-            ("energising time, µs", lambda p: fixed(found.energising_time[p], 1, MICROSECOND)),
-            ("alone, µs", lambda p: fixed(found.alone.inverse.energising_time[p[1:]], 1, MICROSECOND)),
+            ("energising time, µs", lambda p: fixed(compensated.energising_time[p], 1, MICROSECOND)),
+            ("alone, µs", lambda p: fixed(compensated.alone.inverse.energising_time[p[1:]], 1, MICROSECOND)),
         ],
         DWELL if two else "Alone: at the model's own value.",
     )
 
 
-def _arrays(found: Sweep) -> Arrays:
-    axes = tuple(v.name for v in found.variables)
+def _arrays(swept: Sweep) -> Arrays:
+    axes = tuple(v.name for v in swept.variables)
     values = {
-        "injected_volume": in_common_unit(axes, found.volume, "m3"),
-        "opening": in_common_unit(axes, found.opening, "s"),
+        "injected_volume": in_common_unit(axes, swept.volume, "m3"),
+        "opening": in_common_unit(axes, swept.opening, "s"),
     }
-    if found.two:
-        values |= {"second_volume": in_common_unit(axes, found.second, "m3"), "fused": Array(axes, found.fused)}
-    return Arrays({v.name: in_common_unit((v.name,), v.values, v.unit) for v in found.variables}, values, "Sweep")
+    if swept.two:
+        values |= {"second_volume": in_common_unit(axes, swept.second, "m3"), "fused": Array(axes, swept.fused)}
+    return Arrays({v.name: in_common_unit((v.name,), v.values, v.unit) for v in swept.variables}, values, "Sweep")
 
 
 SWEEP = Presenter(sweep_lines, sweep_tables, sweep_figures, _arrays)
-COMPENSATION = Presenter(_compensation_lines, lambda found: [compensation_table(found)], _compensation_figures)
+COMPENSATION = Presenter(
+    _compensation_lines, lambda compensated: [compensation_table(compensated)], _compensation_figures
+)

@@ -128,15 +128,15 @@ def sweep(
             )
     options.check_report(report)
     options.check_distinct(*out, report)
-    named = read_model_name(model)
+    source = read_model_name(model)
     base = Base(
         parse(rail_pressure, "Pa", "--rail-pressure"),
         parse(energising_time, "s", "--energising-time"),
         0.0 if first_energising_time is None else parse(first_energising_time, "s", "--first-energising-time"),
         parse(dwell, "s", "--dwell"),
-        read_conditions((cylinder_pressure, return_pressure), time_step, threads, named.folder),
+        read_conditions((cylinder_pressure, return_pressure), time_step, threads, source.folder),
     )
-    injector = options.with_overrides(named.injector, set_)
+    injector = options.with_overrides(source.injector, set_)
     options.refuse_return_pressure(injector)
     variables = [_variable(text) for text in vary]
     table.check_label(label or SECOND)
@@ -147,7 +147,7 @@ def sweep(
         swept = run(injector, variables, base)
         swept = replace(swept, fusion=_fusion(swept))
         outcome = _Outcome(
-            partial(sweep_file.write_sweep, found=swept),
+            partial(sweep_file.write_sweep, swept=swept),
             partial(sweep_page.sweep_html, swept),
             partial(sweep_file.sweep_record, swept),
             partial(print_text, sweep_page.sweep_lines(swept), sweep_page.sweep_tables(swept)),
@@ -158,17 +158,17 @@ def sweep(
         limit = parse(longest, "s", "--longest")
         say(SIMULATING)
         try:
-            held = hold_quantities(injector, variables, quantity, base, limit)
+            compensated = hold_quantities(injector, variables, quantity, base, limit)
         except ConfigurationError as error:
             raise InputError(f"--hold: {error}") from error
         outcome = _Outcome(
-            partial(sweep_file.write_compensation, found=held),
-            partial(sweep_page.compensation_html, held),
-            partial(sweep_file.compensation_record, held),
-            partial(print_table, sweep_page.compensation_table(held)),
+            partial(sweep_file.write_compensation, compensated=compensated),
+            partial(sweep_page.compensation_html, compensated),
+            partial(sweep_file.compensation_record, compensated),
+            partial(print_table, sweep_page.compensation_table(compensated)),
         )
-        label = label or (SECOND if held.first_energising_time else SINGLE)
-        maps = table.held_tables(held, label, change) if out else []
+        label = label or (SECOND if compensated.first_energising_time else SINGLE)
+        maps = table.tables_at_quantities(compensated, label, change) if out else []
     for path in out:
         if path.suffix.lower() == ".csv" and not change:
             outcome.write(path)
@@ -198,30 +198,30 @@ def _refuse_varied(vary: tuple[str, ...]) -> None:
 def _variable(text: str) -> Variable:
     from commonrail.plugins.maps.sweep import Variable, unit_of
 
-    name, equals, values = (part.strip() for part in text.partition("="))
+    name, equals, values = (piece.strip() for piece in text.partition("="))
     if not (name and equals and values):
         raise InputError(f'--vary {text}: expected NAME=VALUES, such as "dwell=0:3000:100us".')
     full, unit = unit_of(name)
     return Variable(full, unit, options.read_axis(values, unit, f"--vary {name}"))
 
 
-def _alone(found: Sweep) -> Floats:
+def _alone(swept: Sweep) -> Floats:
     """Quantities (pressures,) [m³] of the second injection without a first one."""
     from commonrail.plugins.maps.sweep import sweep as run
 
-    pressures = [v for v in found.variables if v.name == "rail_pressure"]
-    return run(found.injector, pressures, found.base._replace(first_energising_time=0.0)).volume
+    pressures = [v for v in swept.variables if v.name == "rail_pressure"]
+    return run(swept.injector, pressures, swept.base._replace(first_energising_time=0.0)).volume
 
 
-def _fusion(found: Sweep) -> tuple[tuple[float, float], ...]:
+def _fusion(swept: Sweep) -> tuple[tuple[float, float], ...]:
     """Rail pressures [Pa] and the dwells below which the injections fuse [s], where a dwell is varied."""
     import numpy as np
 
     from commonrail.plugins.maps.compensation import fusion_dwell
 
-    varied = {v.name: v.values for v in found.variables}
+    varied = {v.name: v.values for v in swept.variables}
     if not ("dwell" in varied and set(varied) <= {"dwell", "rail_pressure"}):
         return ()
-    rails = varied.get("rail_pressure", np.array([found.base.rail_pressure]))
-    dwells = fusion_dwell(found.injector, found.base, rails, float(varied["dwell"][-1]))
+    rails = varied.get("rail_pressure", np.array([swept.base.rail_pressure]))
+    dwells = fusion_dwell(swept.injector, swept.base, rails, float(varied["dwell"][-1]))
     return tuple(zip(rails.tolist(), dwells.tolist(), strict=True))

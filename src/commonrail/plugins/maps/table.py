@@ -96,7 +96,7 @@ class MapTable:
             )
 
 
-def units_for(path: Path, stated: Sequence[str | None], like: MapTable | None = None) -> MapUnits:
+def choose_units(path: Path, stated: Sequence[str | None], like: MapTable | None = None) -> MapUnits:
     """Units of a file: those of a map `like` which it is written, else those `stated`, else what suits its format.
 
     InputError if one is unknown or of another kind.
@@ -104,7 +104,7 @@ def units_for(path: Path, stated: Sequence[str | None], like: MapTable | None = 
     if like is not None:
         return units_of(like)
     usual = ECU_UNITS[:3] if path.suffix.lower() in (".dcm", ".cdfx") else READABLE
-    pressure, quantity, time = (one or default for one, default in zip(stated, usual, strict=True))
+    pressure, quantity, time = (unit or default for unit, default in zip(stated, usual, strict=True))
     units = MapUnits(pressure, quantity, time)
     convert(0.0, "Pa", units.pressure)
     convert(0.0, "kg" if compatible(units.quantity, "kg") else "m3", units.quantity)
@@ -125,24 +125,24 @@ def check_label(label: str) -> str:
     )
 
 
-def inverse_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) -> MapTable:
+def inverse_table(m: InjectionMap, label: str, units: MapUnits = ECU_UNITS) -> MapTable:
     """Energising time over rail pressure (x) and quantity (y).
 
     InputError if a unit is unknown or of another kind, or the label cannot be used.
     """
-    inverse = found.inverse
-    decimals = _decimals(units.decimals, found.adjustment.time_resolution, "s", units.time)
+    inverse = m.inverse
+    decimals = _decimals(units.decimals, m.adjustment.time_resolution, "s", units.time)
     return MapTable(
         check_label(label),
-        f"Energising time of {found.injector.name} over rail pressure and quantity",
+        f"Energising time of {m.injector.name} over rail pressure and quantity",
         "energising_time",
         units.time,
-        _axis("rail_pressure", found.axes.rail_pressure, "Pa", units.pressure),
-        Axis("quantity", units.quantity, _rounded(_quantities(found, found.axes.quantity, units))),
+        _axis("rail_pressure", m.axes.rail_pressure, "Pa", units.pressure),
+        Axis("quantity", units.quantity, _round_digits(_quantities(m, m.axes.quantity, units))),
         np.round(convert(inverse.energising_time.T, "s", units.time), decimals),
-        _states(inverse.state.T, found.inverse_ballistic.T),
-        notes_of(found),
-        () if found.bands is None else _layers(found, found.bands.delivered, units),
+        _states(inverse.state.T, m.inverse_ballistic.T),
+        describe_conditions(m),
+        () if m.bands is None else _layers(m, m.bands.delivered, units),
         decimals,
     )
 
@@ -183,15 +183,15 @@ def units_of(like: MapTable) -> MapUnits:
     return MapUnits(x.unit, y.unit, like.unit, max(like.decimals, fewest))
 
 
-def simulated_columns(like: MapTable, conditions: Conditions) -> Bools:
+def find_simulated_columns(like: MapTable, conditions: Conditions) -> Bools:
     """Mask (n,) of the pressures of a map that can be simulated: those above the cylinder pressure."""
     pressure, _ = axes_of(like, 1.0)
     return np.asarray(pressure > max(conditions.cylinder_pressure, RAIL_PRESSURES.low))
 
 
-def with_columns_of(table: MapTable, like: MapTable, conditions: Conditions) -> MapTable:
+def complete_columns(table: MapTable, like: MapTable, conditions: Conditions) -> MapTable:
     """Table over the simulated pressures of another map, completed by that map's values at its other pressures."""
-    which = simulated_columns(like, conditions)
+    which = find_simulated_columns(like, conditions)
     axis, before = (like.y, like.values.T) if is_turned(like) else (like.x, like.values)
     values, states = before.copy(), np.full(before.shape, "as before", object)
     values[:, which], states[:, which] = table.values, np.array(table.states, object)
@@ -202,7 +202,7 @@ def with_columns_of(table: MapTable, like: MapTable, conditions: Conditions) -> 
     return replace(table, x=x, values=values, states=tuple(map(tuple, states.tolist())), layers=layers)
 
 
-def shaped_like(table: MapTable, like: MapTable) -> MapTable:
+def arrange_like(table: MapTable, like: MapTable) -> MapTable:
     """Table with the title of another map, and its axes as they are written, in its order."""
     if is_turned(like):
         table = replace(
@@ -217,7 +217,7 @@ def shaped_like(table: MapTable, like: MapTable) -> MapTable:
     return replace(table, title=like.title or table.title, x=x, y=y)
 
 
-def held_tables(found: Compensation, label: str, change: bool) -> list[MapTable]:
+def tables_at_quantities(compensated: Compensation, label: str, change: bool) -> list[MapTable]:
     """Energising times that hold quantities.
 
     Of a second injection over rail pressure (x) and quantity (y), a table for each dwell, whose µs join the label:
@@ -225,31 +225,32 @@ def held_tables(found: Compensation, label: str, change: bool) -> list[MapTable]
     condition (x) and rail pressure (y), a table for each quantity, which joins the label where there are several.
     InputError as `inverse_table`.
     """
-    if change or not found.first_energising_time > 0.0:
-        return _condition_tables(found, label, change)
+    if change or not compensated.first_energising_time > 0.0:
+        return _condition_tables(compensated, label, change)
     tables = []
-    for dwell, inverse in zip(found.condition.values.tolist(), found.inverses, strict=True):
+    for dwell, inverse in zip(compensated.condition.values.tolist(), compensated.inverses, strict=True):
         ballistic = np.zeros(inverse.state.shape, bool)
-        table = inverse_table(replace(found.alone, inverse=inverse, inverse_ballistic=ballistic), label)
-        first = f"{found.first_energising_time * 1e6:g} us"
+        table = inverse_table(replace(compensated.alone, inverse=inverse, inverse_ballistic=ballistic), label)
+        first = f"{compensated.first_energising_time * 1e6:g} us"
         pause = f"dwell {dwell * 1e6:g} us from the end of the first energising ({first})"
-        title = f"Energising time of the second injection of {found.alone.injector.name}, {pause}"
+        title = f"Energising time of the second injection of {compensated.alone.injector.name}, {pause}"
         name = check_label(f"{label}_{dwell * 1e6:g}us".replace(".", "_"))
         tables.append(replace(table, label=name, title=title, notes=(*table.notes, f"second injection: {pause}")))
     return tables
 
 
-def _condition_tables(found: Compensation, label: str, change: bool) -> list[MapTable]:
+def _condition_tables(compensated: Compensation, label: str, change: bool) -> list[MapTable]:
     """Tables over the condition (x) and rail pressure (y)."""
-    alone = found.alone
-    times = found.energising_time - alone.inverse.energising_time if change else found.energising_time
+    alone = compensated.alone
+    times = compensated.energising_time - alone.inverse.energising_time if change else compensated.energising_time
     times = convert(times, "s", ECU_UNITS.time)
     what = "Correction of the energising time" if change else "Energising time"
-    states = np.array([inverse.state for inverse in found.inverses])
-    volumes = _rounded(_quantities(alone, alone.axes.quantity, ECU_UNITS)).tolist()
-    note, injection = f"varied: {found.condition.name}", f"{alone.injector.name} for"
-    if found.first_energising_time > 0.0:
-        note = f"first injection: {found.first_energising_time * 1e6:g} us; dwell: from its end to the second's start"
+    states = np.array([inverse.state for inverse in compensated.inverses])
+    volumes = _round_digits(_quantities(alone, alone.axes.quantity, ECU_UNITS)).tolist()
+    note, injection = f"varied: {compensated.condition.name}", f"{alone.injector.name} for"
+    if compensated.first_energising_time > 0.0:
+        first = f"first injection: {compensated.first_energising_time * 1e6:g} us"
+        note = f"{first}; dwell: from its end to the second's start"
         injection = "a second injection of"
     return [
         MapTable(
@@ -257,85 +258,85 @@ def _condition_tables(found: Compensation, label: str, change: bool) -> list[Map
             f"{what} of {injection} {volume:g} {ECU_UNITS.quantity}",
             "correction" if change else "energising_time",
             ECU_UNITS.time,
-            Axis(found.condition.name, found.unit, np.array(found.values)),
+            Axis(compensated.condition.name, compensated.unit, np.array(compensated.values)),
             _axis("rail_pressure", alone.axes.rail_pressure, "Pa", ECU_UNITS.pressure),
             np.round(times[:, :, j].T, DECIMALS),
             _states(states[:, :, j].T, np.array(False)),
-            (*notes_of(alone), note),
+            (*describe_conditions(alone), note),
         )
         for j, volume in enumerate(volumes)
     ]
 
 
-def change_table(found: Sweep, alone: Floats, label: str) -> MapTable:
+def change_table(swept: Sweep, alone: Floats, label: str) -> MapTable:
     """Quantity of the second of two injections less that of it alone, over dwell (x) and rail pressure (y).
 
-    `found` varies dwell and rail pressure, `alone` (pressures,) [m³]. InputError if the label cannot be used.
+    `swept` varies dwell and rail pressure, `alone` (pressures,) [m³]. InputError if the label cannot be used.
     """
-    axes = {v.name: v.values for v in found.variables}
-    turned = found.variables[0].name == "rail_pressure"
-    second, fused = (part if turned else part.T for part in (found.second, found.fused))
+    axes = {v.name: v.values for v in swept.variables}
+    turned = swept.variables[0].name == "rail_pressure"
+    second, fused = (values if turned else values.T for values in (swept.second, swept.fused))
     change = convert(second - alone[:, None], "m3", ECU_UNITS.quantity)
     states = np.where(fused, "fused", np.where(np.isfinite(change), "reached", "failed"))
-    base = found.base
+    base = swept.base
     pause = (
         f"first injection: {base.first_energising_time * 1e6:g} us, second: {base.energising_time * 1e6:g} us; dwell: "
         "from the end of the first to the start of the second"
     )
     return MapTable(
         check_label(label),
-        f"Change of the quantity of a second injection of {found.injector.name}",
+        f"Change of the quantity of a second injection of {swept.injector.name}",
         "change",
         ECU_UNITS.quantity,
         _axis("dwell", axes["dwell"], "s", ECU_UNITS.time),
         _axis("rail_pressure", axes["rail_pressure"], "Pa", ECU_UNITS.pressure),
         np.round(change, DECIMALS),
         tuple(map(tuple, states.tolist())),
-        (*_conditions(found.injector, base.conditions), pause),
+        (*_conditions(swept.injector, base.conditions), pause),
     )
 
 
-def quantity_table(found: InjectionMap, label: str, units: MapUnits = ECU_UNITS) -> MapTable:
+def quantity_table(m: InjectionMap, label: str, units: MapUnits = ECU_UNITS) -> MapTable:
     """Quantity over rail pressure (x) and energising time (y). InputError as `inverse_table`."""
-    states = np.where(np.isfinite(found.volume), np.where(found.ballistic, "ballistic", "reached"), "failed").T
-    finest, by_mass = found.adjustment.quantity_resolution, compatible(units.quantity, "kg")
-    finest = finest * found.density if finest is not None and by_mass else finest
+    states = np.where(np.isfinite(m.volume), np.where(m.ballistic, "ballistic", "reached"), "failed").T
+    finest, by_mass = m.adjustment.quantity_resolution, compatible(units.quantity, "kg")
+    finest = finest * m.density if finest is not None and by_mass else finest
     decimals = _decimals(DECIMALS, finest, "kg" if by_mass else "m3", units.quantity)
     return MapTable(
         check_label(label),
-        f"Injected quantity of {found.injector.name} over rail pressure and energising time",
+        f"Injected quantity of {m.injector.name} over rail pressure and energising time",
         "quantity",
         units.quantity,
-        _axis("rail_pressure", found.axes.rail_pressure, "Pa", units.pressure),
-        _axis("energising_time", found.axes.energising_time, "s", units.time),
-        np.round(_quantities(found, found.volume.T, units), decimals),
+        _axis("rail_pressure", m.axes.rail_pressure, "Pa", units.pressure),
+        _axis("energising_time", m.axes.energising_time, "s", units.time),
+        np.round(_quantities(m, m.volume.T, units), decimals),
         tuple(map(tuple, states.tolist())),
-        notes_of(found),
-        () if found.bands is None else _layers(found, found.bands.quantity, units),
+        describe_conditions(m),
+        () if m.bands is None else _layers(m, m.bands.quantity, units),
         decimals,
     )
 
 
-def _layers(found: InjectionMap, edges: Edges, units: MapUnits) -> tuple[Layer, ...]:
+def _layers(m: InjectionMap, edges: Edges, units: MapUnits) -> tuple[Layer, ...]:
     """Edges of bands (pressures, y) in the unit of the file."""
     layers = []
     for level, pair in edges.items():
         for side, volume in zip(("lower", "upper"), pair, strict=True):
-            values = np.round(_quantities(found, volume.T, units), DECIMALS)
+            values = np.round(_quantities(m, volume.T, units), DECIMALS)
             layers.append(Layer(f"quantity{BAND}{100.0 * level:g}_{side}", units.quantity, values))
     return tuple(layers)
 
 
-def notes_of(found: InjectionMap) -> tuple[str, ...]:
+def describe_conditions(m: InjectionMap) -> tuple[str, ...]:
     """Model, conditions, rules and adjustments of a map, a line each."""
     rules = (
-        f"several energising times: {_SEVERAL[found.rules.several.value]}; "
-        f"unreachable quantities: {_BEYOND[found.rules.beyond.value]}; "
-        + LONGEST_SIMULATED.format(found.axes.energising_time[-1] * 1e6)
+        f"several energising times: {_SEVERAL[m.rules.several.value]}; "
+        f"unreachable quantities: {_BEYOND[m.rules.beyond.value]}; "
+        + LONGEST_SIMULATED.format(m.axes.energising_time[-1] * 1e6)
     )
-    bands = [f"bands of measured quantities: {found.bands.estimator}"] if found.bands else []
-    costs = (cost.sentence for cost in found.costs)
-    return (*_conditions(found.injector, found.conditions), rules, *costs, *bands)
+    bands = [f"bands of measured quantities: {m.bands.estimator}"] if m.bands else []
+    costs = (cost.sentence for cost in m.costs)
+    return (*_conditions(m.injector, m.conditions), rules, *costs, *bands)
 
 
 def _conditions(injector: Injector, conditions: Conditions) -> tuple[str, ...]:
@@ -360,16 +361,16 @@ _BEYOND = {
 
 
 def _axis(name: str, values: Floats, si_unit: str, unit: str) -> Axis:
-    return Axis(name, unit, _rounded(convert(values, si_unit, unit)))
+    return Axis(name, unit, _round_digits(convert(values, si_unit, unit)))
 
 
-def _quantities(found: InjectionMap, volume: Floats, units: MapUnits) -> Floats:
+def _quantities(m: InjectionMap, volume: Floats, units: MapUnits) -> Floats:
     """Volumes [m³] in the unit of the file, which may be one of mass."""
     by_mass = compatible(units.quantity, "kg")
-    return convert(volume * found.density if by_mass else volume, "kg" if by_mass else "m3", units.quantity)
+    return convert(volume * m.density if by_mass else volume, "kg" if by_mass else "m3", units.quantity)
 
 
-def _rounded(values: Floats) -> Floats:
+def _round_digits(values: Floats) -> Floats:
     return np.array([float(f"{value:.{DIGITS}g}") for value in values.tolist()])
 
 

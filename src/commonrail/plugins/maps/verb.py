@@ -142,7 +142,7 @@ def map_(
     from commonrail.plugins.maps.inverse import Rules
     from commonrail.plugins.maps.page import map_html, map_lines, map_tables
     from commonrail.plugins.maps.response import density_at
-    from commonrail.plugins.maps.run import injection_map, with_bands
+    from commonrail.plugins.maps.run import add_bands, injection_map
 
     any_file = bool(out or quantity_out), "--out or --quantity-out"
     options.refuse_unused(
@@ -164,47 +164,47 @@ def map_(
         raise InputError("Give one or two models, or one model and --measured.")
     like = None if axes is None else read_axes(axes)
     stated = (pressure_unit, quantity_unit, time_unit)
-    units = {path: tables.units_for(path, stated, like) for path in (*out, *quantity_out)}
-    kept = like.label if like is not None and fits(like.unit, "s") else INVERSE
-    for name in (label or kept, quantity_label):
+    units = {path: tables.choose_units(path, stated, like) for path in (*out, *quantity_out)}
+    label_as_read = like.label if like is not None and fits(like.unit, "s") else INVERSE
+    for name in (label or label_as_read, quantity_label):
         tables.check_label(name)
-    named = options.read_models(models, set_)
-    conditions = read_conditions((cylinder_pressure, return_pressure), time_step, threads, named[0].folder)
-    injector = named[0].injector
-    for model in named:
+    sources = options.read_models(models, set_)
+    conditions = read_conditions((cylinder_pressure, return_pressure), time_step, threads, sources[0].folder)
+    injector = sources[0].injector
+    for model in sources:
         options.refuse_return_pressure(model.injector)
-    wanted = _axes(injector, conditions, (rail_pressure, quantity, energising_time), like)
+    axes_of_map = _axes(injector, conditions, (rail_pressure, quantity, energising_time), like)
     points = None if measured is None else read_measured_map(measured, density_at(injector, conditions))
     fit = None
     with _no_bands_if_refused(bands):
-        fit = _fit(named[0], bands)
+        fit = _fit(sources[0], bands)
     rules = Rules(several, unreachable)
     adjustment = _adjustment(smooth, monotone, resolution, density_at(injector, conditions))
-    found = {m.label: injection_map(m.injector, wanted, conditions, rules, say, adjustment) for m in named}
-    first = found[named[0].label]
+    maps = {m.label: injection_map(m.injector, axes_of_map, conditions, rules, say, adjustment) for m in sources}
+    first = maps[sources[0].label]
     if fit is not None:
         say("predicting the bands of its cells ...")
         with _no_bands_if_refused(bands):
-            first = found[named[0].label] = with_bands(first, *fit)
-    if like is not None and not (columns := tables.simulated_columns(like, conditions)).all():
+            first = maps[sources[0].label] = add_bands(first, *fit)
+    if like is not None and not (columns := tables.find_simulated_columns(like, conditions)).all():
         say(f"at or below the cylinder pressure {counted(int((~columns).sum()), 'column')} of {axes} kept as before")
     for path in out:
-        table = tables.inverse_table(first, label or kept, units[path])
+        table = tables.inverse_table(first, label or label_as_read, units[path])
         if like is None or axes is None or not fits(like.unit, "s"):
             write_map_file(path, [table])
         else:
-            write_map_like(path, tables.with_columns_of(table, like, conditions), like, axes)
+            write_map_like(path, tables.complete_columns(table, like, conditions), like, axes)
     for path in quantity_out:
         write_map_file(path, [tables.quantity_table(first, quantity_label, units[path])])
     compared = None if points is None else compare_with(first, points, str(measured))
     if report is not None:
-        write_text(report, map_html(found, compared))
+        write_text(report, map_html(maps, compared))
     if not (out or quantity_out or report or json):
         say("nothing is written: --out map.dcm writes the energising times, --report map.html shows both maps")
     print_result(
         json,
-        lambda: map_record(found, compared),
-        lambda: print_text(map_lines(found, compared), map_tables(found, compared)),
+        lambda: map_record(maps, compared),
+        lambda: print_text(map_lines(maps, compared), map_tables(maps, compared)),
         (*out, *quantity_out, report),
     )
 
@@ -223,19 +223,19 @@ def _have_labels(paths: Sequence[Path]) -> bool:
 
 
 @contextmanager
-def _no_bands_if_refused(wanted: Bands | None) -> Iterator[None]:
+def _no_bands_if_refused(bands: Bands | None) -> Iterator[None]:
     """Say why there are no bands in place of raising it, where they are not asked for."""
     try:
         yield
     except CommonrailError as error:
-        if wanted is not None:
+        if bands is not None:
             raise
         say(f"no bands: {error}")
 
 
-def _fit(model: NamedModel, wanted: Bands | None) -> tuple[Study, dict[str, float], Floats | None] | None:
+def _fit(model: NamedModel, bands: Bands | None) -> tuple[Study, dict[str, float], Floats | None] | None:
     """Study, best values and draws (m, d) of the run that bands are those of; None without bands."""
-    if wanted is Bands.NONE or (wanted is None and model.run is None):
+    if bands is Bands.NONE or (bands is None and model.run is None):
         return None
     if model.run is None:
         raise InputError(f"--bands: {model.text} is no run folder as it was calibrated, and only a fit has bands.")
@@ -252,21 +252,21 @@ def _axes(
     from commonrail.plugins.maps.axes import MapAxes
     from commonrail.plugins.maps.response import density_at
     from commonrail.plugins.maps.run import usual_axes
-    from commonrail.plugins.maps.table import axes_of, simulated_columns
+    from commonrail.plugins.maps.table import axes_of, find_simulated_columns
 
     usual = usual_axes(injector)
-    pressure, wanted, time = usual.rail_pressure, usual.quantity, usual.energising_time
+    pressure, quantity, time = usual.rail_pressure, usual.quantity, usual.energising_time
     density = density_at(injector, conditions)
     if like is not None:
-        pressure, wanted = axes_of(like, density)
-        pressure = pressure[simulated_columns(like, conditions)]
+        pressure, quantity = axes_of(like, density)
+        pressure = pressure[find_simulated_columns(like, conditions)]
     if texts[0] is not None:
         pressure = options.read_axis(texts[0], "Pa", "--rail-pressure", increasing=True)
     if texts[1] is not None:
-        wanted = read_quantities(texts[1], density, "--quantity")
+        quantity = read_quantities(texts[1], density, "--quantity")
     if texts[2] is not None:
         time = options.read_axis(texts[2], "s", "--energising-time", increasing=True)
-    return MapAxes(pressure, wanted, time)
+    return MapAxes(pressure, quantity, time)
 
 
 def _adjustment(smooth: str | None, monotone: bool, resolution: Sequence[str], density: float) -> Adjustment:

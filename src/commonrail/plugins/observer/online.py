@@ -24,10 +24,10 @@ from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_pa
 from commonrail.physics.variants import wiring
 from commonrail.plugins.export.description import RAIL, Kind, Variable
 from commonrail.plugins.export.entry_points import LANES
-from commonrail.plugins.export.fmu import Instance, tools_of, write_instance
+from commonrail.plugins.export.fmu import Instance, find_tools, write_instance
 from commonrail.plugins.export.library import Library, write_library_with
-from commonrail.plugins.export.object_files import Target, compiler_for, own_platform, target_named
-from commonrail.plugins.export.sources import Model, model_of
+from commonrail.plugins.export.object_files import Target, compiler_for, find_target, own_platform
+from commonrail.plugins.export.sources import Model, make_model
 from commonrail.plugins.observer import kalman, response, run, study
 from commonrail.plugins.observer.disturbance import MEAN, TREND, Disturbance
 from commonrail.plugins.observer.file import Observation
@@ -71,10 +71,10 @@ def check_online(place: Path) -> list[Target]:
     names = own_platform()
     if not names:
         raise ConfigurationError("An observer is not written for machines such as this one; see `commonrail export`.")
-    targets = [target_named(names[0])]
+    targets = [find_target(names[0])]
     if place.suffix.lower() == ".fmu":
         check_file(place, "--online")
-        tools_of(targets, 2)
+        find_tools(targets, 2)
         return targets
     check_folder(place)
     compiler_for(targets[0])
@@ -106,7 +106,7 @@ def write_observer_library(online: Online, folder: Path, targets: Sequence[Targe
 def _model(injector: Injector) -> Model:
     """Library's sources, with the fuel at all temperatures at which shots are simulated."""
     steps = injector.values[FUEL_TEMPERATURE] + response.warm_steps(injector)
-    return model_of(injector, [float(t + more) for t in steps for more in (0.0, 1.0)])
+    return make_model(injector, [float(t + more) for t in steps for more in (0.0, 1.0)])
 
 
 def write_observer_fmu(online: Online, out: Path, targets: Sequence[Target], fmi: int = 2) -> tuple[str, ...]:
@@ -114,7 +114,7 @@ def write_observer_fmu(online: Online, out: Path, targets: Sequence[Target], fmi
 
     Errors as of `write_observer_library`, and where the standard of version `fmi`, 2 or 3, knows no such platform.
     """
-    tools_of(targets, fmi)
+    find_tools(targets, fmi)
     texts = observer_texts(online)
     model, listed = _model(online.injector), online_variables(online)
     stamp = hashlib.sha256("".join([model.stamp, *texts.values()]).encode()).hexdigest()

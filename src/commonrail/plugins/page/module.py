@@ -12,7 +12,7 @@ from commonrail.engine.job import make_rows
 from commonrail.physics.variants import Variant
 from commonrail.plugins.export import object_files
 from commonrail.plugins.export.entry_points import sizes
-from commonrail.plugins.export.object_files import compiler_for, emit, run, source_of, target_named
+from commonrail.plugins.export.object_files import compiler_for, emit, find_target, run_compiler, source_of
 
 TARGET = "wasm32"
 MOST_STEPS, MOST_ROWS, MOST_SLOTS = 60_000, 20_000, 16_384  # of one simulation: its memory is in the module
@@ -63,7 +63,7 @@ def _defines(variant: Variant) -> dict[str, int]:
 
 
 def _linked(variant: Variant) -> bytes:
-    target = target_named(TARGET)
+    target = find_target(TARGET)
     compiler = compiler_for(target._replace(zig=_BARE))  # refuses before the physics is compiled
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -71,5 +71,5 @@ def _linked(variant: Variant) -> bytes:
         physics.write_bytes(emit(variant, target))
         defines = [f"-D{name}={value}" for name, value in _defines(variant).items()]
         inputs = [str(_SHIM), str(physics), "-o", str(out)]
-        run([*compiler.command, "-O2", "-g0", _FEATURES, *_LINK, *defines, *inputs], folder)
+        run_compiler([*compiler.command, "-O2", "-g0", _FEATURES, *_LINK, *defines, *inputs], folder)
         return out.read_bytes()

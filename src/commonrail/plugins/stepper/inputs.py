@@ -21,7 +21,7 @@ _NEVER = -1.0  # on the clocks of an energising that has not begun or not ended 
 
 
 @dataclass
-class Held:
+class Overrides:
     """Inputs that the caller holds until he gives others: values by column, and the command of the energising.
 
     `on` is None as long as the operating point's energisings count; `since` and `until` are the instants of the last
@@ -33,7 +33,7 @@ class Held:
     since: float = math.nan
     until: float = math.nan
 
-    def copy(self) -> Held:
+    def copy(self) -> Overrides:
         """A copy that changes by itself."""
         return replace(self, values=dict(self.values))
 
@@ -111,10 +111,10 @@ def refuse_pressures(injector: Injector, inputs: Floats) -> None:
             raise ConfigurationError(f"The {words} must stay below the rail pressure; correct one of them.")
 
 
-def names_of(value: object, known: tuple[str, ...], what: str) -> tuple[str, ...]:
-    """Read a list of names; `known`: to choose from; `what`: "input" or "output"."""
-    names = sequence(value, f"{what}s", f'["{known[0]}"]')
+def read_names(value: object, choices: tuple[str, ...], what: str) -> tuple[str, ...]:
+    """Read a list of names; `choices`: to choose from; `what`: "input" or "output"."""
+    names = sequence(value, f"{what}s", f'["{choices[0]}"]')
     for name in names:
-        if not isinstance(name, str) or name not in known:
-            raise ConfigurationError(f"There is no {what} {shown(name)}; choose from {', '.join(known)}.")
+        if not isinstance(name, str) or name not in choices:
+            raise ConfigurationError(f"There is no {what} {shown(name)}; choose from {', '.join(choices)}.")
     return tuple(names)

@@ -127,28 +127,28 @@ class LinearModel:
             show.append(self.a.T @ show[-1])
         controlled, observed = np.hstack(reach), np.hstack(show)
         u, sigma, vt = np.linalg.svd(observed.T @ controlled, full_matrices=False)
-        kept = min(order, int(np.sum(sigma > sigma[0] * np.finfo(float).eps * len(sigma))))
-        root = np.sqrt(sigma[:kept])
-        into, out = controlled @ vt[:kept].T / root, (u[:, :kept] / root).T @ observed.T
-        names = tuple(f"balanced[{i}]" for i in range(kept))
-        found = replace(self, a=out @ self.a @ into, b=out @ self.b, c=self.c @ into, states=names, errors={})
-        return replace(found, errors={"impulse": np.abs(found._impulse(samples) - impulse).max(axis=0)})
+        rank = min(order, int(np.sum(sigma > sigma[0] * np.finfo(float).eps * len(sigma))))
+        root = np.sqrt(sigma[:rank])
+        into, out = controlled @ vt[:rank].T / root, (u[:, :rank] / root).T @ observed.T
+        names = tuple(f"balanced[{i}]" for i in range(rank))
+        reduced = replace(self, a=out @ self.a @ into, b=out @ self.b, c=self.c @ into, states=names, errors={})
+        return replace(reduced, errors={"impulse": np.abs(reduced._impulse(samples) - impulse).max(axis=0)})
 
     def _impulse(self, samples: int) -> Floats:
         """Outputs (samples, outputs, inputs) to a unit impulse of each input."""
-        x, found = self.b, [self.d]
+        x, response = self.b, [self.d]
         for _ in range(samples - 1):
-            found.append(self.c @ x)
+            response.append(self.c @ x)
             x = self.a @ x
-        return np.array(found)
+        return np.array(response)
 
     def respond(self, inputs: Floats) -> Floats:
         """Outputs (samples, outputs) of the linear model, from zero, to inputs (samples, inputs)."""
-        x, found = np.zeros(len(self.states)), np.empty((len(inputs), len(self.outputs)))
+        x, response = np.zeros(len(self.states)), np.empty((len(inputs), len(self.outputs)))
         for k, u in enumerate(np.asarray(inputs, float)):
-            found[k] = self.c @ x + self.d @ u
+            response[k] = self.c @ x + self.d @ u
             x = self.a @ x + self.b @ u
-        return found
+        return response
 
 
 class _Coordinate(NamedTuple):
@@ -162,7 +162,7 @@ class _Coordinate(NamedTuple):
 def linearise(o: Operation, dt: float, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> LinearModel:
     """Linear model of a sample."""
     states = _states(o, o.steps)
-    after = [one.at for one in _states(o, o.steps + len(o.inputs))]
+    after = [coordinate.at for coordinate in _states(o, o.steps + len(o.inputs))]
     driven = [_Coordinate(name, COLUMNS[name], _difference(name, 0.0)) for name in inputs]
 
     def course(change: float, of: _Coordinate, is_input: bool) -> Floats:
@@ -170,7 +170,7 @@ def linearise(o: Operation, dt: float, inputs: tuple[str, ...], outputs: tuple[s
         if is_input:
             u[:, of.at] += change
         else:
-            _set(memory, o, of, memory[of.at] + change)
+            _perturb_density(memory, o, of, memory[of.at] + change)
         o.march(memory, u)
         gain = memory[o.loop.rows.injected] - o.memory[o.loop.rows.injected]
         values = {"mass_rate": float(gain) / (len(u) * dt), **o.channels(memory, u[-1])}
@@ -179,12 +179,12 @@ def linearise(o: Operation, dt: float, inputs: tuple[str, ...], outputs: tuple[s
     middle = course(0.0, states[0], False)
     columns, errors, curvatures = [], [], []
     for is_input, coordinates in ((False, states), (True, driven)):
-        for one in coordinates:
-            up, down, high, low = (course(k * one.step, one, is_input) for k in (1.0, -1.0, 2.0, -2.0))
-            near, far = (up - down) / (2.0 * one.step), (high - low) / (4.0 * one.step)
+        for coordinate in coordinates:
+            up, down, high, low = (course(k * coordinate.step, coordinate, is_input) for k in (1.0, -1.0, 2.0, -2.0))
+            near, far = (up - down) / (2.0 * coordinate.step), (high - low) / (4.0 * coordinate.step)
             curvature = up - 2.0 * middle + down  # change of slope times the difference
             # Without a kink it is four times as large over twice the difference, and leaves central differences alone.
-            jump = np.abs(4.0 * curvature - (high - 2.0 * middle + low)) / (2.0 * one.step)
+            jump = np.abs(4.0 * curvature - (high - 2.0 * middle + low)) / (2.0 * coordinate.step)
             columns.append((4.0 * near - far) / 3.0)
             errors.append(np.abs(near - far) / 3.0 + 0.5 * jump)
             curvatures.append(np.abs(curvature))
@@ -192,9 +192,9 @@ def linearise(o: Operation, dt: float, inputs: tuple[str, ...], outputs: tuple[s
     n = len(states)
     slopes, wrong = np.array(columns).T, np.array(errors).T
     return LinearModel(
-        *_parts(slopes, n),
-        dict(zip("abcd", _parts(wrong, n), strict=True)),
-        tuple(one.name for one in states),
+        *_split_blocks(slopes, n),
+        dict(zip("abcd", _split_blocks(wrong, n), strict=True)),
+        tuple(coordinate.name for coordinate in states),
         inputs,
         outputs,
         len(o.inputs) * dt,
@@ -202,51 +202,51 @@ def linearise(o: Operation, dt: float, inputs: tuple[str, ...], outputs: tuple[s
     )
 
 
-def _parts(whole: Floats, n: int) -> tuple[Floats, Floats, Floats, Floats]:
-    return whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:]
+def _split_blocks(matrix: Floats, n: int) -> tuple[Floats, Floats, Floats, Floats]:
+    return matrix[:n, :n], matrix[:n, n:], matrix[n:, :n], matrix[n:, n:]
 
 
 def _kinks(coordinates: list[_Coordinate], slopes: Floats, curvatures: Floats) -> tuple[str, ...]:
     """Names of the coordinates in which a difference bends an output by more than `KINK` of what it moves it."""
-    moved = np.abs(slopes) * np.array([one.step for one in coordinates])
+    moved = np.abs(slopes) * np.array([coordinate.step for coordinate in coordinates])
     scale = np.maximum(moved.max(axis=1, keepdims=True), np.finfo(float).tiny)
     worst = np.max(curvatures / scale, axis=0)
-    return tuple(one.name for one, share in zip(coordinates, worst, strict=True) if share > KINK)
+    return tuple(coordinate.name for coordinate, share in zip(coordinates, worst, strict=True) if share > KINK)
 
 
 def _states(o: Operation, steps: int) -> list[_Coordinate]:
     """Coordinates of the state after so many steps: rows, and the slots of the rings that are still to arrive."""
-    first, found = o.loop.rows.state, []
+    first, coordinates = o.loop.rows.state, []
     ideal = o.variant.boundary is Boundary.IDEAL
     for i, path in enumerate(o.loop.state):
         volume, _, field = path.rpartition(".")
         follows = field in _OF_DENSITY and f"{volume}.density" in o.loop.state
         if not (follows or path in _SUMS or (ideal and path.startswith("rail."))):
-            found.append(_Coordinate(path, first + i, _difference(path, o.memory[first + i])))
+            coordinates.append(_Coordinate(path, first + i, _difference(path, o.memory[first + i])))
     for wave, name in enumerate(Waves._fields[: 2 if o.variant.actuation is Actuation.DIRECT else 3]):
         start = o.loop.rows.end + wave * o.ring
         delay = int(o.memory[o.loop.rows.delay_steps + wave])
         for ago in range(1, delay + 2):
             # what left a step more than the delay ago is read where the last step has put it, not from its slot
             at = start + ((steps - ago) & (o.ring - 1)) if ago <= delay else o.loop.rows.arriving + wave
-            found.append(_Coordinate(f"waves.{name}[-{ago}]", at, _difference("waves", 0.0)))
-    return found
+            coordinates.append(_Coordinate(f"waves.{name}[-{ago}]", at, _difference("waves", 0.0)))
+    return coordinates
 
 
 def _difference(name: str, value: float) -> float:
     parts = name.split(".")
-    known = next((_STEPS[part] for part in reversed(parts) if part in _STEPS), None)
-    if known is None:
-        known = next(step for part, step in _STEPS.items() if parts[-1].endswith(part))
-    absolute, relative = known
+    limits = next((_STEPS[suffix] for suffix in reversed(parts) if suffix in _STEPS), None)
+    if limits is None:
+        limits = next(step for suffix, step in _STEPS.items() if parts[-1].endswith(suffix))
+    absolute, relative = limits
     return max(absolute, relative * abs(float(value)))
 
 
-def _set(memory: Floats, o: Operation, of: _Coordinate, value: float) -> None:
+def _perturb_density(memory: Floats, o: Operation, of: _Coordinate, value: float) -> None:
     """Write a number, and with the density in a volume what follows from it."""
     memory[of.at] = value
     if of.name.endswith(".density"):
-        found = contents(o.coefficients.fuel, value, 1.0)  # as if one cubic metre held it
+        volume = contents(o.coefficients.fuel, value, 1.0)  # as if one cubic metre held it
         for field in _OF_DENSITY:
             row = o.loop.state.index(f"{of.name.removesuffix('density')}{field}")
-            memory[o.loop.rows.state + row] = getattr(found, field)
+            memory[o.loop.rows.state + row] = getattr(volume, field)

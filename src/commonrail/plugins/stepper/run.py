@@ -20,7 +20,7 @@ from commonrail.engine.status import Status
 from commonrail.engine.time_step import DEFAULT_STEP, check_step, longest_step, step_advice
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import COMMAND, Variant
-from commonrail.plugins.stepper.inputs import COLUMNS, UNITS, Held, names_of, refuse_pressures, refuse_unread
+from commonrail.plugins.stepper.inputs import COLUMNS, UNITS, Overrides, read_names, refuse_pressures, refuse_unread
 from commonrail.plugins.stepper.linear import LinearModel, Operation, linearise
 
 ROUNDING = 1e-6  # relative difference from a whole number of time steps that counts as rounding
@@ -33,12 +33,12 @@ _PRESSURES = {
 }
 
 
-class Kept(NamedTuple):
-    """State of a `Stepper` at one instant: steps taken, memory of the loop, inputs that are held."""
+class SavedState(NamedTuple):
+    """State of a `Stepper` at one instant: steps taken, memory of the loop, inputs set by the caller."""
 
     steps: int
     memory: Floats
-    held: Held
+    overrides: Overrides
 
 
 class Stepper:
@@ -93,7 +93,7 @@ class Stepper:
 
     def reset(self) -> None:
         """Return to rest at the time and the pressures of the operating point's start."""
-        self._steps, self._held = 0, Held()
+        self._steps, self._overrides = 0, Overrides()
         self._memory = np.zeros(self._loop.size(self._ring))
         self._march(self._memory, np.empty((0, 6)))
         rows = self._loop.rows
@@ -160,22 +160,24 @@ class Stepper:
         SimulationError
             If the simulation fails; the state is then that of before the call.
         """
-        count = _count(duration, self.time_step)
-        given = {
+        count = _count_steps(duration, self.time_step)
+        quantities = {
             "rail_pressure": rail_pressure,
             "cylinder_pressure": cylinder_pressure,
             "return_pressure": return_pressure,
             "voltage": voltage,
             "current": current,
         }
-        held = self._holding({name: value for name, value in given.items() if value is not None}, command)
-        inputs = self._inputs(self._steps, count, held)
+        overrides = self._merge_overrides(
+            {name: value for name, value in quantities.items() if value is not None}, command
+        )
+        inputs = self._inputs(self._steps, count, overrides)
         refuse_pressures(self.injector, inputs)
         memory = self._memory.copy()
         self._march(memory, inputs)
         _refuse_failed(self.injector, self._loop.rows, memory)
         before = self._memory[self._loop.rows.injected]
-        self._memory, self._held, self._steps = memory, held, self._steps + count
+        self._memory, self._overrides, self._steps = memory, overrides, self._steps + count
         injected, returned = memory[self._loop.rows.injected], memory[self._loop.rows.returned]
         return {
             "time": self.time,
@@ -185,35 +187,35 @@ class Stepper:
             **self._channels(memory, inputs[-1]),
         }
 
-    def save(self) -> Kept:
+    def save(self) -> SavedState:
         """Return a copy of the state, for `restore`."""
-        return Kept(self._steps, self._memory.copy(), self._held.copy())
+        return SavedState(self._steps, self._memory.copy(), self._overrides.copy())
 
-    def restore(self, kept: Kept) -> None:
+    def restore(self, state: SavedState) -> None:
         """Return to a state of `save`, of this stepper or of one of the same injector, pressures and time step.
 
         Parameters
         ----------
-        kept : Kept
+        state : SavedState
 
         Raises
         ------
         ConfigurationError
             If it is of another kind, of a stepper with another memory, or holds what no `save` returns, such as NaN.
         """
-        instance(kept, Kept, "state")
-        if np.shape(kept.memory) != self._memory.shape:
+        instance(state, SavedState, "state")
+        if np.shape(state.memory) != self._memory.shape:
             raise ConfigurationError(
                 "The state is of a stepper with another wiring, pipe or time step; make one of the same to restore it."
             )
-        memory = np.asarray(kept.memory)
-        sound = memory.dtype == np.float64 and isinstance(kept.held, Held) and isinstance(kept.steps, int)
-        if not (sound and kept.steps >= 0 and np.isfinite(memory).all()):
+        memory = np.asarray(state.memory)
+        sound = memory.dtype == np.float64 and isinstance(state.overrides, Overrides) and isinstance(state.steps, int)
+        if not (sound and state.steps >= 0 and np.isfinite(memory).all()):
             raise ConfigurationError(
                 "The state is damaged: it holds numbers that are not finite, or other content than a state of save; "
                 "restore one that save returned, unchanged."
             )
-        self._steps, self._memory, self._held = kept.steps, memory.copy(), kept.held.copy()
+        self._steps, self._memory, self._overrides = state.steps, memory.copy(), state.overrides.copy()
 
     __setstate__ = restore
 
@@ -236,11 +238,11 @@ class Stepper:
         ConfigurationError
             If a name is unknown or not one of this injector's, or the names are no list.
         """
-        count = _count(sample, self.time_step)
-        inputs = names_of(inputs, tuple(COLUMNS), "input")
+        count = _count_steps(sample, self.time_step)
+        inputs = read_names(inputs, tuple(COLUMNS), "input")
         for name in inputs:
             refuse_unread(self.injector, name)
-        outputs = names_of(outputs, ("mass_rate", *self.channels), "output")
+        outputs = read_names(outputs, ("mass_rate", *self.channels), "output")
         operation = Operation(
             self._loop,
             self._memory,
@@ -254,22 +256,22 @@ class Stepper:
         )
         return linearise(operation, self.time_step, inputs, outputs)
 
-    def _holding(self, given: dict[str, Any], command: bool | None) -> Held:
-        """Inputs that are held from now on."""
-        held = self._held.copy()
-        for name, value in given.items():
+    def _merge_overrides(self, quantities: dict[str, Any], command: bool | None) -> Overrides:
+        """Overrides that apply from now on: those so far with new quantities and a command."""
+        overrides = self._overrides.copy()
+        for name, value in quantities.items():
             refuse_unread(self.injector, name)
-            held.values[COLUMNS[name]] = number(value, UNITS.get(name, "Pa"), name.replace("_", " "))
+            overrides.values[COLUMNS[name]] = number(value, UNITS.get(name, "Pa"), name.replace("_", " "))
         if command is not None:
             refuse_unread(self.injector, COMMAND)
             planned = self._plan.inputs(self._steps, 1)[0]
             lasts = planned[4] if planned[4] >= 0.0 > planned[5] else -1.0
-            held.command(flag(command, "command"), self.time, float(lasts))
-        return held
+            overrides.command(flag(command, "command"), self.time, float(lasts))
+        return overrides
 
-    def _inputs(self, first: int, count: int, held: Held | None = None) -> Floats:
+    def _inputs(self, first: int, count: int, overrides: Overrides | None = None) -> Floats:
         inputs = self._plan.inputs(first, count)
-        (held or self._held).apply(inputs, self._plan.instants(first, count))
+        (overrides or self._overrides).apply(inputs, self._plan.instants(first, count))
         return inputs
 
     def _march(self, memory: Floats, inputs: Floats) -> None:
@@ -277,7 +279,7 @@ class Stepper:
         self._loop.march(memory, self._ring, self._steps, self._theta, self._settings, inputs)
 
 
-def _count(duration: Quantity, time_step: float) -> int:
+def _count_steps(duration: Quantity, time_step: float) -> int:
     """Number of time steps [s] that a duration has."""
     seconds = number(duration, "s", "duration of a step")
     if seconds > LONGEST:
