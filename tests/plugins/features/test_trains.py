@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from commonrail.plugins.features.injections import FeatureStatus, averaged
+from commonrail.plugins.features.injections import FeatureStatus, average
 from commonrail.plugins.features.rate_trace import RateTrace
 from commonrail.plugins.features.run import find_features
 from commonrail.plugins.features.settings import FeatureSettings
@@ -54,7 +54,7 @@ def test_on_a_slow_ramp_the_rate_passes_the_threshold_many_times_and_there_is_on
     for seed in range(5):
         ramp = noisy(slow, 0.02, seed)
         found = find_features(ramp)
-        course = averaged(ramp, found.levels.width)
+        course = average(ramp, found.levels.width)
         passes.append(np.count_nonzero(np.diff(course.rate > found.levels.threshold)))
         assert len(found.injections) == 1
     assert max(passes) >= 6  # once up and once down would be 2

@@ -125,7 +125,7 @@ def anatomy_figure(
             ]
         if series:
             is_keyed = len(series) > 1
-            values = [v for one in series for v in one.y if v is not None] or [0.0]
+            values = [v for line in series for v in line.y if v is not None] or [0.0]
             ends = (min(values), max(values))
             times = sorted({t for t in instants if t <= end})
             lines = [Series("", "level", (t * MICROSECOND,) * 2, ends) for t in times]
@@ -139,9 +139,9 @@ def anatomy_figure(
     return Figure("Anatomy of the injection", caption, "time, µs", tuple(panels))
 
 
-def _delays(pulses: tuple[Energising, ...], found: Sequence[Ramp]) -> Panel:
+def _delays(pulses: tuple[Energising, ...], ramps: Sequence[Ramp]) -> Panel:
     bars = [_bar(0, "rigid", pulse.start, pulse.start + pulse.duration) for pulse in pulses]
-    for ramp in found:
+    for ramp in ramps:
         for row, delay, course in ((1, ramp.opening, ramp.rise), (2, ramp.closing, ramp.fall)):
             for look, ends in (("start", delay), ("paper", course)):
                 bars += [_bar(row, look, *ends)] if np.isfinite(ends).all() else []
@@ -169,12 +169,12 @@ def _line(time: Floats, values: Floats, words: str, colour: int, end: float, das
 
 def anatomy_tiles(solution: Solution, point: OperatingPoint | None) -> list[Tile]:
     """Figures of an injection: quantity, delays, ramps, largest rate and lift, returned quantity."""
-    found = _features(solution, point).injections
+    injections = _features(solution, point).injections
     mg = 1e6 * solution.injected_mass
-    several = len(found) > 1
+    several = len(injections) > 1
 
     def time(name: str) -> str:
-        texts = [fixed(one[name], 0, MICROSECOND) for one in found]
+        texts = [fixed(injection[name], 0, MICROSECOND) for injection in injections]
         return f"{' · '.join(texts)} µs" if texts and set(texts) != {MISSING} else MISSING
 
     largest = solution.channels["needle_lift"].max()

@@ -62,7 +62,7 @@ def read_rates(path: Path, columns: RateColumns, energisings: Sequence[Energisin
     energising time.
     """
     sheet = open_sheet(path, columns.form)
-    names = columns.rates or _found(sheet)
+    names = columns.rates or _find_rate_columns(sheet)
     if len(names) > MOST_SHOTS:
         raise InputError(f"{path}: there are {len(names)} rates, and at most {MOST_SHOTS} are read; name those wanted.")
     time = Column(columns.time, "s", columns.time_unit, increasing=True)
@@ -70,7 +70,7 @@ def read_rates(path: Path, columns: RateColumns, energisings: Sequence[Energisin
     tables = take_each(sheet, time, rates)
     if len({table.units[name] for name, table in zip(names, tables, strict=True)}) > 1:
         raise InputError(f"{path}: some rates are by mass and some by volume; name those of one kind.")
-    own = _energised(path, names, tuple(energisings))
+    energisings_by_name = _assign_energisings(path, names, tuple(energisings))
     traces = {}
     for name, table in zip(names, tables, strict=True):
         moments = table.columns[columns.time]
@@ -78,7 +78,7 @@ def read_rates(path: Path, columns: RateColumns, energisings: Sequence[Energisin
         bounds = bounds_around(moments) if columns.centred else before
         keep = _within(bounds, columns.window, path)
         edges = bounds[keep[0] : keep[-1] + 2]
-        traces[name] = RateTrace(edges, table.columns[name][keep], table.units[name], own[name])
+        traces[name] = RateTrace(edges, table.columns[name][keep], table.units[name], energisings_by_name[name])
     return traces
 
 
@@ -87,32 +87,34 @@ def are_repeated(names: Sequence[str]) -> bool:
     return len({(point.rail_pressure, point.energising_time) for point in named_points(names)}) < 2
 
 
-def _energised(path: Path, names: Sequence[str], given: tuple[Energising, ...]) -> dict[str, tuple[Energising, ...]]:
-    found = dict.fromkeys(names, given)
+def _assign_energisings(
+    path: Path, names: Sequence[str], energisings: tuple[Energising, ...]
+) -> dict[str, tuple[Energising, ...]]:
+    by_name = dict.fromkeys(names, energisings)
     for point in named_points(names):
         duration = point.energising_time
         if duration is None:
             continue
-        if not given:
-            found[point.column] = (Energising(0.0, duration),)
-        elif len(given) > 1 or not math.isclose(given[0].duration, duration, rel_tol=1e-6):
+        if not energisings:
+            by_name[point.column] = (Energising(0.0, duration),)
+        elif len(energisings) > 1 or not math.isclose(energisings[0].duration, duration, rel_tol=1e-6):
             raise InputError(
                 f'{path}: the name of "{point.column}" states an energising time of {to_text(duration, "s")}, but '
-                f"{' and '.join(to_text(pulse.duration, 's') for pulse in given)} is given for all; state none, and "
-                "each rate has its own, or name only the rates that were measured with it."
+                f"{' and '.join(to_text(pulse.duration, 's') for pulse in energisings)} is given for all; state none, "
+                "and each rate has its own, or name only the rates that were measured with it."
             )
-    return found
+    return by_name
 
 
-def _found(sheet: Sheet) -> tuple[str, ...]:
+def _find_rate_columns(sheet: Sheet) -> tuple[str, ...]:
     """Columns that have a unit of a rate."""
-    found = tuple(name for name in sheet.names if any(fits(unit_in(sheet, name), one) for one in RATE_UNITS))
-    if not found:
+    rate_names = tuple(name for name in sheet.names if any(fits(unit_in(sheet, name), unit) for unit in RATE_UNITS))
+    if not rate_names:
         raise InputError(
             f'{sheet.path}: no column has the unit of a rate in its header, as in "rate [mm3/ms]"; name the columns '
             "and state their unit."
         )
-    return found
+    return rate_names
 
 
 def _within(bounds: Floats, window: tuple[float, float] | None, path: Path) -> IndexArray:
@@ -148,87 +150,89 @@ def run_features(folder: Path, label: str = "best", settings: FeatureSettings | 
     _, traces = read_run(folder)
     study, best = read_fit(folder)
     best_values = np.array([[best[name] for name in study.space.names]])
-    found = []
+    compared = []
     for data in study.data:
         if isinstance(data, RateData) and label in traces.get(data.name, {}):
-            found.append(_compared(data, data, traces[data.name][label], settings))
+            compared.append(_compare(data, data, traces[data.name][label], settings))
         elif isinstance(data, FeatureData) and data.levels is not None and label in ("best", "start"):
             names, values = ((), ITSELF) if label == "start" else (study.space.names, best_values)
             simulator = Simulator(study.injector, names, study.time_step, same_bits=study.same_bits)
             rate = np.asarray(data.curve.simulated(simulator, values)[0])
-            found.append(_compared(data, data.curve, rate, data.settings))
-    if not found:
-        known = sorted({name for trace in traces.values() for name in trace} - {MEASURED, TIME})
+            compared.append(_compare(data, data.curve, rate, data.settings))
+    if not compared:
+        labels = sorted({name for trace in traces.values() for name in trace} - {MEASURED, TIME})
         raise InputError(
             f'{folder}: there are no traces simulated as "{label}"'
-            + (f"; there are {', '.join(known)}." if known else "; the run has no traces.")
+            + (f"; there are {', '.join(labels)}." if labels else "; the run has no traces.")
         )
-    return found
+    return compared
 
 
-def _compared(data: DataSet, curve: RateData, rate: Floats, settings: FeatureSettings | None) -> ComparedFeatures:
+def _compare(data: DataSet, curve: RateData, rate: Floats, settings: FeatureSettings | None) -> ComparedFeatures:
     trace = rate_trace(curve)
     measured = find_features(trace, settings=settings)
     simulated = find_features(trace.with_rate(rate), settings=settings, levels=measured.levels)
     return ComparedFeatures(data.name, data.role.value, data.synthetic, measured, simulated)
 
 
-def write_features(path: Path, found: Mapping[str, Features]) -> None:
+def write_features(path: Path, features: Mapping[str, Features]) -> None:
     """Write a row for each injection of each trace, of features by the name of the trace; rates of one unit."""
-    (unit,) = {one.unit for one in found.values()}
+    (unit,) = {features_of_trace.unit for features_of_trace in features.values()}
     units = {name: field_unit(unit_of(name, unit)) for name in features_of_traces()}
     columns = (f"{name} [{shown.name}]" for name, shown in units.items())
     header = ["trace", "injection", "energising", *columns, "status"]
 
     def rows() -> Iterator[list[str]]:
-        for trace, one in found.items():
-            if not one.injections:
-                yield [trace, "", "", *[""] * len(units), one.status.value]
-            for i, injection in enumerate(one.injections, start=1):
+        for trace, features_of_trace in features.items():
+            if not features_of_trace.injections:
+                yield [trace, "", "", *[""] * len(units), features_of_trace.status.value]
+            for i, injection in enumerate(features_of_trace.injections, start=1):
                 values = (_text(injection.values[name], shown) for name, shown in units.items())
                 status = "; ".join(status.value for status in injection.statuses) or "ok"
                 yield [trace, str(i), str(injection.energising or ""), *values, status]
 
-    write_csv(path, [_note(name, one) for name, one in found.items()], header, rows())
+    write_csv(path, [_note(name, features_of_trace) for name, features_of_trace in features.items()], header, rows())
 
 
-def write_compared(path: Path, found: Sequence[ComparedFeatures]) -> None:
+def write_comparison(path: Path, compared: Sequence[ComparedFeatures]) -> None:
     """Write a row for each feature of each injection: measured, simulated, and their difference."""
 
     def rows() -> Iterator[list[str]]:
-        for one in found:
-            for i in range(1, len(one.measured.energisings) + 1):
+        for data_set in compared:
+            for i in range(1, len(data_set.measured.energisings) + 1):
                 for name in features_of_traces():
                     shown = field_unit(unit_of(name))
-                    pair = one.measured.value(name, i), one.simulated.value(name, i)
+                    pair = data_set.measured.value(name, i), data_set.simulated.value(name, i)
                     texts = (_text(value, shown) for value in (*pair, pair[1] - pair[0]))
-                    yield [one.name, str(i), name, shown.name, *texts]
+                    yield [data_set.name, str(i), name, shown.name, *texts]
 
     notes = []
-    for one in found:
-        notes.append(_note(one.name, one.measured))
-        notes += [f"{one.name}: synthetic, not measured: {one.synthetic}"] if one.synthetic else []
+    for data_set in compared:
+        notes.append(_note(data_set.name, data_set.measured))
+        notes += [f"{data_set.name}: synthetic, not measured: {data_set.synthetic}"] if data_set.synthetic else []
     write_csv(path, notes, ["data", "injection", "feature", "unit", "measured", "simulated", "difference"], rows())
 
 
-def features_record(found: Mapping[str, Features], shots: Sequence[ShotStatistic]) -> dict[str, Any]:
+def features_record(features: Mapping[str, Features], shots: Sequence[ShotStatistic]) -> dict[str, Any]:
     """Record of the features of a file [SI] by the name of the trace, and of the shots over the traces."""
     return {
         "schema": 1,
         "kind": "features",
-        "traces": [{"name": name, **one.record()} for name, one in found.items()],
-        **({"shots": [one.record() for one in shots]} if shots else {}),
+        "traces": [{"name": name, **item.record()} for name, item in features.items()],
+        **({"shots": [item.record() for item in shots]} if shots else {}),
     }
 
 
-def compared_record(found: Sequence[ComparedFeatures]) -> dict[str, Any]:
+def comparison_record(compared: Sequence[ComparedFeatures]) -> dict[str, Any]:
     """Record of the features of a run [SI]."""
-    data = [one._asdict() | {"measured": one.measured.record(), "simulated": one.simulated.record()} for one in found]
+    data = [
+        pair._asdict() | {"measured": pair.measured.record(), "simulated": pair.simulated.record()} for pair in compared
+    ]
     return {"schema": 1, "kind": "features", "data": data}
 
 
-def _note(name: str, one: Features) -> str:
-    shown, levels = field_unit(one.unit), one.levels
+def _note(name: str, features: Features) -> str:
+    shown, levels = field_unit(features.unit), features.levels
     threshold = f"{levels.threshold * shown.factor:.6g} {shown.name}"
     return f"{name}: threshold {threshold}, averaged over {levels.width * 1e6:.6g} µs"
 

@@ -44,7 +44,7 @@ class Course(NamedTuple):
         return first + np.flatnonzero((rate[:-1] > level) & (rate[1:] <= level))
 
 
-class Part(NamedTuple):
+class Segment(NamedTuple):
     """Injection in a course: its first and last knot, and whether it touches another one there."""
 
     first: int
@@ -53,7 +53,7 @@ class Part(NamedTuple):
     fused_after: bool = False
 
 
-def averaged(trace: RateTrace, width: float) -> Course:
+def average(trace: RateTrace, width: float) -> Course:
     """Rate averaged over a width [s], exact for samples that are means."""
     knots = np.sort(np.concatenate([trace.bounds - 0.5 * width, trace.bounds + 0.5 * width]))
     knots = knots[np.concatenate(([True], np.diff(knots) > SAME * width))]
@@ -63,7 +63,7 @@ def averaged(trace: RateTrace, width: float) -> Course:
     return Course(time, trace.means(time, width))
 
 
-def parts_of(course: Course, levels: Levels, split: float) -> list[Part]:
+def find_segments(course: Course, levels: Levels, split: float) -> list[Segment]:
     """Injections in the order of time.
 
     `split`: share of the smaller neighbouring peak below which the rate must fall between two injections.
@@ -71,26 +71,26 @@ def parts_of(course: Course, levels: Levels, split: float) -> list[Part]:
     above = np.concatenate(([False], course.rate > levels.release, [False]))
     edges = np.flatnonzero(np.diff(above.astype(np.int8)))
     runs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
-    found: list[Part] = []
+    segments: list[Segment] = []
     for begin, end in runs:
         if course.rate[begin:end].max() > levels.trigger:
             first, last = max(begin - 1, 0), min(end, len(course.rate) - 1)
-            found += _divided(course.rate, Part(first, last), levels, split)
-    return found
+            segments += _split_segment(course.rate, Segment(first, last), levels, split)
+    return segments
 
 
-def _divided(rate: Floats, part: Part, levels: Levels, split: float) -> Iterator[Part]:
+def _split_segment(rate: Floats, segment: Segment, levels: Levels, split: float) -> Iterator[Segment]:
     """The part, or those on both sides of its deepest valley, each divided further."""
-    values = rate[part.first : part.last + 1]
+    values = rate[segment.first : segment.last + 1]
     beside = np.minimum(np.maximum.accumulate(values), np.maximum.accumulate(values[::-1])[::-1])
     deep = (beside > levels.trigger) & (values < split * beside) & (beside - values > DEEP * levels.noise)
     if not deep.any():
-        yield part
+        yield segment
         return
     ratio = np.where(deep, values / np.where(deep, beside, 1.0), np.inf)
-    valley = part.first + int(np.argmin(ratio))
-    yield from _divided(rate, part._replace(last=valley, fused_after=True), levels, split)
-    yield from _divided(rate, part._replace(first=valley, fused_before=True), levels, split)
+    valley = segment.first + int(np.argmin(ratio))
+    yield from _split_segment(rate, segment._replace(last=valley, fused_after=True), levels, split)
+    yield from _split_segment(rate, segment._replace(first=valley, fused_before=True), levels, split)
 
 
 # Reasons for which a feature of a trace has no number, each with a sentence that says what to do.
@@ -158,20 +158,20 @@ class Instants(NamedTuple):
     end: float
 
 
-def instants_of(trace: RateTrace, course: Course, part: Part, levels: Levels) -> Instants:
+def find_instants(trace: RateTrace, course: Course, segment: Segment, levels: Levels) -> Instants:
     """Last rise above the threshold before the trigger, and first fall below it after the trigger."""
-    rate = course.rate[part.first : part.last + 1]
-    high = part.first + np.flatnonzero(rate > levels.trigger)
-    rises = course.rises(levels.threshold, part.first, int(high[0]))
-    falls = course.falls(levels.threshold, int(high[-1]), part.last)
+    rate = course.rate[segment.first : segment.last + 1]
+    high = segment.first + np.flatnonzero(rate > levels.trigger)
+    rises = course.rises(levels.threshold, segment.first, int(high[0]))
+    falls = course.falls(levels.threshold, int(high[-1]), segment.last)
     margin = min(levels.threshold, float(rate.max()) - levels.threshold)
     opening, closing = Instant(), Instant()
     if len(rises):
         opening = _passing(trace, course.crossing(int(rises[-1]), levels.threshold), 1, margin, levels)
     if len(falls):
         closing = _passing(trace, course.crossing(int(falls[0]), levels.threshold), -1, margin, levels)
-    begin = opening.time if len(rises) else float(course.time[part.first])
-    end = closing.time if len(falls) else float(course.time[part.last])
+    begin = opening.time if len(rises) else float(course.time[segment.first])
+    end = closing.time if len(falls) else float(course.time[segment.last])
     return Instants(opening, closing, begin, end)
 
 
@@ -215,7 +215,7 @@ def _nearest_passing(trace: RateTrace, time: float, sign: int, width: float, lev
     course = Course(knots, trace.means(knots, width))
     passes = (course.rises if sign > 0 else course.falls)(levels.threshold, 0, len(knots) - 1)
     times = [course.crossing(int(knot), levels.threshold) for knot in passes]
-    return min(times, key=lambda one: abs(one - time), default=time)
+    return min(times, key=lambda candidate: abs(candidate - time), default=time)
 
 
 class Ramps(NamedTuple):
@@ -236,7 +236,7 @@ class TracedInjection:
     trace : RateTrace
     course : Course
         The trace averaged.
-    part : Part
+    segment : Segment
         The injection in the course.
     levels : Levels
     settings : FeatureSettings
@@ -254,7 +254,7 @@ class TracedInjection:
 
     trace: RateTrace
     course: Course
-    part: Part
+    segment: Segment
     levels: Levels
     settings: FeatureSettings
     at: Instants
@@ -266,24 +266,26 @@ class TracedInjection:
     @cached_property
     def peak(self) -> float:
         """Largest mean over the peak averaging within the injection [m³/s or kg/s]."""
-        trace, course, part, at = self.trace, self.course, self.part, self.at
+        trace, course, segment, at = self.trace, self.course, self.segment, self.at
         width = max(float(self.settings.peak_averaging), trace.interval)
-        low = at.begin + (0.5 * width if part.fused_before else 0.0)
-        high = at.end - (0.5 * width if part.fused_after else 0.0)
+        low = at.begin + (0.5 * width if segment.fused_before else 0.0)
+        high = at.end - (0.5 * width if segment.fused_after else 0.0)
         inside = course.time[(course.time >= low) & (course.time <= high)]
-        return float(trace.means(inside, width).max() if len(inside) else course.rate[part.first : part.last + 1].max())
+        return float(
+            trace.means(inside, width).max() if len(inside) else course.rate[segment.first : segment.last + 1].max()
+        )
 
     @cached_property
     def ramps(self) -> Ramps:
         """Ramps between the shares of the largest rate that the settings name; NaN where there is none."""
-        course, part = self.course, self.part
+        course, segment = self.course, self.segment
         low, high = (share * self.peak for share in self.settings.ramp)
-        rises = course.rises(high, part.first, part.last)
-        falls = course.falls(high, part.first, part.last)
+        rises = course.rises(high, segment.first, segment.last)
+        falls = course.falls(high, segment.first, segment.last)
         up = course.crossing(int(rises[0]), high) if len(rises) else math.nan
         down = course.crossing(int(falls[-1]), high) if len(falls) else math.nan
-        before = course.rises(low, part.first, int(rises[0]) + 1) if len(rises) else rises
-        after = course.falls(low, int(falls[-1]), part.last) if len(falls) else falls
+        before = course.rises(low, segment.first, int(rises[0]) + 1) if len(rises) else rises
+        after = course.falls(low, int(falls[-1]), segment.last) if len(falls) else falls
         rise = up - course.crossing(int(before[-1]), low) if len(before) else math.nan
         fall = course.crossing(int(after[0]), low) - down if len(after) else math.nan
         return Ramps(rise, fall, up, down)
@@ -302,11 +304,11 @@ class TracedInjection:
     def statuses(self) -> tuple[FeatureStatus, ...]:
         """Reasons for which features of the injection itself are missing."""
         no_opening, no_closing = math.isnan(self.at.opening.time), math.isnan(self.at.closing.time)
-        part = self.part
+        segment = self.segment
         reasons = {
-            FeatureStatus.FUSED: (no_opening and part.fused_before) or (no_closing and part.fused_after),
-            FeatureStatus.CUT_AT_START: no_opening and not part.fused_before,
-            FeatureStatus.CUT_AT_END: no_closing and not part.fused_after,
+            FeatureStatus.FUSED: (no_opening and segment.fused_before) or (no_closing and segment.fused_after),
+            FeatureStatus.CUT_AT_START: no_opening and not segment.fused_before,
+            FeatureStatus.CUT_AT_END: no_closing and not segment.fused_after,
             FeatureStatus.NO_PLATEAU: math.isnan(self.steady),
         }
         return tuple(status for status, applies in reasons.items() if applies)

@@ -101,8 +101,8 @@ class RateTrace:
         A smooth course has hardly any second difference; slow noise shows at rest only. The larger one counts. Both are
         medians, which an injection before the stated energisings hardly changes.
         """
-        found = float(np.median(np.abs(np.diff(self.rate, 2))) / (NORMAL * np.sqrt(6.0)))  # white: σ √(1 + 4 + 1)
-        return max(found, spread(self.at_rest)) if len(self.at_rest) >= FEWEST_AT_REST else found
+        white = float(np.median(np.abs(np.diff(self.rate, 2))) / (NORMAL * np.sqrt(6.0)))  # white: σ √(1 + 4 + 1)
+        return max(white, spread(self.at_rest)) if len(self.at_rest) >= FEWEST_AT_REST else white
 
 
 def spread(values: Floats) -> float:
@@ -121,8 +121,10 @@ def rate_trace(source: Any, energisings: OperatingPoint | Sequence[Energising] |
     if isinstance(source, RateTrace):
         return source if pulses is None else replace(source, energisings=tuple(pulses))
     if isinstance(source, Solution):
-        known = () if source.point is None else source.point.pulses
-        return RateTrace(source.time, source.rate, energisings=tuple(known if pulses is None else pulses))
+        energisings_of_point = () if source.point is None else source.point.pulses
+        return RateTrace(
+            source.time, source.rate, energisings=tuple(energisings_of_point if pulses is None else pulses)
+        )
     if isinstance(source, Trace):
         return RateTrace(bounds_around(np.array(source.time)), np.array(source.value), energisings=tuple(pulses or ()))
     point = getattr(source, "point", None)

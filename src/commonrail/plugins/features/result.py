@@ -12,7 +12,7 @@ from commonrail.engine.operating_point import Energising
 from commonrail.plugins.features.injections import FeatureStatus
 from commonrail.plugins.features.rate_trace import RATE_UNITS
 from commonrail.plugins.features.settings import Levels
-from commonrail.plugins.features.table import features_of_traces, find_feature, known_name
+from commonrail.plugins.features.table import check_name, features_of_traces, find_feature
 
 _DECIMALS = {"s": 1, "m3/s": 2, "kg/s": 2}
 
@@ -45,7 +45,7 @@ class Injection:
 
     def __getitem__(self, name: str) -> float:
         """Value of a feature [SI]; `ConfigurationError` for a name that is none."""
-        return self.values[known_name(name, self.values)]
+        return self.values[check_name(name, self.values)]
 
     def record(self) -> dict[str, Any]:
         """JSON-able form [SI]; null where there is no number."""
@@ -91,7 +91,7 @@ class Features:
     def of(self, injection: int) -> Injection | None:
         """Injection of an energising, or by order where energisings are unknown, from 1; None if there is none."""
         if self.energisings:
-            return next((one for one in self.injections if one.energising == injection), None)
+            return next((candidate for candidate in self.injections if candidate.energising == injection), None)
         return self.injections[injection - 1] if 0 < injection <= len(self.injections) else None
 
     def value(self, name: str, injection: int = 1) -> float:
@@ -103,15 +103,15 @@ class Features:
         injection : int
             As for `of`.
         """
-        name, found = known_name(name, features_of_traces()), self.of(injection)
-        return math.nan if found is None else found.values.get(name, math.nan)
+        name, match = check_name(name, features_of_traces()), self.of(injection)
+        return math.nan if match is None else match.values.get(name, math.nan)
 
     def reason(self, injection: int = 1) -> FeatureStatus:
         """Status that explains a missing feature of one injection, numbered as for `of`."""
-        found = self.of(injection)
-        if found is None:
+        match = self.of(injection)
+        if match is None:
             return FeatureStatus.NO_INJECTION if self.injections else self.status
-        return found.statuses[0] if found.statuses else FeatureStatus.OK
+        return match.statuses[0] if match.statuses else FeatureStatus.OK
 
     @property
     def silent(self) -> tuple[int, ...]:
@@ -130,7 +130,7 @@ class Features:
             "averaging": number(self.levels.width),
             "energisings": [{"start": p.start, "duration": p.duration} for p in self.energisings],
             "energisings_without_injection": list(self.silent),
-            "injections": [one.record() for one in self.injections],
+            "injections": [injection.record() for injection in self.injections],
         }
 
 

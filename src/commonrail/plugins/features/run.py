@@ -16,15 +16,15 @@ from commonrail.plugins.features.injections import (
     FeatureStatus,
     Instant,
     Instants,
-    Part,
+    Segment,
     TracedInjection,
-    averaged,
-    instants_of,
-    parts_of,
+    average,
+    find_instants,
+    find_segments,
 )
 from commonrail.plugins.features.rate_trace import RateTrace, rate_trace
 from commonrail.plugins.features.result import Features, Injection
-from commonrail.plugins.features.settings import CLEAR, FeatureSettings, Levels, levels_of
+from commonrail.plugins.features.settings import CLEAR, FeatureSettings, Levels, resolve_levels
 from commonrail.plugins.features.table import features_of_traces
 
 
@@ -70,61 +70,61 @@ def find_features(
                 "and its energisings, or omit zero_at_rest."
             )
         trace = trace.with_rate(trace.rate - float(np.mean(trace.at_rest)))
-    levels = levels_of(trace, settings) if levels is None else instance(levels, Levels, "levels")
+    levels = resolve_levels(trace, settings) if levels is None else instance(levels, Levels, "levels")
     total = trace.quantity(trace.bounds[0], trace.bounds[-1])
 
-    def found(injections: tuple[Injection, ...], status: FeatureStatus) -> Features:
+    def make_features(injections: tuple[Injection, ...], status: FeatureStatus) -> Features:
         return Features(injections, status, total, trace.noise, levels, trace.unit, trace.energisings)
 
     if math.isnan(levels.threshold):
-        return found((), FeatureStatus.NO_INJECTION)
+        return make_features((), FeatureStatus.NO_INJECTION)
     if CLEAR * levels.noise > levels.trigger - levels.threshold:
-        return found((), FeatureStatus.HIDDEN_IN_NOISE)
+        return make_features((), FeatureStatus.HIDDEN_IN_NOISE)
     injections = tuple(_injections(trace, levels, settings))
-    return found(injections, FeatureStatus.OK if injections else FeatureStatus.NO_INJECTION)
+    return make_features(injections, FeatureStatus.OK if injections else FeatureStatus.NO_INJECTION)
 
 
 def _injections(trace: RateTrace, levels: Levels, settings: FeatureSettings) -> list[Injection]:
-    course = averaged(trace, levels.width)
-    parts = parts_of(course, levels, settings.split)
+    course = average(trace, levels.width)
+    parts = find_segments(course, levels, settings.split)
     if not parts:
         return []
-    instants = [instants_of(trace, course, part, levels) for part in parts]
+    instants = [find_instants(trace, course, segment, levels) for segment in parts]
     windows = list(_windows(trace, instants, parts, float(settings.tail)))
     # number of the last energising that starts at least a delay before the opening
     starts = [pulse.start + float(settings.least_delay) for pulse in trace.energisings]
     numbers = [sum(start <= at.begin for start in starts) or None for at in instants]
     before = [Instant(), *(at.closing for at in instants[:-1])]
-    found = []
-    for i, (part, at, window, number) in enumerate(zip(parts, instants, windows, numbers, strict=True)):
+    injections = []
+    for i, (segment, at, window, number) in enumerate(zip(parts, instants, windows, numbers, strict=True)):
         again = number is not None and number in numbers[:i]  # a reopening
         same = [w for w, other in zip(windows, numbers, strict=True) if other == number]
         together = () if again else (window,) if number is None else tuple(same)
         pulse = None if again or number is None else trace.energisings[number - 1]
-        one = TracedInjection(trace, course, part, levels, settings, at, window, together, pulse, before[i])
-        found.append(_injection(one, None if again else number, again=again))
-    return found
+        traced = TracedInjection(trace, course, segment, levels, settings, at, window, together, pulse, before[i])
+        injections.append(_injection(traced, None if again else number, again=again))
+    return injections
 
 
 def _windows(
-    trace: RateTrace, instants: Sequence[Instants], parts: Sequence[Part], tail: float
+    trace: RateTrace, instants: Sequence[Instants], parts: Sequence[Segment], tail: float
 ) -> Iterator[tuple[float, float]]:
     """Times between which the quantity of each injection counts [s]."""
     first, last = float(trace.bounds[0]), float(trace.bounds[-1])
-    middles = [0.5 * (one.end + after.begin) for one, after in pairwise(instants)]
+    middles = [0.5 * (earlier.end + after.begin) for earlier, after in pairwise(instants)]
     edges = zip([first, *middles], [*middles, last], strict=True)
-    for at, part, (low, high) in zip(instants, parts, edges, strict=True):
+    for at, segment, (low, high) in zip(instants, parts, edges, strict=True):
         yield (
-            at.begin if part.fused_before and math.isnan(at.opening.time) else max(low, at.begin - tail),
-            at.end if part.fused_after and math.isnan(at.closing.time) else min(high, at.end + tail),
+            at.begin if segment.fused_before and math.isnan(at.opening.time) else max(low, at.begin - tail),
+            at.end if segment.fused_after and math.isnan(at.closing.time) else min(high, at.end + tail),
         )
 
 
-def _injection(one: TracedInjection, number: int | None, *, again: bool) -> Injection:
+def _injection(traced: TracedInjection, number: int | None, *, again: bool) -> Injection:
     """Injection with all features of the table; `number` is that of its energising, `again` tells a reopening."""
-    estimates = {name: f.of_trace(one) for name, f in features_of_traces().items() if f.of_trace}
-    errors = {name: found.error for name, found in estimates.items() if found.error is not None}
-    statuses = one.statuses
-    if one.trace.energisings and one.pulse is None:
+    estimates = {name: f.of_trace(traced) for name, f in features_of_traces().items() if f.of_trace}
+    errors = {name: estimate.error for name, estimate in estimates.items() if estimate.error is not None}
+    statuses = traced.statuses
+    if traced.trace.energisings and traced.pulse is None:
         statuses = (*statuses, FeatureStatus.REOPENED if again else FeatureStatus.NO_ENERGISING)
-    return Injection({name: found.value for name, found in estimates.items()}, errors, statuses, number)
+    return Injection({name: estimate.value for name, estimate in estimates.items()}, errors, statuses, number)

@@ -89,7 +89,7 @@ class FeatureSettings:
     def __post_init__(self) -> None:
         if len(sequence(self.ramp, "ramp", "(0.2, 0.8)")) != 2:
             raise ConfigurationError("The ramp must be two shares of the largest rate, such as (0.2, 0.8).")
-        low, high = (fraction(part, "ramp") for part in self.ramp)
+        low, high = (fraction(share, "ramp") for share in self.ramp)
         if not low < high:
             raise ConfigurationError(f"The shares of the ramp must increase, not {low:g} and {high:g}.")
         averaging = None if self.averaging is None else amount(self.averaging, "s", "averaging", AVERAGINGS)
@@ -107,19 +107,19 @@ class FeatureSettings:
         )
 
 
-def levels_of(trace: RateTrace, settings: FeatureSettings) -> Levels:
+def resolve_levels(trace: RateTrace, settings: FeatureSettings) -> Levels:
     """Rates and averaging as they apply to a trace; the threshold is NaN where nothing is injected.
 
     Raises `ConfigurationError` if the threshold is a rate by mass and the trace one by volume, or the other way round.
     """
     noise, wide = trace.noise, max(float(settings.peak_averaging), trace.interval)
     largest = float(trace.means(trace.bounds, wide).max())
-    width = _width(trace, settings, noise, largest)
-    calm = _averaged_noise(trace, width, noise)
+    width = _averaging_width(trace, settings, noise, largest)
+    calm = _noise_of_average(trace, width, noise)
     stated = settings.threshold
     assert isinstance(stated, Threshold)
     if stated.unit == "1":
-        seen = largest > max(SEEN * _averaged_noise(trace, wide, noise), LEAST[trace.unit])
+        seen = largest > max(SEEN * _noise_of_average(trace, wide, noise), LEAST[trace.unit])
         threshold = stated.value * largest if seen else math.nan
     elif stated.unit == trace.unit:
         threshold = stated.value
@@ -128,20 +128,20 @@ def levels_of(trace: RateTrace, settings: FeatureSettings) -> Levels:
             f"The threshold {stated} is in {stated.unit}, and the rate in {trace.unit}; state it in a unit of the same "
             "kind, or as a share such as 10 %."
         )
-    apart, narrowest = float(settings.hysteresis) * threshold, 0.0 if settings.averaging is None else width
-    return Levels(threshold, threshold + apart, threshold - apart, width, calm, narrowest)
+    hysteresis, narrowest = float(settings.hysteresis) * threshold, 0.0 if settings.averaging is None else width
+    return Levels(threshold, threshold + hysteresis, threshold - hysteresis, width, calm, narrowest)
 
 
-def _width(trace: RateTrace, settings: FeatureSettings, noise: float, largest: float) -> float:
+def _averaging_width(trace: RateTrace, settings: FeatureSettings, noise: float, largest: float) -> float:
     """Time over which the rate is averaged [s]."""
     interval = trace.interval
     if settings.averaging is not None:
         return max(float(settings.averaging), interval)
-    wanted = (noise / (QUIET * largest)) ** 2 if largest > 0.0 else 1.0
-    return interval * max(1, min(math.ceil(wanted - 1e-9), int(LONGEST / interval + 1e-9)))
+    samples = (noise / (QUIET * largest)) ** 2 if largest > 0.0 else 1.0
+    return interval * max(1, min(math.ceil(samples - 1e-9), int(LONGEST / interval + 1e-9)))
 
 
-def _averaged_noise(trace: RateTrace, width: float, noise: float) -> float:
+def _noise_of_average(trace: RateTrace, width: float, noise: float) -> float:
     """Standard deviation of the rate averaged over a width: as of white noise, or more where it is seen at rest."""
     white = noise / math.sqrt(max(width / trace.interval, 1.0))
     count = len(trace.at_rest)
@@ -152,15 +152,15 @@ def _averaged_noise(trace: RateTrace, width: float, noise: float) -> float:
     return max(white, spread(trace.means(inside, width)))
 
 
-def _threshold(given: object) -> Threshold:
-    if isinstance(given, Threshold):
-        value, unit = given
-    elif isinstance(given, str):
-        value, unit = _read(given)
+def _threshold(threshold: object) -> Threshold:
+    if isinstance(threshold, Threshold):
+        value, unit = threshold
+    elif isinstance(threshold, str):
+        value, unit = _parse_threshold(threshold)
     else:
-        value, unit = number(given, "1", "threshold"), "1"
+        value, unit = number(threshold, "1", "threshold"), "1"
     if not 0.0 < value < (1.0 if unit == "1" else math.inf):
-        read = f'"{given}"' if isinstance(given, str) else f"{value:g} {unit.removesuffix('1')}".rstrip()
+        read = f'"{threshold}"' if isinstance(threshold, str) else f"{value:g} {unit.removesuffix('1')}".rstrip()
         raise ConfigurationError(
             'The threshold must be a share between 0 and 100 %, such as "10 %", or a rate greater than zero with its '
             f'unit, such as "2 mm3/ms", not {read}.'
@@ -168,7 +168,7 @@ def _threshold(given: object) -> Threshold:
     return Threshold(value, unit)
 
 
-def _read(text: str) -> tuple[float, str]:
+def _parse_threshold(text: str) -> tuple[float, str]:
     for unit in ("1", "m3/s", "kg/s"):
         try:
             return parse(text, unit), unit

@@ -86,20 +86,20 @@ def shot_statistics(shots: Sequence[Features], level: float = 0.95) -> tuple[Sho
         raise ConfigurationError("The shots must be one or more with rates of one unit.")
     level = fraction(level, "level")
     most = max(len(shot.energisings or shot.injections) for shot in shots)
-    found = (_statistic(name, shots, i, level) for i in range(1, most + 1) for name in features_of_traces())
-    return tuple(one for one in found if one.count)
+    statistics = (_statistic(name, shots, i, level) for i in range(1, most + 1) for name in features_of_traces())
+    return tuple(statistic for statistic in statistics if statistic.count)
 
 
 def _statistic(name: str, shots: Sequence[Features], injection: int, level: float) -> ShotStatistic:
     values = np.array([shot.value(name, injection) for shot in shots])
-    there = values[np.isfinite(values)]
-    count, unit = len(there), unit_of(name, shots[0].unit)
-    mean = float(np.mean(there)) if count else math.nan
-    deviation = float(np.std(there, ddof=1)) if count > 1 else math.nan
+    finite = values[np.isfinite(values)]
+    count, unit = len(finite), unit_of(name, shots[0].unit)
+    mean = float(np.mean(finite)) if count else math.nan
+    deviation = float(np.std(finite, ddof=1)) if count > 1 else math.nan
     about_mean, about_deviation = _intervals(mean, deviation, count, level)
-    scatter = spread(there) if count >= FEWEST_TO_JUDGE else 0.0
-    apart = np.abs(values - np.median(there)) > APART * scatter if scatter > 0.0 else np.zeros(len(values), bool)
-    outliers = tuple(int(i) + 1 for i in np.flatnonzero(apart))
+    scatter = spread(finite) if count >= FEWEST_TO_JUDGE else 0.0
+    is_outlier = np.abs(values - np.median(finite)) > APART * scatter if scatter > 0.0 else np.zeros(len(values), bool)
+    outliers = tuple(int(i) + 1 for i in np.flatnonzero(is_outlier))
     counts = count, len(shots) - count
     return ShotStatistic(name, unit, injection, *counts, mean, deviation, about_mean, about_deviation, outliers)
 

@@ -65,31 +65,33 @@ class Feature(NamedTuple):
 
 def known_features() -> dict[str, Feature]:
     """All features by name, those that ship first; one of a package that cannot be used is told in a note."""
-    found = dict(FEATURES)
+    features = dict(FEATURES)
     for name in registry.installed("features"):
         try:
-            found[name] = find_feature(name)
+            features[name] = find_feature(name)
         except PluginError as error:
             note(str(error))
-    return found
+    return features
 
 
 def find_feature(name: str) -> Feature:
     """Feature of a name; `ConfigurationError` if there is none, `PluginError` if that of a package cannot be used."""
     entry = None if name in FEATURES else registry.find("features", name)
     if entry is None:
-        return FEATURES[known_name(name, FEATURES)]
+        return FEATURES[check_name(name, FEATURES)]
     feature = entry.load_as(Feature, "a Feature")
     if feature.name != name:
         raise entry.refused(f'is to be a Feature of this name, and that of {entry.target} is called "{feature.name}"')
 
-    def blamed(function: Callable[..., Any] | None) -> Any:
-        return function and partial(_blamed, entry, function)
+    def attribute_errors(function: Callable[..., Any] | None) -> Any:
+        return function and partial(_call_with_blame, entry, function)
 
-    return feature._replace(of_trace=blamed(feature.of_trace), of_simulation=blamed(feature.of_simulation))
+    return feature._replace(
+        of_trace=attribute_errors(feature.of_trace), of_simulation=attribute_errors(feature.of_simulation)
+    )
 
 
-def _blamed(entry: registry.Entry, function: Callable[..., Any], *args: Any) -> Any:
+def _call_with_blame(entry: registry.Entry, function: Callable[..., Any], *args: Any) -> Any:
     with entry.blamed("fails"):
         return function(*args)
 
@@ -104,11 +106,11 @@ def features_of_simulations() -> dict[str, Feature]:
     return {name: feature for name, feature in known_features().items() if feature.of_simulation}
 
 
-def known_name(name: object, known: Collection[str]) -> str:
+def check_name(name: object, names: Collection[str]) -> str:
     """Name of a feature among those known; `ConfigurationError` with the nearest if it is none."""
-    if not isinstance(name, str) or name not in known:
-        meant = nearest(name, known) if isinstance(name, str) else ""
-        raise ConfigurationError(f"There is no feature {shown(name)}{meant}; the features are {', '.join(known)}.")
+    if not isinstance(name, str) or name not in names:
+        meant = nearest(name, names) if isinstance(name, str) else ""
+        raise ConfigurationError(f"There is no feature {shown(name)}{meant}; the features are {', '.join(names)}.")
     return name
 
 
@@ -119,64 +121,66 @@ def _between(begin: Instant, end: Instant) -> Estimate:
     return Estimate(end.time - begin.time, math.hypot(begin.error, end.error))
 
 
-def _delay(one: TracedInjection, at: Instant, share: float) -> Estimate:
+def _delay(injection: TracedInjection, at: Instant, share: float) -> Estimate:
     """Time [s] from a share of an injection's energising to an instant; NaN without an energising."""
-    if one.pulse is None:
+    if injection.pulse is None:
         return Estimate(math.nan)
-    return Estimate(at.time - (one.pulse.start + share * one.pulse.duration), at.error)
+    return Estimate(at.time - (injection.pulse.start + share * injection.pulse.duration), at.error)
 
 
 # In a trace, ramps and rates.
 
 
-def _rise_time(one: TracedInjection) -> Estimate:
-    rise, begin = one.ramps.rise, one.ramps.begin
-    return Estimate(rise, _ramp_error(one, begin - rise, begin))
+def _rise_time(injection: TracedInjection) -> Estimate:
+    rise, begin = injection.ramps.rise, injection.ramps.begin
+    return Estimate(rise, _ramp_error(injection, begin - rise, begin))
 
 
-def _fall_time(one: TracedInjection) -> Estimate:
-    fall, end = one.ramps.fall, one.ramps.end
-    return Estimate(fall, _ramp_error(one, end, end + fall))
+def _fall_time(injection: TracedInjection) -> Estimate:
+    fall, end = injection.ramps.fall, injection.ramps.end
+    return Estimate(fall, _ramp_error(injection, end, end + fall))
 
 
-def _ramp_error(one: TracedInjection, begin: float, end: float) -> float:
+def _ramp_error(injection: TracedInjection, begin: float, end: float) -> float:
     """Standard error of the time [s] of a ramp between two instants [s]; both are shares of the largest rate."""
     time = end - begin
     if not time > 0.0:
         return math.nan
-    low, high = one.settings.ramp
-    apart, width = (high - low) * one.peak, max(one.levels.width, one.trace.interval)
-    bends = (second_difference(one.trace, at, width) / apart for at in (begin, end))
-    return time * math.hypot(math.sqrt(2.0) * one.levels.noise / apart, *bends, _peak_error(one) / one.peak)
+    low, high = injection.settings.ramp
+    rate_difference, width = (high - low) * injection.peak, max(injection.levels.width, injection.trace.interval)
+    bends = (second_difference(injection.trace, at, width) / rate_difference for at in (begin, end))
+    return time * math.hypot(
+        math.sqrt(2.0) * injection.levels.noise / rate_difference, *bends, _peak_error(injection) / injection.peak
+    )
 
 
-def _peak_error(one: TracedInjection) -> float:
+def _peak_error(injection: TracedInjection) -> float:
     """Standard error of the largest mean over the peak averaging.
 
     The largest of n means with the standard deviation σ exceeds the rate by up to σ √(2 ln n), the bound of the
     expected largest of n normal values; that counts beside σ.
     """
-    width = max(float(one.settings.peak_averaging), one.trace.interval)
-    count = max((one.ramps.end - one.ramps.begin) / width, 1.0)
-    return one.levels.noise * math.sqrt(one.levels.width / width * (1.0 + 2.0 * math.log(count)))
+    width = max(float(injection.settings.peak_averaging), injection.trace.interval)
+    count = max((injection.ramps.end - injection.ramps.begin) / width, 1.0)
+    return injection.levels.noise * math.sqrt(injection.levels.width / width * (1.0 + 2.0 * math.log(count)))
 
 
 # In a trace, quantities; their errors are those of sums of white noise.
 
 
-def _quantity(one: TracedInjection) -> Estimate:
-    trace, (begin, end) = one.trace, one.window
+def _quantity(injection: TracedInjection) -> Estimate:
+    trace, (begin, end) = injection.trace, injection.window
     length, grown = end - begin, 1.0
-    if one.settings.zero_at_rest:  # the zero, a mean of the few samples at rest, counts over the whole window
+    if injection.settings.zero_at_rest:  # the zero, a mean of the few samples at rest, counts over the whole window
         rest = trace.interval * len(trace.at_rest)
         shared = max(0.0, float(trace.bounds[len(trace.at_rest)]) - begin)  # at rest and within the window
         grown = max(1.0 + (length - 2.0 * shared) / rest, 0.0)
     return Estimate(trace.quantity(begin, end), trace.noise * math.sqrt(trace.interval * length * grown))
 
 
-def _dribble(one: TracedInjection) -> Estimate:
-    closing = one.at.closing.time
-    return Estimate(one.trace.quantity(closing, one.window[1]) if math.isfinite(closing) else math.nan)
+def _dribble(injection: TracedInjection) -> Estimate:
+    closing = injection.at.closing.time
+    return Estimate(injection.trace.quantity(closing, injection.window[1]) if math.isfinite(closing) else math.nan)
 
 
 # In a simulation.
@@ -197,6 +201,7 @@ def steady_samples(point: OperatingPoint, dt: float) -> tuple[OperatingPoint, Mi
     return replace(point, horizon=end - point.start + dt), misfit
 
 
+# `i`: TracedInjection; `b`, `p`: Batch and its OperatingPoint.
 FEATURES: Mapping[str, Feature] = {
     feature.name: feature
     for feature in (
@@ -204,7 +209,7 @@ FEATURES: Mapping[str, Feature] = {
             "opening",
             "s",
             "instant of opening; in a trace, when the rate rises above the threshold",
-            lambda one: Estimate(*one.at.opening),
+            lambda i: Estimate(*i.at.opening),
             lambda b, p: b.opening[:, 0],
             final=False,
         ),
@@ -212,14 +217,14 @@ FEATURES: Mapping[str, Feature] = {
             "closing",
             "s",
             "instant of closing; in a trace, when the rate falls below the threshold",
-            lambda one: Estimate(*one.at.closing),
+            lambda i: Estimate(*i.at.closing),
             lambda b, p: b.closing[:, 0],
         ),
         Feature(
             "opening_delay",
             "s",
             "hydraulic delay: from the start of energising to opening",
-            lambda one: _delay(one, one.at.opening, 0.0),
+            lambda i: _delay(i, i.at.opening, 0.0),
             lambda b, p: b.opening[:, 0] - (p.pulses[0].start if p.pulses else p.start),
             final=False,
         ),
@@ -227,21 +232,21 @@ FEATURES: Mapping[str, Feature] = {
             "closing_delay",
             "s",
             "closing delay: from the end of energising to closing",
-            lambda one: _delay(one, one.at.closing, 1.0),
+            lambda i: _delay(i, i.at.closing, 1.0),
             lambda b, p: b.closing[:, 0] - p.end_of_energising,
         ),
         Feature(
             "duration",
             "s",
             "from opening to closing",
-            lambda one: _between(one.at.opening, one.at.closing),
+            lambda i: _between(i.at.opening, i.at.closing),
             lambda b, p: b.closing[:, 0] - b.opening[:, 0],
         ),
         Feature(
             "separation",
             "s",
             "from the closing of the previous injection to opening",
-            lambda one: _between(one.before, one.at.opening),
+            lambda i: _between(i.before, i.at.opening),
         ),
         Feature("rise_time", "s", "opening ramp, between two shares of the largest rate", _rise_time),
         Feature("fall_time", "s", "closing ramp, between the same shares", _fall_time),
@@ -249,12 +254,12 @@ FEATURES: Mapping[str, Feature] = {
             "steady_rate",
             "m3/s",
             "mean of the middle half of the plateau; in a simulation, of the last fifth of the longest energising",
-            lambda one: Estimate(one.steady),
+            lambda i: Estimate(i.steady),
             lambda b, p: b.absolute_error[:, 0] - SHIFT,
             final=False,
             own_simulation=steady_samples,
         ),
-        Feature("peak_rate", "m3/s", "largest mean over the peak averaging", lambda one: Estimate(one.peak)),
+        Feature("peak_rate", "m3/s", "largest mean over the peak averaging", lambda i: Estimate(i.peak)),
         Feature(
             "mean_rate",
             "m3/s",
@@ -267,7 +272,7 @@ FEATURES: Mapping[str, Feature] = {
             "total_quantity",
             "m3",
             "quantity with what reopenings after the same energising add",
-            lambda one: Estimate(sum(one.trace.quantity(*w) for w in one.windows) if one.windows else math.nan),
+            lambda i: Estimate(sum(i.trace.quantity(*w) for w in i.windows) if i.windows else math.nan),
         ),
         Feature("dribble", "m3", "quantity after closing", _dribble),
         Feature("return_quantity", "m3", "return quantity", None, lambda b, p: b.returned_volume[:, 0]),

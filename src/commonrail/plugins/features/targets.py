@@ -100,7 +100,7 @@ class FeatureData(ToleratedData):
         targets = instances(self.targets, FeatureTarget, "targets of the features")
         if not targets:
             raise ConfigurationError(f"{self.name} has no feature; name at least one.")
-        returned = _returned(self, [target for target in targets if target.feature == RETURNED])
+        returned = _make_return_data(self, [target for target in targets if target.feature == RETURNED])
         settle(
             self,
             targets=targets,
@@ -116,8 +116,8 @@ class FeatureData(ToleratedData):
     @classmethod
     def read_all(cls, model: FeaturesModel, context: Context) -> tuple[Self, ...]:
         """Read features; see `DataSet.read_all`."""
-        curve = targets_file.read_curve_of(model, context)
-        settings = targets_file.settings_of(model, context.injector, curve.point, context.at)
+        curve = targets_file.read_curve(model, context)
+        settings = targets_file.make_settings(model, context.injector, curve.point, context.at)
         measured = find_features(curve, settings=settings) if model.file else None
         targets = targets_file.read_targets(model, context.injector, curve.point, measured, context.at)
         levels = None if measured is None else measured.levels
@@ -139,12 +139,12 @@ class FeatureData(ToleratedData):
         """Features (candidates, targets) [SI] of simulated traces, as the meter shows them if there is one."""
         rates = self.curve.simulated(simulator, values)
         trace = rate_trace(self.curve)
-        found = np.array([self._values_of(trace, rate) for rate in rates])
+        values_by_target = np.array([self._find_values(trace, rate) for rate in rates])
         if self.returned is not None:
             column = [target.feature for target in self.targets].index(RETURNED)
-            found[:, column] = self.returned.simulated(simulator, values)[:, 0]
-            found[np.isnan(rates).any(axis=1)] = np.nan
-        return found * self._by_mass(Candidates(simulator, values))
+            values_by_target[:, column] = self.returned.simulated(simulator, values)[:, 0]
+            values_by_target[np.isnan(rates).any(axis=1)] = np.nan
+        return values_by_target * self._by_mass(Candidates(simulator, values))
 
     def _by_mass(self, candidates: Candidates) -> Floats:
         """Factors (candidates or 1, targets) on volumes whose measured values were made of masses.
@@ -155,20 +155,22 @@ class FeatureData(ToleratedData):
         by_mass = np.isfinite(stated) & np.array([target.feature != RETURNED for target in self.targets])
         if not by_mass.any():
             return np.ones((1, len(self.targets)))
-        given = candidates.meter_values(self.meter) if self.meter is not None else None
-        density = np.reshape(self.curve.density_of(candidates, given), (-1, 1))
+        meter_values = candidates.meter_values(self.meter) if self.meter is not None else None
+        density = np.reshape(self.curve.density_of(candidates, meter_values), (-1, 1))
         return np.where(by_mass, density / stated, 1.0)
 
-    def _found(self, trace: RateTrace, rate: Floats) -> Features | None:
+    def _find_features(self, trace: RateTrace, rate: Floats) -> Features | None:
         """Features of a simulated rate, by the function and the levels of the measured ones; None of a failed one."""
         if not np.isfinite(rate).all():
             return None
         return find_features(trace.with_rate(rate), settings=self.settings, levels=self.levels)
 
-    def _values_of(self, trace: RateTrace, rate: Floats) -> list[float]:
-        found = self._found(trace, rate)
+    def _find_values(self, trace: RateTrace, rate: Floats) -> list[float]:
+        features = self._find_features(trace, rate)
         return [
-            math.nan if found is None or target.feature == RETURNED else found.value(target.feature, target.injection)
+            math.nan
+            if features is None or target.feature == RETURNED
+            else features.value(target.feature, target.injection)
             for target in self.targets
         ]
 
@@ -180,9 +182,9 @@ class FeatureData(ToleratedData):
         """Score of the simulator's injector as it is, with the reason of each missing feature."""
         rate = self.curve.simulated(simulator, ITSELF)[0]
         values = self.simulated(simulator, ITSELF)[0]
-        found = self._found(rate_trace(self.curve), rate)
+        features = self._find_features(rate_trace(self.curve), rate)
         reasons = tuple(
-            "" if found is None or math.isfinite(value) else found.reason(target.injection).sentence
+            "" if features is None or math.isfinite(value) else features.reason(target.injection).sentence
             for value, target in zip(values.tolist(), self.targets, strict=True)
         )
         return FeatureScore(self, values, reasons)
@@ -254,7 +256,7 @@ def _in_term(data: FeatureData, batch: Batch, candidates: Candidates) -> Floats:
     return data.simulated(*candidates)
 
 
-def _returned(data: FeatureData, targets: Sequence[FeatureTarget]) -> ReturnData | None:
+def _make_return_data(data: FeatureData, targets: Sequence[FeatureTarget]) -> ReturnData | None:
     """The return quantity as a map of one point, which is simulated beyond the end of injection."""
     if not targets:
         return None

@@ -37,9 +37,9 @@ _SETTINGS = ("threshold", "split", "averaging", "tail", "zero_at_rest")  # that 
 Number = tuple[float, str]  # value and its SI unit
 
 
-def _known(item: str) -> str:
-    if item not in (known := [*features_of_traces(), RETURNED]):
-        raise fault(f'there is no feature "{item}"{nearest(item, known)}')
+def _check_feature(item: str) -> str:
+    if item not in (names := [*features_of_traces(), RETURNED]):
+        raise fault(f'there is no feature "{item}"{nearest(item, names)}')
     return item
 
 
@@ -61,7 +61,7 @@ _InItsUnit = PlainValidator(_in_its_unit)
 class TargetModel(FileModel):
     """A feature of one injection, its tolerance, and its value where the trace does not give it."""
 
-    feature: Annotated[str, AfterValidator(_known)]
+    feature: Annotated[str, AfterValidator(_check_feature)]
     injection: int = Field(default=1, ge=1, le=100)
     tolerance: Annotated[Any, _InItsUnit]
     value: Annotated[Any, _InItsUnit] = None
@@ -99,7 +99,7 @@ class FeatureTarget(NamedTuple):
         return self.feature if self.feature == RETURNED else f"{self.feature} {self.injection}"
 
 
-def settings_of(model: FeaturesModel, injector: Injector, point: OperatingPoint, at: Place) -> FeatureSettings:
+def make_settings(model: FeaturesModel, injector: Injector, point: OperatingPoint, at: Place) -> FeatureSettings:
     """Settings of a block, with a threshold by mass as one by volume.
 
     An error names the place `at` which the block stands.
@@ -113,7 +113,7 @@ def settings_of(model: FeaturesModel, injector: Injector, point: OperatingPoint,
         return settings
 
 
-def read_curve_of(model: FeaturesModel, context: Context) -> RateData:
+def read_curve(model: FeaturesModel, context: Context) -> RateData:
     """Measured curve of a block; without a file a curve of zeros at the block's operating point.
 
     Raises `InputError` and `ConfigurationError` as `DataSet.read_all`; also if there is no file, and something needs
@@ -159,7 +159,7 @@ def read_targets(
     The fuel of the `injector` turns masses into volumes. Raises `InputError` and `ConfigurationError` if a value is
     neither stated nor in the trace, an injection has no energising, or a target is repeated.
     """
-    found = []
+    targets = []
     for i, item in enumerate(model.features):
         place = (at / "features")[i]
         if item.injection > len(point.pulses):
@@ -168,16 +168,16 @@ def read_targets(
         if not tolerance > 0.0:
             raise (place / "tolerance").error("the tolerance must be greater than zero")
         if item.value is None:
-            value, density = _measured(item, measured, place), math.nan
+            value, density = _read_measured_value(item, measured, place), math.nan
         else:
             value = _by_volume(item.value, injector, point)
             density = mass_density(injector, item.value[1], point)
-        found.append(FeatureTarget(item.feature, item.injection, value, tolerance, density))
-    names = [target.text for target in found]
+        targets.append(FeatureTarget(item.feature, item.injection, value, tolerance, density))
+    names = [target.text for target in targets]
     for name in names:
         if names.count(name) > 1:
             raise ConfigurationError(f"{at / 'features'}: {name} is there more than once; keep one of them.")
-    return tuple(found)
+    return tuple(targets)
 
 
 def _by_volume(number: Number, injector: Injector, point: OperatingPoint) -> float:
@@ -185,7 +185,7 @@ def _by_volume(number: Number, injector: Injector, point: OperatingPoint) -> flo
     return value / mass_density(injector, unit, point) if unit.startswith("kg") else value
 
 
-def _measured(item: TargetModel, measured: Any, place: Place) -> float:
+def _read_measured_value(item: TargetModel, measured: Any, place: Place) -> float:
     if item.feature == RETURNED or measured is None:
         raise (place / "value").error("no trace gives this feature; state its value")
     value = measured.value(item.feature, item.injection)

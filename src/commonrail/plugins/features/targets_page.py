@@ -51,7 +51,7 @@ def _name(row: Record) -> str:
     return f"{row['feature']} {row['injection']}" if row["feature"] != "return_quantity" else "return_quantity"
 
 
-def _shown(row: Record, key: str) -> str:
+def _format_value(row: Record, key: str) -> str:
     return fixed(row.get(key), decimals_of(row["unit"]), field_unit(row["unit"]).factor)
 
 
@@ -70,8 +70,10 @@ def _values_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
 
     parts = (
         _HEAD,
-        Part((origin_of(data), "tolerance"), lambda row: (_shown(row, MEASURED), _shown(row, "tolerance"))),
-        Part([texts[label] for label in labels], lambda row: [_shown(row, label) for label in labels]),
+        Part(
+            (origin_of(data), "tolerance"), lambda row: (_format_value(row, MEASURED), _format_value(row, "tolerance"))
+        ),
+        Part([texts[label] for label in labels], lambda row: [_format_value(row, label) for label in labels]),
         Part(("error", "error, tolerances"), errors),
     )
     title = f"Features of {data['name']} ({data['role']}), {pressure(data['rail_pressure'])}"
@@ -82,7 +84,7 @@ def _errors_table(data: Record, labels: Sequence[str]) -> Table:
     def errors(row: Record) -> list[Cell]:
         return marked([_error(row, label) for label in labels], lambda error: signed(error, 2), _STEPS)
 
-    parts = (_HEAD, Part((origin_of(data),), lambda row: (_shown(row, MEASURED),)), Part(labels, errors))
+    parts = (_HEAD, Part((origin_of(data),), lambda row: (_format_value(row, MEASURED),)), Part(labels, errors))
     title = f"Errors of the features in tolerances: {data['name']}, {megapascal(data['rail_pressure'])} MPa"
     return table_of(title, data["rows"], parts, f"{_LEGEND} {BEST_LEGEND}", 2)
 

@@ -90,35 +90,35 @@ def features(
             raise InputError(f"{source}: a run has its own rates and energisings; omit --rate and --energising.")
         compared = file.run_features(source, model, settings)
         if out is not None:
-            file.write_compared(out, compared)
+            file.write_comparison(out, compared)
 
         def show_compared() -> None:
-            for one in compared:
-                print_table(page.compared_table(one))
-                print_text(page.feature_sentences(one.name, one.measured))
-                print_text([*page.feature_sentences("simulated", one.simulated), ""])
+            for pair in compared:
+                print_table(page.comparison_table(pair))
+                print_text(page.feature_sentences(pair.name, pair.measured))
+                print_text([*page.feature_sentences("simulated", pair.simulated), ""])
 
-        print_result(json, lambda: file.compared_record(compared), show_compared, [out])
+        print_result(json, lambda: file.comparison_record(compared), show_compared, [out])
         return
     between = None
     if window is not None:
         between = options.read_pair(window, "s", f"--window {window}", "BEGIN:END, such as 0us:3000us")
     columns = file.RateColumns(time, rate, time_unit, rate_unit, centred, between, form)
-    found = {
+    by_name = {
         name: find_features(trace, settings=settings)
         for name, trace in file.read_rates(source, columns, pulses).items()
     }
-    repeated = len(found) > 1 and not separate and file.are_repeated(list(found))
-    shots = shot_statistics(list(found.values())) if repeated else ()
+    repeated = len(by_name) > 1 and not separate and file.are_repeated(list(by_name))
+    shots = shot_statistics(list(by_name.values())) if repeated else ()
     if out is not None:
-        file.write_features(out, found)
+        file.write_features(out, by_name)
 
     def show() -> None:
-        for name, one in found.items():
-            if not shots and one.injections:
-                print_table(page.feature_table(name, one))
-            print_text(page.feature_sentences(name, one))
+        for name, features_of_trace in by_name.items():
+            if not shots and features_of_trace.injections:
+                print_table(page.feature_table(name, features_of_trace))
+            print_text(page.feature_sentences(name, features_of_trace))
         if shots:
-            print_text((), [page.shot_table(shots, len(found))])
+            print_text((), [page.shot_table(shots, len(by_name))])
 
-    print_result(json, lambda: file.features_record(found, shots), show, [out])
+    print_result(json, lambda: file.features_record(by_name, shots), show, [out])
