@@ -18,8 +18,10 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))  # mkdocs loads this file by its path
 
 from tools.reference_pages import GENERATED  # noqa: E402
+from tools.site_math import insert_equations, mark_equations  # noqa: E402
 
 CASES = [f"cases/{path.parent.name}/README.md" for path in sorted(ROOT.glob("cases/*/README.md"))]
+EQUATIONS: dict[str, dict[str, str]] = {}  # MathML by page and by the word that holds its place
 TAKEN_IN = ["CHANGELOG.md", "CONTRIBUTING.md", *CASES]
 
 
@@ -33,7 +35,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Turn links that leave docs/ to the page that was taken in, and those of such a page to pages of docs/."""
+    """Turn links that leave docs/ to the page that was taken in and back, and set words in place of the equations."""
     uri = page.file.src_uri
     outside = uri in TAKEN_IN
     base = posixpath.dirname(uri if outside else f"docs/{uri}")
@@ -50,7 +52,16 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
             return f"]({posixpath.relpath(inside, posixpath.dirname(uri) or '.')}{anchor})"
         return match[0]
 
-    return re.sub(r"\]\(([^)#\s]+)(#[^)]*)?\)", turned, markdown)
+    linked = re.sub(r"\]\(([^)#\s]+)(#[^)]*)?\)", turned, markdown)
+    text, EQUATIONS[uri] = mark_equations(linked, uri)
+    return text
+
+
+def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Put the equations in, and keep the text of figures out of the search."""
+    return re.sub(
+        r"<svg(?=[\s>])", "<svg data-search-exclude", insert_equations(html, EQUATIONS.get(page.file.src_uri, {}))
+    )
 
 
 def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:

@@ -471,7 +471,7 @@ def test_the_page_tells_every_code() -> None:
     codes = {
         code
         for path in sources
-        for code in re.findall(r'(?:found|_unusual)\(\s*"(\w+)"', path.read_text(encoding="utf-8"))
+        for code in re.findall(r'(?:make_finding|_unusual)\(\s*"(\w+)"', path.read_text(encoding="utf-8"))
     }
     told = set(re.findall(r"(?m)^\| `(\w+)` \| ", (root / "docs/howto/plausibility.md").read_text(encoding="utf-8")))
     assert codes

@@ -77,7 +77,7 @@ def throttle(fuel: Fuel, temperature: float, pressures: Floats) -> Floats:
 
 
 def compress(fuel: Fuel, temperature: float, pressures: Floats) -> Floats:
-    """Temperatures (n,) [K] at pressures (n,) [Pa] that a fuel passes at constant entropy; as `throttled`."""
+    """Temperatures (n,) [K] at pressures (n,) [Pa] that a fuel passes at constant entropy; as `throttle`."""
     return _along(fuel, temperature, pressures, 0.0)
 
 

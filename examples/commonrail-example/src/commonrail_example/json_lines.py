@@ -14,7 +14,7 @@ from commonrail.readers.columns import PLAIN, Column, FileForm, Table, find_colu
 class JsonLines:
     """File of the ending .jsonl, a `commonrail.readers.columns.Sheet`."""
 
-    apart = True  # columns can be taken any number of times
+    independent_columns = True  # columns can be taken any number of times
 
     def __init__(self, path: Path, form: FileForm = PLAIN) -> None:
         self.path = path
@@ -36,7 +36,7 @@ class JsonLines:
 
     def take(self, columns: Sequence[Column]) -> Table:
         """Content of columns in the units of the file."""
-        found = {c.name: self._rows[:, find_column(self.path, self.names, c.name)] for c in columns}
-        texts = {c.name: [f"{value:g}" for value in found.pop(c.name)] for c in columns if not c.unit}
+        values = {c.name: self._rows[:, find_column(self.path, self.names, c.name)] for c in columns}
+        texts = {c.name: [f"{value:g}" for value in values.pop(c.name)] for c in columns if not c.unit}
         units = {c.name: self.unit(c.name) for c in columns}
-        return Table(self.path, found, texts, units, np.arange(2, len(self._rows) + 2))
+        return Table(self.path, values, texts, units, np.arange(2, len(self._rows) + 2))

@@ -11,9 +11,9 @@ from commonrail.plugins.features.injections import TracedInjection
 from commonrail.plugins.features.table import Estimate, Feature
 
 
-def _of_trace(one: TracedInjection) -> Estimate:
-    quantity = one.trace.quantity(*one.window)
-    return Estimate(math.nan if one.pulse is None else quantity / one.pulse.duration)
+def _of_trace(injection: TracedInjection) -> Estimate:
+    quantity = injection.trace.quantity(*injection.window)
+    return Estimate(math.nan if injection.pulse is None else quantity / injection.pulse.duration)
 
 
 def _of_simulation(batch: Batch, point: OperatingPoint) -> Floats:

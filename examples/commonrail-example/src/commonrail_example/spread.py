@@ -37,12 +37,12 @@ def spread(
     model = commonrail.load_injector(injector)
     middle = parse(energising_time, "s", "--energising-time")
     points = [commonrail.OperatingPoint(rail_pressure, middle + change) for change in CHANGES]
-    found = [commonrail.simulate(model, point).injected_volume for point in points]
-    record = {"schema": 1, "kind": "spread", "injector": model.name, "volumes": found}
+    volumes = [commonrail.simulate(model, point).injected_volume for point in points]
+    record = {"schema": 1, "kind": "spread", "injector": model.name, "volumes": volumes}
     out.mkdir(parents=True, exist_ok=True)
     write_text(out / RESULT.file, json_.dumps(record))
     write_text(out / "report.html", _page(record, out))
-    click.echo(f"{np.ptp(found) * 1e9:.2f} mm3 from least to most; the report is {out / 'report.html'}")
+    click.echo(f"{np.ptp(volumes) * 1e9:.2f} mm3 from least to most; the report is {out / 'report.html'}")
 
 
 def _page(record: Mapping[str, Any], folder: Path) -> str:

@@ -240,8 +240,8 @@ def _size(innovations: Floats, used: float, scale_freedom: float) -> float:
     """Probability of a sum of squares as large as this by the stated noise.
 
     `innovations` (n,): or the magnitudes of normal variables in their place; `used`: parameters that the data set pays
-    for, and values that are no samples of the noise; `scale_freedom`: degrees of freedom of the noise; infinite where it is
-    exactly known.
+    for, and values that are no samples of the noise; `scale_freedom`: degrees of freedom of the noise; infinite
+    where it is exactly known.
     """
     freedom, squares = max(len(innovations) - used, 1.0), float(np.sum(innovations**2))
     if np.isfinite(scale_freedom):

@@ -133,8 +133,9 @@ class Likelihood:
     ) -> Likelihood:
         """The same likelihood with the noise that residuals (n,) at the best values show.
 
-        `used`: parameters that each block pays for; `fitted_courses` (d, n): courses that the residuals may be off by, see
-        `noise_fit.estimate`; `correlated`: estimate autocorrelations too; `like`: as for `fit_noises`.
+        `used`: parameters that each block pays for; `fitted_courses` (d, n): courses that the residuals may be
+        off by, see `noise_fit.estimate`; `correlated`: estimate autocorrelations too; `like`: as for
+        `fit_noises`.
         """
         fitted_courses = np.zeros((0, self.size)) if fitted_courses is None else fitted_courses
         return self.with_noises(fit_noises(self.blocks, errors, used, fitted_courses, correlated=correlated, like=like))

@@ -525,12 +525,12 @@ def fit_noise(
 ) -> FittedNoise:
     """Noise of a block from its residuals at the best values.
 
-    `errors` (n,); `used`: parameters that the block pays for: trace of its part of the influence matrix; `fitted_courses` (d, n):
-    courses that the fitted values may be off by, see `estimate`; `correlated`: estimate the
-    autocorrelation where the noise model has one, and look for outliers and for growth with the rate; `rate` (n,):
-    rates that the noise may grow with, in the unit of the residuals; the simulated ones by default. They have no noise:
-    weights by measured ones would favour values that are too low. `more` (k, n): courses that the values are off by
-    besides those that the study states.
+    `errors` (n,); `used`: parameters that the block pays for: trace of its part of the influence matrix;
+    `fitted_courses` (d, n): courses that the fitted values may be off by, see `estimate`; `correlated`: estimate
+    the autocorrelation where the noise model has one, and look for outliers and for growth with the rate; `rate`
+    (n,): rates that the noise may grow with, in the unit of the residuals; the simulated ones by default. They have
+    no noise: weights by measured ones would favour values that are too low. `more` (k, n): courses that the values
+    are off by besides those that the study states.
     """
     rate = errors - block.at_zero if rate is None else rate
     fitted_courses = np.zeros((0, len(errors))) if fitted_courses is None else fitted_courses
@@ -619,8 +619,9 @@ def fit_noises(
     """Noise of all blocks of a fit, with a discrepancy of the model that is one share of the values of all of them.
 
     One share makes data sets comparable: by scales of their own a curve of 900 samples would outweigh a map of 88
-    quantities. Where a study states discrepancies, or gains nothing by one, there is none. `errors`, `fitted_courses` as
-    for `fit_noise`, of all blocks; `like`: noises whose discrepancy and drifts are taken, which are otherwise estimated.
+    quantities. Where a study states discrepancies, or gains nothing by one, there is none. `errors`,
+    `fitted_courses` as for `fit_noise`, of all blocks; `like`: noises whose discrepancy and drifts are taken, which
+    are otherwise estimated.
     """
     parts = [
         (b, errors[b.rows], block_used, fitted_courses[:, b.rows]) for b, block_used in zip(blocks, used, strict=True)

@@ -123,8 +123,8 @@ def fleet(
         check_count(workers)
     flag(retry, "retry")
     function(progress, "progress")
-    held = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
-    if not (folder / JOURNAL).is_file() and held not in ({LOCK}, {LOCK, f"{LOCK}-journal"}):
+    existing = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    if not (folder / JOURNAL).is_file() and existing not in ({LOCK}, {LOCK, f"{LOCK}-journal"}):
         create_run_folder(folder)  # but not over the lock of a fleet that was killed before its journal was there
     with Journal(folder) as journal, held_interrupts() as stop:
         run = _Run(fleet, folder, journal, retry, progress)

@@ -132,8 +132,8 @@ def problem_of(
     loads, planned_loads = _discrepancies(likelihood, data, responses)
     d, size = draws.shape[1], draws.shape[1] + len(loads)
     tangents = likelihood.whiten(np.vstack([estimate.slopes, loads]))
-    whole = (tangents * _slope_weights(estimate)) @ tangents.T
-    crossed, of_loads = whole[:d, d:], whole[d:, d:] + np.eye(len(loads))
+    joint = (tangents * _slope_weights(estimate)) @ tangents.T
+    crossed, of_loads = joint[:d, d:], joint[d:, d:] + np.eye(len(loads))
     information = np.zeros((size, size))
     information[:d, :d] = np.linalg.inv(bounded(np.cov(draws.T).reshape(d, d)) + FIRM * np.eye(d))
     if len(loads):  # so that the covariance of the positions, whatever the loads are, stays that of the draws

@@ -145,10 +145,10 @@ class VarianceShares:
         everything = terms.T @ terms
         for k, column in enumerate((quantities - self._centre).T):
             finite = np.isfinite(column)
-            rows, known = (terms, column) if finite.all() else (terms[finite], column[finite])
+            rows, finite_values = (terms, column) if finite.all() else (terms[finite], column[finite])
             self._products[group, k] += everything if len(rows) == len(terms) else rows.T @ rows
-            self._sums[group, k] += rows.T @ known
-            self._squares[group, k] += float(known @ known)
+            self._sums[group, k] += rows.T @ finite_values
+            self._squares[group, k] += float(finite_values @ finite_values)
 
     def shares(self, k: int, confidence: float) -> Shares | None:
         """Shares at operating point k; None where too few parts are there, or the quantity does not scatter."""

@@ -74,4 +74,4 @@ def _move(row: Record) -> str:
     return f"{row['name']} {before} → {after} ({fixed(row['moved'], 1)} half widths)"
 
 
-UPDATE = Presenter(lambda found: [f"Update in {found.folder}", *found.content["lines"]])
+UPDATE = Presenter(lambda update: [f"Update in {update.folder}", *update.content["lines"]])
