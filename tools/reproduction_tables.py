@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.base.table import Table
-from commonrail.base.text import duration, fixed, percent, signed
+from commonrail.base.text import duration, percent, to_fixed, to_signed
 from commonrail.plugins.paper import page as tables
 from commonrail.plugins.paper import study
 from commonrail.plugins.paper.bench import Bench, Friction, Scatter, Sensor, Truth
@@ -79,14 +79,15 @@ def further(record: Record) -> str:
     k6 = next(c for c in record["claims"] if c["id"] == "k6-at-maximum")
     return "\n".join(
         (
-            f"- Greatest J at 80 MPa of the {count} searches of Table 3: {fixed(worst, 0)}; the paper's (60, 30) has "
-            f"{study.TABLE3[study.Configuration(60, 30)][2]}.",
-            f"- k7: {fixed(k7['median'], 1, 1e-6)} N/µm, and {fixed(k7['truth'], 1, 1e-6)} N/µm in truth, which "
+            f"- Greatest J at 80 MPa of the {count} searches of Table 3: {to_fixed(worst, 0)}; the paper's (60, 30) "
+            f"has {study.TABLE3[study.Configuration(60, 30)][2]}.",
+            f"- k7: {to_fixed(k7['median'], 1, 1e-6)} N/µm, and {to_fixed(k7['truth'], 1, 1e-6)} N/µm in truth, which "
             f"{k7['covered']} of {k7['intervals']} intervals of 95 % hold (standard error "
-            f"{fixed(k7['standard_error'], 1, 1e-6)} N/µm, median): the meter's delay is in none of them.",
+            f"{to_fixed(k7['standard_error'], 1, 1e-6)} N/µm, median): the meter's delay is in none of them.",
             f"- k6 near its maximum: {k6['figure']}. {k6['comment']}",
             f"- Least J of a search that starts from the theoretical stiffness, of one that does not: "
-            f"{fixed(treatments['reference']['median'], 1)} and {fixed(treatments['repair']['median'], 1)} (medians).",
+            f"{to_fixed(treatments['reference']['median'], 1)} and {to_fixed(treatments['repair']['median'], 1)} "
+            "(medians).",
         )
     )
 
@@ -99,8 +100,8 @@ def ideal(record: Record) -> str:
     return (
         f"{markdown(tables.j_table(record))}\n\n"
         f"Median J after the search is {percent(share, 2)} % of the theoretical model's at 160 MPa; k6 ends "
-        f"{signed(100.0 * k6['change']['median'], 0)} % from theory (median), and the truth is "
-        f"{signed(100.0 * k6['paper_change'], 0)} %."
+        f"{to_signed(100.0 * k6['change']['median'], 0)} % from theory (median), and the truth is "
+        f"{to_signed(100.0 * k6['paper_change'], 0)} %."
     )
 
 
@@ -132,7 +133,7 @@ def friction() -> str:
         theory = study.space(bench.injector).reference
         change = np.median([f.x / theory - 1.0 for f in searches], axis=0)
         cost = float(np.median([f.cost for f in searches]))
-        rows.append((text, *(signed(100.0 * value, 0) for value in change), fixed(cost, 1)))
+        rows.append((text, *(to_signed(100.0 * value, 0) for value in change), to_fixed(cost, 1)))
     return grid(("truth", *(f"k{i}, %" for i in range(1, 8)), "J"), rows)
 
 
