@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from commonrail.base.errors import InputError, StudyError, nearest
-from commonrail.base.registry import installed_text
+from commonrail.base.registry import read_installed
 from commonrail.base.units import parse, to_text
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.study import Study
@@ -32,7 +32,7 @@ def complete(document: Any, free: Sequence[str]) -> None:
     import tomlkit  # slow to import
 
     for name in dict.fromkeys(block.get("meter") for block in document["data"]):
-        if name and name not in document.get("meters", {}) and (text := installed_text("meters", name)):
+        if name and name not in document.get("meters", {}) and (text := read_installed("meters", name)):
             meters = document.setdefault("meters", tomlkit.table(is_super_table=True))
             meters[name] = tomlkit.parse(text)["meters"][name]
     if "type" in document and not document.get("parameter"):

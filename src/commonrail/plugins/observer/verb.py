@@ -121,7 +121,7 @@ def observe(
     from dataclasses import replace
     from functools import partial
 
-    from commonrail.base.hooks import held_interrupts
+    from commonrail.base.hooks import hold_interrupts
     from commonrail.base.text import quantity
     from commonrail.cli.model_name import read_model_name
     from commonrail.physics.injector import FUEL_TEMPERATURE
@@ -233,7 +233,7 @@ def observe(
             refused.append(str(error))
             return observation
 
-    with held_interrupts():  # what is done is written whatever keys are pressed
+    with hold_interrupts():  # what is done is written whatever keys are pressed
         observation = run_into(out, "observer.csv", run_and_compensate)
     record = observation.record()
     if json:
