@@ -131,7 +131,7 @@ def design_tables(rows: Sequence[DesignRow]) -> list[Table]:
     note = (
         f"Standard deviations after {SHOTS} shots of {TIME * 1e6:.0f} µs at {RAILS[0] * 1e-6:.0f} to "
         f"{RAILS[-1] * 1e-6:.0f} MPa, from the linearised model alone; pump and neighbours as estimated. "
-        "In a trial those of a sensor in the line were too small by a factor of three (docs/howto/observer.md)."
+        "In a trial (studies/observer_trial.py) those of a sensor in the line were too small by a factor of three."
     )
     short = [row for row in rows if (row.rate, row.noise) == USUAL]
     titled = (("Sensors at a usual rate and noise of the pressure", short), ("Accuracy by rate and noise", rows))

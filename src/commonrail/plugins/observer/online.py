@@ -43,7 +43,9 @@ BEGIN = 20.0  # units that the beginning of a lane counts
 # Multiples of first deviations at which shots are simulated. By the slopes, which are differences, a rounding grows a
 # hundredfold in every iteration and would make another result within some shots; on a grid C and Python have the same.
 GRID = 0.05
-ITERATIONS = 2  # about as accurate as 4 on the injectors of docs/howto/observer.md (Online), and half the work
+# Half the work of 4 at the same accuracy: median quantity error 2.4 % against 2.3 % on 6 injectors with 16 shots each
+# of studies/observer_trial.py (seed 1).
+ITERATIONS = 2
 
 
 class Online(NamedTuple):

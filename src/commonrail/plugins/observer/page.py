@@ -26,7 +26,7 @@ MOVED, OFTEN = 0.3, 0.1  # change of a quantity by the pressure that asks for a 
 FAR = 4.0  # standard deviations before the first shot beyond which a state is doubted; chosen
 LEARNT = 0.8  # share of its first standard deviation below which a state counts as learnt from the pressure; chosen
 CONSISTENT = (0.5, 2.0)  # medians of the consistency within which the stated deviations can be believed; chosen
-# What the deviations are worth, `studies/observer_trial.py` and docs/howto/observer.md.
+# Coverage of the stated deviations on simulated injectors: studies/observer_trial.py.
 HELD = (
     "In a trial with a rail sensor on virtual injectors, drawn from estimates as those that the states begin with, "
     "intervals of 95 % held 97 % of the quantities."
