@@ -118,7 +118,7 @@ def tabulate_friction() -> str:
         theory = study.space(bench.injector).reference
         change = np.median([f.x / theory - 1.0 for f in searches], axis=0)
         cost = float(np.median([f.cost for f in searches]))
-        rows.append((text, *(signed(100.0 * value, 0) for value in change), fixed(cost, 1)))
+        rows.append((text, *(to_signed(100.0 * value, 0) for value in change), to_fixed(cost, 1)))
     return format_grid(("truth", *(f"k{i}, %" for i in range(1, 8)), "J"), rows)
 
 

@@ -185,8 +185,8 @@ def body_loads(c: Coefficients, s: State, low: float) -> Loads:
 def move_valve(c: Coefficients, s: State, hole: Hole, gap_cda2: float, film: float, dt: float) -> valve.State:
     """Armature and shutter after the step: Newton's second law, with F_ev of Eq. (12).
 
-    `hole`: the A-hole; `gap_cda2`: (c_d A)² of the seat's gap at its start [m⁴]; `film`: damping coefficient of what is
-    squeezed [N s/m].
+    `hole`: the A-hole; `gap_cda2`: (c_d A)² of the seat's gap at its start [m⁴]; `film`: damping coefficient of the
+    squeeze film [N s/m].
     """
     pressure = seat_pressure(c, hole, gap_cda2, s.control_chamber.fuel.pressure, s.return_line.pressure)
     magnetic_force = solenoid.magnetic_force(c.solenoid, s.solenoid.pulling_flux)
