@@ -77,7 +77,7 @@ NARROW_TERMINAL = 100  # columns below which tables are divided rather than fold
 def say(text: str) -> None:
     """Print a line for the person, on stderr."""
     with suppress(OSError, ValueError, AttributeError):  # stderr is closed: continue the work
-        click.echo(_shown(text), err=True)
+        click.echo(_mask_controls(text), err=True)
 
 
 def say_of_ending(text: str) -> None:
@@ -133,7 +133,7 @@ def columns_of(stream: TextIO) -> int:
     return shutil.get_terminal_size().columns if stream.isatty() else WIDTH_OF_A_FILE
 
 
-def wrapped(text: str, indent: str = "") -> list[str]:
+def wrap_line(text: str, indent: str = "") -> list[str]:
     """Lines of a sentence: in a terminal broken between words, those after the first behind `indent`, in a file one."""
     if not sys.stdout.isatty():
         return [text]
@@ -144,7 +144,7 @@ def wrapped(text: str, indent: str = "") -> list[str]:
 def print_lines(lines: Iterable[str]) -> None:
     """Print sentences, in a terminal broken between words."""
     for line in lines:
-        click.echo("\n".join(wrapped(line)))
+        click.echo("\n".join(wrap_line(line)))
 
 
 def print_text(lines: Iterable[str], tables: Sequence[Table] = ()) -> None:
@@ -174,7 +174,7 @@ def print_rows(
     None: all are text. In a terminal of fewer than `NARROW_TERMINAL` columns a table that does not fit goes on below
     itself, with its first column again.
     """
-    shown = [list(map(_shown, row)) for row in (columns, *rows)]
+    shown = [list(map(_mask_controls, row)) for row in (columns, *rows)]
     texts = len(columns) if texts is None else texts
     plain = None if sys.stdout.isatty() else plain_rows(shown, title, texts, WIDTH_OF_A_FILE)
     if plain is not None:
@@ -184,12 +184,12 @@ def print_rows(
     from rich.table import Table as Grid
 
     for first, end in _parts(shown):
-        kept = (0, *range(first, end))
+        columns_of_part = (0, *range(first, end))
         grid = Grid(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold")
-        for index in kept:
+        for index in columns_of_part:
             grid.add_column(shown[0][index], justify="right" if index >= texts else "left", overflow="fold")
         for row in shown[1:]:
-            grid.add_row(*(row[index] for index in kept))
+            grid.add_row(*(row[index] for index in columns_of_part))
         _print(grid)
         title = ""
 
@@ -198,18 +198,18 @@ def _parts(rows: Sequence[Sequence[str]]) -> list[tuple[int, int]]:
     """First column, and the one after the last, of each part that fits into a narrow terminal behind column 0."""
     from rich.cells import cell_len
 
-    width, whole = columns_of(sys.stdout), len(rows[0])
+    width, count = columns_of(sys.stdout), len(rows[0])
     sizes = [max(map(cell_len, column)) + 3 for column in zip(*rows, strict=True)]
     starts = [1]
-    for end in range(2, whole if width < NARROW_TERMINAL else 0):
+    for end in range(2, count if width < NARROW_TERMINAL else 0):
         if sizes[0] + sum(sizes[starts[-1] : end + 1]) + 1 > width:
             starts.append(end)
-    return list(zip(starts, [*starts[1:], whole], strict=True))
+    return list(zip(starts, [*starts[1:], count], strict=True))
 
 
 def print_pairs(pairs: Sequence[tuple[str, str]], title: str) -> None:
     """Print names with their values."""
-    shown = [list(map(_shown, pair)) for pair in pairs]
+    shown = [list(map(_mask_controls, pair)) for pair in pairs]
     click.echo(title)
     plain = None if sys.stdout.isatty() else plain_pairs(shown, WIDTH_OF_A_FILE)
     if plain is not None:
@@ -240,7 +240,7 @@ def _print(grid: Any) -> None:
     click.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
 
 
-def _shown(cell: str) -> str:
+def _mask_controls(cell: str) -> str:
     """Text of a cell without what a terminal would obey: names come from files of others."""
     return _OBEYED.sub("?", cell)
 
@@ -318,17 +318,17 @@ class Bar(AbstractContextManager["Bar"]):
         if self.console is not None:
             self.bar.update(self.task, description=s.phase, completed=s.done, total=s.total, figures=s.figures)
             return
-        part = (10 * s.done // max(s.total, 1), s.phase)
-        if s.done > 0 and part != self._said:
+        tenth_and_phase = (10 * s.done // max(s.total, 1), s.phase)
+        if s.done > 0 and tenth_and_phase != self._said:
             if s.phase != self._said[1]:
                 self._first = s.done, monotonic()
             steps, seconds = s.done - self._first[0], monotonic() - self._first[1]
             left = f", {duration(seconds / steps * (s.total - s.done))} left" if steps > 0 and s.done < s.total else ""
-            self._said = part
+            self._said = tenth_and_phase
             say(f"{s.phase} {s.done}/{s.total}: {s.figures}{left}")
 
 
-def shown_by(bar: Bar, after: float = 0.0) -> Listener:
+def show_stages_on(bar: Bar, after: float = 0.0) -> Listener:
     """Listener that numbers the stages of each phase and shows them, in a file those that end `after` so long [s]."""
     counts: dict[str, int] = {}
     start: list[float] = []

@@ -15,7 +15,17 @@ import click
 from commonrail.base.errors import StudyError
 from commonrail.base.stages import telling
 from commonrail.base.text import command, counted, quantity
-from commonrail.cli.console import Bar, Stage, columns_of, print_json, print_lines, print_table, say, shown_by, wrapped
+from commonrail.cli.console import (
+    Bar,
+    Stage,
+    columns_of,
+    print_json,
+    print_lines,
+    print_table,
+    say,
+    show_stages_on,
+    wrap_line,
+)
 from commonrail.cli.guard import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -53,7 +63,7 @@ def run_study(
     from commonrail.runs.fit import calibrate_into
 
     points = counted(sum(len(data.points) for data in study.data), "operating point")
-    return reported(
+    return run_and_report(
         f"{study.title}: {points}, steps of {quantity(study.time_step, 's')} (seconds for one curve, minutes for many)",
         folder,
         lambda listener: calibrate_into(
@@ -62,7 +72,7 @@ def run_study(
     )
 
 
-def reported(
+def run_and_report(
     title: str, folder: Path, work: Callable[[Listener], object], stage: Callable[[Progress], Stage] | None = None
 ) -> Outcome:
     """Run a fit of any kind in its folder, with its progress on stderr, and write its report, without a live chart.
@@ -78,7 +88,7 @@ def reported(
     shown, judged = stage_of if stage is None else stage, True
     written: list[Results] = []
     with held_interrupts():  # once the search has ended, its report is written whatever keys are pressed
-        with Bar(title) as bar, telling(shown_by(bar, JUDGED_SOON)):
+        with Bar(title) as bar, telling(show_stages_on(bar, JUDGED_SOON)):
             try:
                 work(Listener(lambda p: bar.show(shown(p)), bar.note, written.append))
             except KeyboardInterrupt:
@@ -173,16 +183,19 @@ def print_card(record: Mapping[str, Any], run: str) -> None:
     fit = read_as(CalibrationRecord, record)
     judged, figures = verdict(fit, run), tiles(fit)
     bar = click.style("┃", fg=COLOURS[judged.level])
-    title = wrapped(f"┃ {judged.headline}", "┃ ")
+    title = wrap_line(f"┃ {judged.headline}", "┃ ")
     click.echo("\n".join(f"{bar}{click.style(line[1:], bold=True)}" for line in title))
     for tile in figures:
         figure = click.style(f"{tile.figure:<20}", fg=COLOURS.get(tile.level))
         click.echo(f"{bar} {tile.sign or ' '} {tile.head:<11}{figure} {_one_line(tile.words, 37)}")
     steps = []
     for number, step in enumerate(judged.steps[:STEPS], start=1):
-        steps += [*wrapped(f"{number} {step.text}", "  "), *(click.style(c, bold=True) for c in _command(step.command))]
+        steps += [
+            *wrap_line(f"{number} {step.text}", "  "),
+            *(click.style(c, bold=True) for c in _command(step.command)),
+        ]
     room = max(LINES - len(title) - len(figures) - len(steps), 2)
-    reasons = [wrapped(f"- {reason}", "  ") for reason in (*judged.reasons[1:], *judged.notes)]
+    reasons = [wrap_line(f"- {reason}", "  ") for reason in (*judged.reasons[1:], *judged.notes)]
     shown = max(sum(size <= room for size in accumulate(map(len, reasons))), 1)
     lines = list(chain.from_iterable(reasons[:shown]))
     if len(reasons) > shown:
@@ -195,8 +208,8 @@ def _command(command: str) -> list[str]:
     if os.name == "nt" or not sys.stdout.isatty():
         return [f"  {command}"] if command else []
     width = columns_of(sys.stdout) - 2  # that of the sign at the end
-    found = textwrap.wrap(command, width, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
-    return [f"{line} \\" for line in found[:-1]] + found[-1:]
+    lines = textwrap.wrap(command, width, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
+    return [f"{line} \\" for line in lines[:-1]] + lines[-1:]
 
 
 def _one_line(text: str, before: int) -> str:

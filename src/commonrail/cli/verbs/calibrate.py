@@ -132,7 +132,7 @@ def resume(
     Example:
       commonrail resume runs/paper-1 --generations 30
     """
-    from commonrail.cli.fit import print_outcome, reported
+    from commonrail.cli.fit import print_outcome, run_and_report
     from commonrail.cli.study_kind import RunOptions, kind_of_run
     from commonrail.runs.fit import resume as go_on
     from commonrail.runs.folder import RESULT, STUDY
@@ -153,7 +153,7 @@ def resume(
                 "give that command again."
             )
     with open_workers(workers, cluster) as crew:
-        outcome = reported(
+        outcome = run_and_report(
             f"resuming {run}",
             run,
             lambda listener: go_on(

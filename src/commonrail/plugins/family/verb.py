@@ -15,7 +15,7 @@ from commonrail.base.input import read_plain
 from commonrail.base.text import quantity
 from commonrail.base.units import parse
 from commonrail.cli.console import print_json, print_rows, print_table, say
-from commonrail.cli.fit import Outcome, end_if_stopped, reported
+from commonrail.cli.fit import Outcome, end_if_stopped, run_and_report
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import (
     ClusterAddress,
@@ -165,7 +165,7 @@ def _fit(
         refuse_used(models)
     family = replace(load_family(source), **changes)
     fit = partial(fit_type, folder, family, threads=threads, workers=workers)
-    outcome = reported(family.title, folder, lambda listener: fit(listener=listener))
+    outcome = run_and_report(family.title, folder, lambda listener: fit(listener=listener))
     if models is not None:
         with new_folder(models) as place:
             for part in outcome.record["parts"]:
@@ -180,7 +180,7 @@ def _resume(folder: Path, options: RunOptions) -> None:
     how: dict[str, Any] = {"generations": options.generations, "as_begun": options.as_begun, "threads": options.threads}
     with open_workers(options.workers, options.cluster) as workers:
         fit = partial(resume_family, folder, workers=workers, **how)
-        outcome = reported(f"resuming {folder}", folder, lambda listener: fit(listener=listener))
+        outcome = run_and_report(f"resuming {folder}", folder, lambda listener: fit(listener=listener))
     _print_family(outcome, options.json, folder / TYPE)
 
 
