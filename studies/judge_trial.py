@@ -50,10 +50,11 @@ MM3 = 1e9  # of 1 m³
 
 def verdict_of(record: Record, run: str) -> tuple[str, str, list[str], list[tuple[str, str]]]:
     """Level, title, reasons and steps (text, command) of a result."""
+    from commonrail.calibration.record import CalibrationRecord, read_as
     from commonrail.report.fit.verdict import verdict
 
-    found = verdict(record, run)
-    return found.level, found.title, list(found.reasons), [(step.text, step.command) for step in found.steps]
+    judged = verdict(read_as(CalibrationRecord, record), run)
+    return judged.level, judged.title, list(judged.reasons), [(step.text, step.command) for step in judged.steps]
 
 
 # Foreign benches.
