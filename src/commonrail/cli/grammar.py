@@ -22,7 +22,7 @@ from commonrail.base.errors import PluginError, nearest
 from commonrail.base.hooks import check_unheld_stop, requested_stops
 from commonrail.base.registry import entries, find, words_on_shipped
 from commonrail.base.units import parse
-from commonrail.cli.console import say
+from commonrail.cli.console import LINES, SHORT, ShortForm, print_lines, say, short_form
 from commonrail.cli.guard import check_paths, end_on_errors
 
 
@@ -87,9 +87,13 @@ class Verb(click.Command):
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the function."""
+        """Run the function, and say what the short form of its tables has left out."""
         check_paths(ctx.params)
-        return super().invoke(ctx)
+        try:
+            return super().invoke(ctx)
+        finally:
+            if (short := short_form()) and (hint := short.hint()):
+                print_lines([hint])
 
 
 def verb(function: Callable[..., None]) -> Verb:
@@ -165,6 +169,23 @@ def _parameter(parameter: inspect.Parameter) -> click.Parameter:
         return _Argument([parameter.name], nargs=-1 if several else 1, text=settings.pop("help"), **settings)
     names = declared.names or ("--" + parameter.name.replace("_", "-"),)
     return click.Option([parameter.name, *names], multiple=several, show_default=parameter.default != "", **settings)
+
+
+def table_verb(function: Callable[..., None]) -> Verb:
+    """Make a command of a function that prints tables: a short form of them, and all with --full."""
+    command = verb(function)
+    place = [param.name for param in command.params].index("json")
+    command.params.insert(
+        place, click.Option(["--full"], is_flag=True, expose_value=False, callback=_choose_form, help=FULL)
+    )
+    return command
+
+
+FULL = f"Print all rows, columns and tables, in place of {LINES} lines."
+
+
+def _choose_form(ctx: click.Context, _: click.Parameter, full: bool) -> None:
+    ctx.meta[SHORT] = None if full else ShortForm()
 
 
 class Verbs(click.Group):

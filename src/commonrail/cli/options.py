@@ -109,6 +109,9 @@ def is_given(name: str) -> bool:
     return context is not None and context.get_parameter_source(name) is not ParameterSource.DEFAULT
 
 
+NO_RESULT = ("json", "full", "threads")  # options that change no result
+
+
 def command_again(*without: str, **values: str) -> str:
     """Command line that runs, `without` some options and what changes no result, with values in place of its own."""
     import shlex
@@ -119,11 +122,12 @@ def command_again(*without: str, **values: str) -> str:
     words = ["commonrail", str(context.info_name)]
     for param in context.command.params:
         name = str(param.name)
+        if name in (*without, *NO_RESULT):
+            continue
         value = values.get(name, context.params[name] if is_given(name) else ())
-        if name not in (*without, "json", "threads"):
-            for each in value if isinstance(value, tuple) else (value,):
-                option = [] if isinstance(param, click.Argument) else [param.opts[0]]
-                words += option if each is True else [*option, str(each)]
+        for each in value if isinstance(value, tuple) else (value,):
+            option = [] if isinstance(param, click.Argument) else [param.opts[0]]
+            words += option if each is True else [*option, str(each)]
     return shlex.join(words)
 
 

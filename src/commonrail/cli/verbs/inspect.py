@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from commonrail.base.errors import InputError
 from commonrail.cli.console import print_json, print_pairs, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import DecimalSign, Encoding, Json, SheetName, check_file, read_form
 
 if TYPE_CHECKING:
     from commonrail.readers.quantity_matrix import FoundMap
 
 
-@verb
+@table_verb
 def inspect(
     file: Annotated[Path, Argument(metavar="FILE", help="CSV, Excel, MDF, TDMS, LabVIEW, MAT, Parquet, DCM file ...")],
     *,

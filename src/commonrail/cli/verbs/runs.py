@@ -11,7 +11,7 @@ import click
 
 from commonrail.base.output import write_text, writing
 from commonrail.cli.console import print_json, print_rows, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import Json, check_file
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _DAY = 86400.0
 
 
-@verb
+@table_verb
 def runs(
     folder: Annotated[Path, Argument(metavar="DIR", help="Folder with run folders in it. [default: runs]")] = Path(
         "runs"

@@ -14,7 +14,7 @@ from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.text import FieldUnit, field_unit, number, quantity
 from commonrail.base.units import parse
 from commonrail.cli.console import SIMULATING, print_json, print_pairs, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import (
     CylinderPressure,
     Json,
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from commonrail.physics.meters import Meter
 
 
-@verb
+@table_verb
 def simulate(
     injector: Annotated[
         str,
@@ -280,13 +280,13 @@ def figures(run: Run) -> list[tuple[str, str]]:
         ("largest rate", f"{r['peak_rate'] * 1e6:.2f} mm³/ms"),
         *_meter_figures(run.shown),
         ("largest needle lift", f"{r['greatest_lift'] * 1e6:.1f} µm"),
+        *([("synthetic", run.injector.synthetic)] if run.injector.synthetic else []),
         ("reference density", f"{s.reference_density:.1f} kg/m³"),
         *run.heating.figures,
         ("status", f"{s.status.name}: {s.sentence}"),
         ("mass balance", f"{s.balance:.1e} of the injected mass, of 1 mg if that is more"),
         ("engine", f"{s.engine}, {run.precision.value}, {run.seconds:.2f} s with loading or compiling"),
         ("injector", f"{run.injector.title} ({run.injector.variant.label})"),
-        *([("synthetic", run.injector.synthetic)] if run.injector.synthetic else []),
     ]
 
 

@@ -9,13 +9,13 @@ import click
 
 from commonrail.base.stages import telling
 from commonrail.cli.console import Bar, print_json, print_lines, print_table, show_stages_on
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import Json, Threads, check_folder
 
 STARTS, LIMIT = 8, 10.0  # of the search; half width [%] up to which a parameter is determined
 
 
-@verb
+@table_verb
 def certainty(
     run: Annotated[Path, Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
     *,

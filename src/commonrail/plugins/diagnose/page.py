@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from commonrail.base.chart import MARKERS, Bars, Figure, Panel, Series, points
 from commonrail.base.csv_output import comment_line
-from commonrail.base.table import LARGE, SMALL, Cell, Part, Table, table_of, tabulated
+from commonrail.base.table import LARGE, OPERATING_POINT, SMALL, Cell, Part, Table, table_of, tabulated
 from commonrail.base.text import fixed, listed, megapascal, percent, signed
 from commonrail.data.records import MEASURED, MICROSECOND, MM3, Record
 from commonrail.plugins.diagnose.run import BENCHES, FAILS, USUAL
@@ -103,7 +103,7 @@ def _test_table(record: Record) -> Table:
     parts = [
         Part(("test",), lambda row: (test_name(row),)),
         Part(
-            ("rail, MPa", "energising, µs"),
+            OPERATING_POINT,
             lambda row: (megapascal(row["rail_pressure"]), fixed(row["energising_time"], 0, MICROSECOND)),
         ),
         Part(("measured", "st. dev. off"), measured),
@@ -115,7 +115,7 @@ def _test_table(record: Record) -> Table:
     ]
     if best != "sound":
         parts.append(Part((f"with {best}",), lambda row: (fixed(row["leading"], 2, MM3),)))
-    return table_of("Quantities, mm³ per stroke", record["tests"], parts)
+    return table_of("Quantities, mm³ per stroke", record["tests"], parts, inputs=OPERATING_POINT)
 
 
 def diagnosis_tables(record: Record) -> list[Table]:
@@ -262,6 +262,7 @@ def trim_table(record: Record) -> Table:
             ("class", lambda t: signed(t["class"], 0)),
             ("correction, µs", lambda t: signed(1e6 * t["correction"], 1)),
         ],
+        inputs=OPERATING_POINT,
     )
 
 

@@ -14,9 +14,9 @@ from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.input import read_plain
 from commonrail.base.text import quantity
 from commonrail.base.units import parse
-from commonrail.cli.console import print_json, print_rows, print_table, say
+from commonrail.cli.console import print_json, print_lines, print_rows, print_table, say
 from commonrail.cli.fit import Outcome, end_if_stopped, run_and_report
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import (
     ClusterAddress,
     Json,
@@ -38,7 +38,7 @@ CORNERS = ((40e6, 160e6), (300e-6, 1000e-6))  # points at which a type's spreads
 # commonrail type: type file of parts of one type, which were calibrated or are fitted together.
 
 
-@verb
+@table_verb
 def type_(
     sources: Annotated[
         tuple[Path, ...],
@@ -241,7 +241,7 @@ def _print_type(found: InjectorType) -> None:
     from commonrail.physics.injector import parameter_quantities
 
     if found.synthetic:
-        click.echo(f"SYNTHETIC: {found.synthetic}")
+        print_lines([f"SYNTHETIC: {found.synthetic}"])
     units = {name: q.unit for name, q in parameter_quantities().items()}
     rows = [[p.name, quantity(p.value, units[p.name]), quantity(p.spread, units[p.name])] for p in found.parameters]
     rows += [[v.name, quantity(v.value, units[v.name]), "fixed"] for v in found.fixed]

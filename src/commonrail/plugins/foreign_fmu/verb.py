@@ -62,7 +62,7 @@ def _run(title: str, folder: Path, search: Callable[..., object], json: bool) ->
         print_json({"kind": "fmu calibration", **places, "result": record})
     else:
         if record["synthetic"]:
-            click.echo(f"SYNTHETIC: {record['synthetic']}")
+            print_lines([f"SYNTHETIC: {record['synthetic']}"])
         for table in fmu_tables(record):
             print_table(table)
         print_lines(fmu_lines(record))

@@ -282,7 +282,7 @@ def _compensation_table(record: Record) -> Table:
         "Energising times by the states after the last shot; without: those of the model alone for each injection by "
         "itself."
     )
-    return tabulated("Compensated energising times", _trains(record), columns, note)
+    return tabulated("Compensated energising times", _trains(record), columns, note, inputs=("wanted, mm³",))
 
 
 def _quantities(record: Record) -> Figure:
@@ -420,7 +420,7 @@ def _shot_table(record: Record) -> Table:
     ]
     more = f" The first {SHOWN} of {len(rows)} injections; all are in observer.csv." if len(rows) > SHOWN else ""
     note = f"± one standard deviation; times from the start of the shot.{more}"
-    return tabulated("Injections", rows[:SHOWN], columns, note)
+    return tabulated("Injections", rows[:SHOWN], columns, note, inputs=("p, MPa", "ET, µs"))
 
 
 def _facts(record: Record) -> list[tuple[str, str]]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Band, Figure, Panel, Points, Series, points
-from commonrail.base.table import BEST_LEGEND, Part, Table, table_of
+from commonrail.base.table import BEST_LEGEND, OPERATING_POINT, Part, Table, table_of
 from commonrail.base.text import fixed, megapascal, number, percent, pressure, several, signed
 from commonrail.data.records import (
     JUDGED,
@@ -82,9 +82,15 @@ class CurveView(View):
         relative = f"J over the sum of |data| over the same samples. {BEST_LEGEND}"
         of_volumes = f"Simulated against data. {BEST_LEGEND}"
         return [
-            table_of(_J_TITLE, data, (head, errors, _SAMPLES), note),
-            table_of("J relative to the data, %", data, (head, shares), relative),
-            table_of("Error of the injected volume, %", data, (head, _measured(data, ", mm³"), volumes), of_volumes),
+            table_of(_J_TITLE, data, (head, errors, _SAMPLES), note, inputs=_INPUTS),
+            table_of("J relative to the data, %", data, (head, shares), relative, inputs=_INPUTS),
+            table_of(
+                "Error of the injected volume, %",
+                data,
+                (head, _measured(data, ", mm³"), volumes),
+                of_volumes,
+                inputs=_INPUTS,
+            ),
         ]
 
     def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
@@ -137,6 +143,7 @@ def _title(data: Record, words: str) -> str:
 
 _SETS = Part(("data set", "role"), lambda d: (d["name"], d["role"]))
 _SAMPLES = column("samples", lambda d: str(d["samples"]))
+_INPUTS = (*OPERATING_POINT, "samples")
 
 
 def _measured(data: Sequence[Record], unit: str) -> Part:
@@ -162,7 +169,7 @@ def _j_table(data: Sequence[Record], texts: Texts) -> Table:
         "J is the sum over the samples of |simulated rate − data|; the share is that of J of "
         f"“{texts[JUDGED]}” in the sum of the data's rates."
     )
-    return table_of(_J_TITLE, data, parts, note, 2)
+    return table_of(_J_TITLE, data, parts, note, 2, _INPUTS)
 
 
 def _volume_table(data: Sequence[Record], texts: Texts) -> Table:
