@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from commonrail.base.arguments import file_path, instance, integer, thread_count
-from commonrail.base.output import writing
+from commonrail.base.output import write_set, writing
 from commonrail.calibration.search import Checkpoint
 from commonrail.data.records import LABELS, MEASURED
 from commonrail.plugins.family.file import family_record

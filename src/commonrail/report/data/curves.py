@@ -10,7 +10,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Band, Figure, Panel, Points, Series, points
-from commonrail.base.table import BEST_LEGEND, Part, Table, table_from_parts
+from commonrail.base.table import BEST_LEGEND, OPERATING_POINT, Part, Table, table_from_parts
 from commonrail.base.text import megapascal, number, percent, pressure, several, to_fixed, to_signed
 from commonrail.data.records import (
     JUDGED,
@@ -82,10 +82,14 @@ class CurveView(View):
         relative = f"J over the sum of |data| over the same samples. {BEST_LEGEND}"
         of_volumes = f"Simulated against data. {BEST_LEGEND}"
         return [
-            table_from_parts(_J_TITLE, data, (head, errors, _SAMPLES), note),
-            table_from_parts("J relative to the data, %", data, (head, shares), relative),
+            table_from_parts(_J_TITLE, data, (head, errors, _SAMPLES), note, inputs=_INPUTS),
+            table_from_parts("J relative to the data, %", data, (head, shares), relative, inputs=_INPUTS),
             table_from_parts(
-                "Error of the injected volume, %", data, (head, _measured_column(data, ", mm³"), volumes), of_volumes
+                "Error of the injected volume, %",
+                data,
+                (head, _measured_column(data, ", mm³"), volumes),
+                of_volumes,
+                inputs=_INPUTS,
             ),
         ]
 
@@ -139,6 +143,7 @@ def _title(data: Record, words: str) -> str:
 
 _SETS = Part(("data set", "role"), lambda d: (d["name"], d["role"]))
 _SAMPLES = column("samples", lambda d: str(d["samples"]))
+_INPUTS = (*OPERATING_POINT, "samples")
 
 
 def _measured_column(data: Sequence[Record], unit: str) -> Part:
@@ -164,7 +169,7 @@ def _j_table(data: Sequence[Record], texts: Texts) -> Table:
         "J is the sum over the samples of |simulated rate − data|; the share is that of J of "
         f"“{texts[JUDGED]}” in the sum of the data's rates."
     )
-    return table_from_parts(_J_TITLE, data, parts, note, 2)
+    return table_from_parts(_J_TITLE, data, parts, note, 2, _INPUTS)
 
 
 def _volume_table(data: Sequence[Record], texts: Texts) -> Table:
