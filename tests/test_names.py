@@ -19,10 +19,6 @@ ALLOWED = {
     ("calibration/parameter.py", "wanted"),  # in the fingerprint of a study
     ("calibration/study_keys.py", "wanted"),  # a key of the study file
     ("plugins/observer/verb.py", "wanted"),  # the option --wanted
-    ("plugins/plans/verb.py", "part"),
-    ("plugins/plans/study.py", "chosen"),
-    ("plugins/tolerance/trim.py", "held"),
-    ("plugins/tolerance/page.py", "held"),
     ("plugins/fleet/page.py", "apart"),
 }
 

@@ -24,7 +24,7 @@ from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector, parameter_quantities
 from commonrail.plugins.diagnose.evidence import RESOLUTION, BenchNoise, Response, judge, responses
-from commonrail.plugins.diagnose.faults import SEAT_LEAK, Change, Fault, Parts, shipped_faults
+from commonrail.plugins.diagnose.faults import SEAT_LEAK, Change, Fault, Parts, load_shipped_faults
 from commonrail.plugins.family.injector_type import InjectorType
 
 FLOW = "nozzle.hole_diameter"  # its square is the area: the flow factor scales c_d A at every lift and pressure
@@ -198,7 +198,7 @@ def one_change(
     space = Space([flow_about_drawing(part, flow_spread), *scattering(known, part)])
     parts = Parts(tuple(space.names), sample_priors(space, space.dimension + PARTS, np.random.default_rng(3)))
     names = dict.fromkeys([FLOW, *(p.name for p in held_parameters(known, part)), *(v.name for v in known.fixed)])
-    faults = [f for f in shipped_faults().of_model(part) if SEAT_LEAK not in f.names]
+    faults = [f for f in load_shipped_faults().of_model(part) if SEAT_LEAK not in f.names]
     there = {(f.names, f.changes[0].most > 0.0) for f in faults}
     faults += [
         Fault(name, "", (Change(name, math.copysign(LEAST, most), most, True),))
