@@ -16,7 +16,6 @@ from commonrail.base.errors import StudyError
 from commonrail.base.stages import telling
 from commonrail.base.text import command, counted, quantity
 from commonrail.cli.console import (
-    LINES,
     Bar,
     Stage,
     columns_of,
@@ -28,6 +27,7 @@ from commonrail.cli.console import (
     show_stages_on,
     wrap_line,
 )
+from commonrail.cli.grid import LINES
 from commonrail.cli.guard import INTERRUPTED
 
 if TYPE_CHECKING:

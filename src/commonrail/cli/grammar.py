@@ -22,7 +22,8 @@ from commonrail.base.errors import PluginError, nearest
 from commonrail.base.hooks import check_unheld_stop, requested_stops
 from commonrail.base.registry import entries, find, words_on_shipped
 from commonrail.base.units import parse
-from commonrail.cli.console import LINES, SHORT, ShortForm, print_lines, say, short_form
+from commonrail.cli.console import SHORT, ShortForm, print_lines, say, short_form
+from commonrail.cli.grid import LINES
 from commonrail.cli.guard import check_paths, end_on_errors
 
 
