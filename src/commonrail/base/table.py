@@ -57,7 +57,7 @@ class Part(NamedTuple):
 OPERATING_POINT = ("rail, MPa", "energising, µs")  # heads of the inputs of rows that have a name too
 
 
-def table_of(
+def table_from_parts(
     title: str,
     rows: Iterable[Any],
     parts: Sequence[Part],
@@ -75,7 +75,7 @@ def table_of(
     return Table(title, heads, cells, note, texts, inputs)
 
 
-def tabulated(
+def table_from_columns(
     title: str,
     rows: Iterable[Any],
     columns: Sequence[Column],
@@ -94,15 +94,15 @@ def tabulated(
 
     heads = [head for head, _ in columns]
     part = Part(heads, lambda row: (cell(row, text) for _, text in columns))
-    return table_of(title, rows, [part], note, texts, inputs)
+    return table_from_parts(title, rows, [part], note, texts, inputs)
 
 
-def size_of(error: float | None, steps: Sequence[float]) -> str:
+def judge_size(error: float | None, steps: Sequence[float]) -> str:
     """Size of an error: small up to the first step, medium up to the second; large where there is no number."""
     return LARGE if error is None else (SMALL, MEDIUM, LARGE)[sum(abs(error) > step for step in steps)]
 
 
-def marked(
+def mark_least(
     errors: Sequence[float | None], text: Callable[[float | None], str], steps: Sequence[float] = ()
 ) -> list[Cell]:
     """Cells of a row of errors; the least is marked, and what reads the same, unless all of them do.
@@ -113,6 +113,6 @@ def marked(
     numbers = [abs(error) for error in errors if error is not None]
     least = text(min(numbers)) if len({size for size in sizes if size is not None}) > 1 else None
     return [
-        Cell(text(error), size_of(error, steps) if steps else "", size is not None and size == least)
+        Cell(text(error), judge_size(error, steps) if steps else "", size is not None and size == least)
         for error, size in zip(errors, sizes, strict=True)
     ]

@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import click
 
-from commonrail.base.hooks import check_unheld_stop, compiled_words, telling_of_compiling
+from commonrail.base.hooks import check_unheld_stop, describe_compiling, listen_to_compiling
 from commonrail.base.stages import Listener
-from commonrail.base.text import counted, duration
+from commonrail.base.text import count_noun, duration
 from commonrail.cli.grid import LINES, Grid, name_parameters, text_width
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def say_once(text: str) -> None:
 
 def compiling_words() -> str:
     """Sentence on a compilation: of what, and how long it takes."""
-    return f"{COMPILING}{compiled_words()} ..."
+    return f"{COMPILING}{describe_compiling()} ..."
 
 
 @contextmanager
@@ -170,7 +170,7 @@ class ShortForm:
         if self.tables:
             names = list(dict.fromkeys(re.split("[,:(]", title)[0].strip() for title in self.tables))
             rest = ["..."] * (len(names) > NAMED_TABLES)
-            parts.append(f"{counted(len(self.tables), 'more table')} ({', '.join([*names[:NAMED_TABLES], *rest])})")
+            parts.append(f"{count_noun(len(self.tables), 'more table')} ({', '.join([*names[:NAMED_TABLES], *rest])})")
         return f"{', '.join(parts)}: --full" if parts else ""
 
 
@@ -296,7 +296,7 @@ class Bar(AbstractContextManager["Bar"]):
             self.bar = _rich_bar(self.console)
             self.bar.start()
             self.task = self.bar.add_task(STARTING, total=None, figures="")
-        self._telling = telling_of_compiling(self._compiling)
+        self._telling = listen_to_compiling(self._compiling)
         self._telling.__enter__()
         return self
 

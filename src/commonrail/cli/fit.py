@@ -14,7 +14,7 @@ import click
 
 from commonrail.base.errors import StudyError
 from commonrail.base.stages import telling
-from commonrail.base.text import command, counted, quantity
+from commonrail.base.text import command, count_noun, quantity
 from commonrail.cli.console import (
     Bar,
     Stage,
@@ -67,7 +67,7 @@ def run_study(
     """Calibrate a study into a new folder, with progress and warnings on stderr; as `runs.calibrate_into`."""
     from commonrail.runs.fit import calibrate_into
 
-    points = counted(sum(len(data.points) for data in study.data), "operating point")
+    points = count_noun(sum(len(data.points) for data in study.data), "operating point")
     return run_and_report(
         f"{study.title}: {points}, steps of {quantity(study.time_step, 's')} (seconds for one curve, minutes for many)",
         folder,
@@ -84,7 +84,7 @@ def run_and_report(
 
     `stage` says how far a search is for the bar with the title, by default `stage_of`.
     """
-    from commonrail.base.hooks import held_interrupts
+    from commonrail.base.hooks import hold_interrupts
     from commonrail.report.page import write_report, write_report_of
     from commonrail.report.result_kind import kind_of
     from commonrail.runs.fit import Listener
@@ -92,7 +92,7 @@ def run_and_report(
 
     shown, judged = stage_of if stage is None else stage, True
     written: list[Results] = []
-    with held_interrupts():  # once the search has ended, its report is written whatever keys are pressed
+    with hold_interrupts():  # once the search has ended, its report is written whatever keys are pressed
         with Bar(title) as bar, telling(show_stages_on(bar, JUDGED_SOON)):
             try:
                 work(Listener(lambda p: bar.show(shown(p)), bar.note, written.append))
@@ -132,14 +132,14 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False, live: b
         print_card(fit, str(outcome.folder))
         if short is not None:
             short.tables += [table.title for table in _tables(fit)]
-        top = f" ({counted(len(warnings), 'warning')} at its top)" if warnings else ""
+        top = f" ({count_noun(len(warnings), 'warning')} at its top)" if warnings else ""
         click.echo(f"report: {outcome.report}{top}")
     end_if_stopped(outcome)
     if live:
         make_live(outcome)
     if strict and warnings:
         raise StudyError(
-            f"{outcome.folder} is written, and has {counted(len(warnings), 'warning')}; the first: "
+            f"{outcome.folder} is written, and has {count_noun(len(warnings), 'warning')}; the first: "
             f"{warnings[0]['sentence']}"
         )
 
