@@ -10,7 +10,7 @@ import pytest
 
 from commonrail.base.errors import InputError
 from commonrail.readers.location import read_text
-from commonrail.readers.text import LONGEST_LINE, lines_of, read_encoded
+from commonrail.readers.text import LONGEST_LINE, number_lines, read_encoded
 
 
 def written(tmp_path: Path, data: bytes) -> Path:
@@ -22,7 +22,7 @@ def written(tmp_path: Path, data: bytes) -> Path:
 def test_byte_order_mark_and_foreign_line_ends_are_read(tmp_path: Path) -> None:
     path = written(tmp_path, b"\xef\xbb\xbfa = 1\r\nb = 2\rc = 3\n")
     assert read_text(path, 100) == "a = 1\nb = 2\nc = 3\n"
-    assert list(lines_of(path, read_encoded(path, 100)[0])) == [(1, "a = 1"), (2, "b = 2"), (3, "c = 3")]
+    assert list(number_lines(path, read_encoded(path, 100)[0])) == [(1, "a = 1"), (2, "b = 2"), (3, "c = 3")]
 
 
 def test_missing_file_proposes_the_nearest_name(tmp_path: Path) -> None:
@@ -65,13 +65,13 @@ def test_other_encoding_has_the_line(tmp_path: Path) -> None:
 
 def test_lines_name_the_one_that_is_not_utf8(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"file\.toml, line 3: byte 0xb5 is not UTF-8 text"):
-        list(lines_of(tmp_path / "file.toml", b"a\nb\n\xb5\n"))
+        list(number_lines(tmp_path / "file.toml", b"a\nb\n\xb5\n"))
 
 
 def test_longest_line(tmp_path: Path) -> None:
     data, path = b"a\n" + b"x" * LONGEST_LINE, tmp_path / "file.toml"
     with pytest.raises(InputError, match=rf"file\.toml, line 2: the line has {LONGEST_LINE + 1} characters, more than"):
-        list(lines_of(path, data + b"x"))
+        list(number_lines(path, data + b"x"))
 
 
 @pytest.mark.parametrize("device", ["/dev/zero", "/dev/null", "/dev/tty"])

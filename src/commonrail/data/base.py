@@ -50,7 +50,7 @@ class Term(NamedTuple):
     to_horizon: bool = False  # simulate to the horizon of each point, where it else ends once the injector is at rest
 
 
-def term_of(
+def make_term(
     data: DataSet,
     values: Callable[[Batch, Candidates], Floats],
     failed: Callable[[Ints], Bools],
@@ -252,12 +252,12 @@ def is_metered(data: DataSet, simulator: Simulator) -> bool:
     return data.meter is not None and not (data.meter.neutral and not simulator.varies(data.meter))
 
 
-def widths_of(data: DataSet) -> Floats:
+def value_widths(data: DataSet) -> Floats:
     """Time [s] that each value counts for, or 1, (n,)."""
     return np.ones(len(data.measured)) if data.bounds is None else np.diff(data.bounds)
 
 
-def share_of(error: float, level: float) -> float:
+def relative_to(error: float, level: float) -> float:
     """Error over a level, 0 or greater; NaN for a level that is not."""
     return float(max(error, 0.0) / level) if level > 0.0 else float("nan")
 

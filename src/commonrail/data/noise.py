@@ -16,7 +16,7 @@ from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.units import parse
 from commonrail.physics.injector import FUEL_TEMPERATURE, parameter_quantities
 from commonrail.physics.meters import QUANTITIES, is_of_meter
-from commonrail.readers.location import Place, located
+from commonrail.readers.location import Place, locate_errors
 from commonrail.readers.toml import FileModel, Unit
 
 # Quantities of the bench that may be uncertain by their own names; an injector's parameter is one by its dotted name.
@@ -209,17 +209,17 @@ class NoiseModel(FileModel):
         `unit`: SI unit of a standard deviation of the kind's noise. Raises `InputError` and `ConfigurationError` if a
         number has another unit or makes no sense; the message names the key.
         """
-        sigma, relative = (None, 0.0) if self.sigma is None else _stated_deviation(self.sigma, unit, at / "sigma")
-        discrepancy = _read(self.discrepancy, unit, at / "discrepancy") if self.discrepancy else 0.0
-        with located(at):
+        sigma, relative = (None, 0.0) if self.sigma is None else _read_deviation(self.sigma, unit, at / "sigma")
+        discrepancy = _read_number(self.discrepancy, unit, at / "discrepancy") if self.discrepancy else 0.0
+        with locate_errors(at):
             return Noise(**dict(self) | {"sigma": sigma, "relative": relative, "discrepancy": discrepancy})
 
 
-def _stated_deviation(item: str | float | int, unit: str, at: Place) -> tuple[float, float]:
+def _read_deviation(item: str | float | int, unit: str, at: Place) -> tuple[float, float]:
     """Standard deviation at a rate of zero and the share of the rate that is added, as in "0.02 mm3/ms + 1 %"."""
     first, plus, second = item.rpartition(" + ") if isinstance(item, str) else (item, "", "")
     if not plus:
-        return _read(item, unit, at), 0.0
+        return _read_number(item, unit, at), 0.0
     if unit == "1":
         raise at.error(
             f'"{item}" has two parts, and a sigma here is a multiple of the tolerance; state one number, and the part '
@@ -227,9 +227,9 @@ def _stated_deviation(item: str | float | int, unit: str, at: Place) -> tuple[fl
         )
     if "%" not in second:
         raise at.error(f'the second part of "{item}" must be percent of the rate, as in "0.02 mm3/ms + 1 %"')
-    return _read(first, unit, at), _read(second, "1", at)
+    return _read_number(first, unit, at), _read_number(second, "1", at)
 
 
-def _read(item: str | float | int, unit: str, at: Place) -> float:
-    with located(at):
+def _read_number(item: str | float | int, unit: str, at: Place) -> float:
+    with locate_errors(at):
         return parse(item, unit)

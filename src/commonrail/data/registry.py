@@ -24,7 +24,7 @@ def find_kind(name: str) -> type[DataSet] | None:
     return kind_class
 
 
-def kind_of(name: str) -> type[DataSet]:
+def get_kind(name: str) -> type[DataSet]:
     """Kind of a name; see `find_kind`.
 
     Raises `InputError` if there is none: the package that had it is not installed.
@@ -34,9 +34,9 @@ def kind_of(name: str) -> type[DataSet]:
     return kind
 
 
-def kinds_of(names: Iterable[str]) -> list[type[DataSet]]:
+def get_kinds(names: Iterable[str]) -> list[type[DataSet]]:
     """Kinds of these names, each once: those that ship in their order, those of installed packages by name behind."""
-    return [kind_of(name) for name in sorted(set(names), key=_place)]
+    return [get_kind(name) for name in sorted(set(names), key=_place)]
 
 
 def _place(name: str) -> tuple[int, str]:
@@ -45,7 +45,7 @@ def _place(name: str) -> tuple[int, str]:
 
 
 def in_order(data: Sequence[DataSet]) -> tuple[DataSet, ...]:
-    """Data sets by kind, in the order of `kinds_of`; those of one kind stay in theirs."""
+    """Data sets by kind, in the order of `get_kinds`; those of one kind stay in theirs."""
     return tuple(sorted(data, key=lambda data_set: _place(data_set.kind)))
 
 

@@ -21,7 +21,7 @@ class Averaged(NamedTuple):
     freedom: float = 0.0
 
 
-def groups_of(places: Floats, same: float) -> list[IndexArray]:
+def group_rows(places: Floats, same: float) -> list[IndexArray]:
     """Rows of equal places, in the order of their first rows.
 
     `places` (n, k): positive coordinates of each row, such as rail pressure and energising time. `same`: relative
@@ -38,7 +38,7 @@ def groups_of(places: Floats, same: float) -> list[IndexArray]:
     return [np.flatnonzero(which.reshape(-1) == i) for i in np.argsort(first)]
 
 
-def averaged(values: Floats, groups: list[IndexArray], scale: Floats | float = 1.0) -> Averaged:
+def average_groups(values: Floats, groups: list[IndexArray], scale: Floats | float = 1.0) -> Averaged:
     """Means of groups of rows.
 
     `values` is (n, …). `groups`: rows of each mean. `scale` (n,) or float: unit of the scatter, for each row.

@@ -134,7 +134,7 @@ class Sheet(Protocol):
         """Content of columns in the units of the file; once only, unless `independent_columns`."""
 
 
-def unit_of(sheet: Sheet, name: str) -> str:
+def find_unit(sheet: Sheet, name: str) -> str:
     """Unit of a column as the file states it; empty if it does not, or the format has no `unit`."""
     unit = getattr(sheet, "unit", None)
     return "" if unit is None else str(unit(name))
@@ -263,7 +263,7 @@ def find_headings(sheet: Sheet, columns: Sequence[Column]) -> dict[str, str]:
     A name as it is counts before a usual heading for it, and that before the only column with such a unit.
     """
     exact = {name: name for name in sheet.names}
-    exact |= {f"{name} [{unit}]": name for name in sheet.names if (unit := unit_of(sheet, name))}
+    exact |= {f"{name} [{unit}]": name for name in sheet.names if (unit := find_unit(sheet, name))}
     headings = {column.name: exact[column.name] for column in columns if column.name in exact}
     columns = [
         column for column in columns if column.name in headings or not (sheet.independent_columns and column.increasing)
@@ -275,7 +275,7 @@ def find_headings(sheet: Sheet, columns: Sequence[Column]) -> dict[str, str]:
     for column in columns:
         if column.name not in headings and column.name in BY_UNIT:
             free = [name for name in sheet.names if name not in headings.values() and BAND not in name]
-            fitting = [name for name in free if any(fits(unit_of(sheet, name), kind) for kind in column.units)]
+            fitting = [name for name in free if any(fits(find_unit(sheet, name), kind) for kind in column.units)]
             if len(fitting) == 1:
                 headings[column.name] = fitting[0]
     return {column.name: headings[column.name] for column in columns if column.name in headings}

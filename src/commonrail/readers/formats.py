@@ -47,7 +47,7 @@ _CURES = {
 }
 
 
-def format_of(path: Path) -> str:
+def find_format(path: Path) -> str:
     """Ending under which a reader of the file's format is registered.
 
     It is the ending of the name in small letters where the first bytes are those of no known format, also if there is

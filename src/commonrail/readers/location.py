@@ -43,10 +43,10 @@ class Place:
 
     def check_format(self, document: Mapping[str, Any], expected: str) -> None:
         """Refuse a document whose key ``format`` is not `expected`, and say so if it is a file of another kind."""
-        stated, kind = document.get("format"), _file_of(expected)
+        stated, kind = document.get("format"), _describe_file(expected)
         if stated == expected:
             return
-        if isinstance(stated, str) and _FORMAT.fullmatch(stated) and (other := _file_of(stated)) != kind:
+        if isinstance(stated, str) and _FORMAT.fullmatch(stated) and (other := _describe_file(stated)) != kind:
             raise self.error(f'this is {other} (format = "{stated}"), and {kind} is expected; name that file instead')
         what = "format is missing" if stated is None else f"format is {stated!r}"
         raise self.error(f'{what}; {kind} begins with format = "{expected}"')
@@ -58,14 +58,14 @@ class Place:
                 raise self.error(f'there is no key "{key}"{nearest_key(key, keys)}')
 
 
-def _file_of(format_: str) -> str:
+def _describe_file(format_: str) -> str:
     """Words for a file of a format, as "a study file" of "commonrail-study/1"."""
     name = format_.partition("/")[0].removeprefix("commonrail-")
     return f"{'an' if name[:1] in 'aeiou' else 'a'} {name} file"
 
 
 @contextmanager
-def located(place: Place) -> Iterator[None]:
+def locate_errors(place: Place) -> Iterator[None]:
     """Put the place before the message of any error of the project raised inside."""
     try:
         yield

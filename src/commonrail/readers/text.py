@@ -62,7 +62,7 @@ def _likely(data: bytes) -> list[str]:
     return [mark] if mark else ["utf-8", "cp1252"]
 
 
-def lines_of(path: Path, data: bytes) -> Iterator[tuple[int, str]]:
+def number_lines(path: Path, data: bytes) -> Iterator[tuple[int, str]]:
     """Lines of UTF-8 text with their numbers, without their ends; decoded one by one, to save memory.
 
     Raises `InputError` if a line is too long, or is not UTF-8 text.
@@ -158,7 +158,7 @@ def has_decimal_comma(cell: str) -> bool:
     return bool(_COMMA.fullmatch(cell))
 
 
-def number_of(cell: Cell, comma: bool) -> Cell:
+def read_number(cell: Cell, comma: bool) -> Cell:
     """Number of a cell, or the cell where it is none; `comma` reads decimal commas too."""
     if not isinstance(cell, str) or not cell or len(cell) > LONGEST_NUMBER:
         return cell
@@ -172,4 +172,4 @@ def number_of(cell: Cell, comma: bool) -> Cell:
 
 def is_number(cell: Cell) -> bool:
     """Return whether a cell holds a number with either decimal sign, or a word for a missing one."""
-    return not isinstance(cell, str) or not isinstance(number_of(cell, True), str) or cell.lower() in _EMPTY
+    return not isinstance(cell, str) or not isinstance(read_number(cell, True), str) or cell.lower() in _EMPTY

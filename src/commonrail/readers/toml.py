@@ -257,10 +257,10 @@ def read_model(kind: type[_Model], document: Mapping[str, Any], at: Place) -> _M
     try:
         return kind.model_validate(document)
     except ValidationError as error:
-        raise _translated(kind, error.errors(include_url=False)[0], at) from error
+        raise _translate_error(kind, error.errors(include_url=False)[0], at) from error
 
 
-def _translated(kind: type[BaseModel], details: ErrorDetails, at: Place) -> InputError:
+def _translate_error(kind: type[BaseModel], details: ErrorDetails, at: Place) -> InputError:
     if details["type"] == "list_type" and not at.key and details["loc"] in _lists_of_tables(kind):
         key = details["loc"][0]
         return (at / str(key)).error(f"this must be a list, and a list of tables is written [[{key}]]")

@@ -32,11 +32,11 @@ _TOLD = frozenset(
 )  # fields of a study that reports tell, and that decide nothing
 
 
-def content_of(study: Study) -> str:
+def hash_study(study: Study) -> str:
     """SHA-256 of all that decides over a study's result but the number of generations; file names do not."""
     space = study.space
     parts = {f.name: getattr(study, f.name) for f in fields(study) if f.name not in _TOLD}
-    return fingerprint_of(
+    return hash_values(
         parts
         | {
             "injector": injector_text(study.injector, {}, ""),
@@ -46,8 +46,8 @@ def content_of(study: Study) -> str:
     )
 
 
-def fingerprint_of(*values: Any) -> str:
-    """SHA-256 of values as `content_of` takes them."""
+def hash_values(*values: Any) -> str:
+    """SHA-256 of values as `hash_study` takes them."""
     pieces: list[bytes] = []
     _add_pieces(values, pieces)
     return sha256(b"\0".join(pieces))

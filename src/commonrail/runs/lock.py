@@ -28,7 +28,7 @@ UNTRUE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeErro
 
 
 @contextmanager
-def trusted(path: Path) -> Iterator[None]:
+def check_trust(path: Path) -> Iterator[None]:
     """Say so with a `StudyError` if what a journal holds is not what was written."""
     try:
         yield
@@ -39,7 +39,7 @@ def trusted(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def explained(path: Path) -> Iterator[None]:
+def explain_errors(path: Path) -> Iterator[None]:
     """Turn an error of SQLite on a file into a sentence.
 
     `OutputError` if the disk is full, or the file cannot be written or made; `StudyError` if it is not what it should
@@ -106,7 +106,7 @@ class Lock:
             raise
 
     def _lock_file(self, path: Path) -> None:
-        with explained(path):
+        with explain_errors(path):
             self._connection = sqlite3.connect(path, isolation_level=None, timeout=0.5)  # who only looks is quick
             try:
                 self._connection.execute("PRAGMA journal_mode=MEMORY")  # no further file beside it

@@ -13,7 +13,7 @@ from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file import edit_study, load_study
 from commonrail.calibration.usual import USUAL, USUAL_OF_METER, usual_parameter, with_usual_prior
-from commonrail.data.registry import kind_of
+from commonrail.data.registry import get_kind
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.meters import QUANTITIES, is_of_meter, known_quantity, parameter_name, parts_of
 from commonrail.runs.folder import read_result
@@ -51,7 +51,7 @@ def append(document: Any, key: str, values: Mapping[str, Any]) -> None:
     items.append(table)
 
 
-def table_of(document: Any, parameter: Mapping[str, Any]) -> Any:
+def parameter_table(document: Any, parameter: Mapping[str, Any]) -> Any:
     """Table of a free parameter in a `complete` document, its bounds stated outright.
 
     `parameter`: its record in result.json.
@@ -116,7 +116,7 @@ def widen_study(path: Path, run: Path) -> tuple[Study, list[MovedBound]]:
             for side in ("lower", "upper"):
                 before, after = getattr(free[parameter["name"]], side), moved_bounds.get(side, float(parameter[side]))
                 if after < before if side == "lower" else after > before:
-                    table, unit = table_of(document, parameter), parameter["unit"]
+                    table, unit = parameter_table(document, parameter), parameter["unit"]
                     table[side] = to_text(after, unit)
                     if not is_of_meter(parameter["name"]):
                         table[side].comment(f"widened from {to_text(before, unit)}, which a run has met")
@@ -176,7 +176,7 @@ def _free_of_meter(document: Any, meter: str, key: str, *, is_new: bool) -> None
     meters = document.setdefault("meters", tomlkit.table(is_super_table=True))
     if meter not in meters:
         meters[meter] = tomlkit.table() | {"mark": "E", "source": USUAL}
-    seeing = [block for block in document["data"] if key in kind_of(block["kind"]).meter_inputs]
+    seeing = [block for block in document["data"] if key in get_kind(block["kind"]).meter_inputs]
     if is_new:
         for block in seeing:
             block.setdefault("meter", meter)

@@ -24,7 +24,7 @@ NOT_REACHED = (
 def neighbours(point: OperatingPoint) -> list[OperatingPoint]:
     """Points energised shorter and longer than a dead time, between which `crossing_times` interpolates."""
     duration = point.pulses[0].duration
-    return [energised(point, duration - _before(duration)), energised(point, duration + AROUND)]
+    return [with_duration(point, duration - _before(duration)), with_duration(point, duration + AROUND)]
 
 
 def crossing_times(duration: Floats, quantity: Floats, threshold: Floats) -> Floats:
@@ -49,7 +49,7 @@ def _before(duration: Any) -> Any:
     return np.minimum(AROUND, 0.5 * duration)
 
 
-def energised(point: OperatingPoint, duration: float) -> OperatingPoint:
+def with_duration(point: OperatingPoint, duration: float) -> OperatingPoint:
     """Point with another energising time [s]."""
     return OperatingPoint(
         point.rail_pressure, duration, point.cylinder_pressure, point.return_pressure, start=point.start

@@ -17,7 +17,7 @@ from commonrail.base.input import LARGEST_FILE
 from commonrail.base.units import convert, fits, read_decimal
 from commonrail.readers.columns import PLAIN, Channel, ChannelSheet, FileForm
 from commonrail.readers.location import MOST_VALUES, Place, check_columns
-from commonrail.readers.text import lines_of, read_encoded
+from commonrail.readers.text import number_lines, read_encoded
 
 _MAGIC, _END, _COMMENT = "LabVIEW Measurement", "***End_of_Header***", "Comment"
 _SEPARATORS = {"tab": "\t", "comma": ",", "": "\t"}
@@ -49,7 +49,7 @@ class LvmFile(ChannelSheet):
     def __init__(self, path: Path, form: FileForm = PLAIN) -> None:
         data, encoding = read_encoded(path, LARGEST_FILE, form.encoding)
         self.said = f"encoding {encoding}"
-        lines = lines_of(path, data)
+        lines = number_lines(path, data)
         _, first = next(lines, (0, ""))
         if not first.startswith(_MAGIC):
             raise InputError(f'{path}: this is no LabVIEW measurement file; its first line must be "{_MAGIC}".')

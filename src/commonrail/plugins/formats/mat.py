@@ -21,7 +21,7 @@ from commonrail.readers.quantity_matrix import (
     FoundMap,
     GivenUnits,
     Matrix,
-    kind_of,
+    find_kind,
     map_of_matrix,
     plain_unit,
 )
@@ -150,11 +150,11 @@ def _variable(file: MatFile, kind: str, dimensions: int) -> str:
 def _fitting(file: MatFile, kind: str, dimensions: int) -> list[str]:
     """Variables that hold a kind by their unit, else by their name."""
     fitting = [name for name, array in file.arrays.items() if array.ndim == dimensions]
-    of_kind = [name for name in fitting if (unit := file.unit(name)) and kind_of(unit) == kind]
-    return of_kind if len(of_kind) == 1 else _named(of_kind or fitting, kind)
+    of_kind = [name for name in fitting if (unit := file.unit(name)) and find_kind(unit) == kind]
+    return of_kind if len(of_kind) == 1 else _find_named(of_kind or fitting, kind)
 
 
-def _named(names: Sequence[str], kind: str) -> list[str]:
+def _find_named(names: Sequence[str], kind: str) -> list[str]:
     """Variables by the first of the usual names that any of them has."""
     for usual in _NAMES[kind]:
         matches = [name for name in names if name.rpartition(".")[2].lower() == usual]

@@ -20,7 +20,7 @@ from commonrail.readers.overview import UNKNOWN, Survey
 from commonrail.readers.toml import read_toml
 from commonrail.runs.folder import STUDY
 from commonrail.runs.journal import Input
-from commonrail.runs.study_edits import append, complete, exact, table_of
+from commonrail.runs.study_edits import append, complete, exact, parameter_table
 
 # Keys that a new file takes over from the fitted data of its kind, where these agree and the file does not state its
 # own: how the bench measures. A window is not among them: it belongs to the times of one file.
@@ -127,7 +127,7 @@ def updated_study(
             append(document, "data", block)
         complete(document, [parameter["name"] for parameter in parameters])
         for i, parameter in enumerate(parameters):
-            table, best, unit = table_of(document, parameter), parameter["best"], parameter["unit"]
+            table, best, unit = parameter_table(document, parameter), parameter["best"], parameter["unit"]
             table.pop("reference", None)
             table["start"] = exact(best, unit)
             prior = parameter.get("prior", {}) if "value" not in table.get("prior", {"value": 0}) else {}
