@@ -16,6 +16,7 @@ import pytest
 import commonrail
 from commonrail.base import registry
 from commonrail.base.public import find_stub, places, read_stub
+from tests.every import check_every
 
 HEAVY = ["click", "jinja2", "numba", "numpy", "matplotlib", "pydantic", "rich", "scipy", "tomlkit"]
 
@@ -24,11 +25,13 @@ PLACES = places()
 NAMESPACES = [name for name, home in read_stub(find_stub("")).items() if home == "."]
 
 
-@pytest.mark.parametrize(("name", "place"), PLACES.items())
-def test_every_public_name_can_be_had(name: str, place: str) -> None:
-    module = import_module(place)
-    assert getattr(module, name) is not None
-    assert name in dir(module)
+def test_every_public_name_can_be_had() -> None:
+    def check(of_place: tuple[str, str]) -> None:
+        name, module = of_place[0], import_module(of_place[1])
+        assert getattr(module, name) is not None
+        assert name in dir(module)
+
+    check_every(PLACES.items(), check)
 
 
 def test_a_name_has_one_place_and_is_no_builtin() -> None:

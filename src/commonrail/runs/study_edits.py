@@ -93,6 +93,12 @@ def widen_bound(parameter: Mapping[str, Any], is_log: bool = False) -> MovedBoun
     return MovedBound(parameter["name"], side, parameter["unit"], bound, after)
 
 
+def can_widen(parameter: Mapping[str, Any]) -> bool:
+    """True if the bound that a parameter has met can be moved: it is no end of the domain nor of what is built."""
+    moved = widen_bound(parameter)
+    return moved.name != FUEL_TEMPERATURE and abs(moved.after - moved.before) > 1e-9 * abs(moved.before)
+
+
 def widen_study(path: Path, run: Path) -> tuple[Study, list[MovedBound]]:
     """Read a study with the bounds that a run of it had, those that it has met moved; the file stays as it is.
 
@@ -103,9 +109,8 @@ def widen_study(path: Path, run: Path) -> tuple[Study, list[MovedBound]]:
     free = {parameter.name: parameter for parameter in study.space.parameters}
     if {row["name"] for row in parameters} != set(free):
         raise StudyError(f"{run}: this run has other parameters than {path}; name a run of that study.")
-    met = [row for row in parameters if row["at_bound"] and row["name"] != FUEL_TEMPERATURE]
-    widened = [widen_bound(row, free[row["name"]].scale == "log") for row in met]
-    moved = [bound for bound in widened if bound.after != bound.before]
+    met = [row for row in parameters if row["at_bound"] and can_widen(row)]
+    moved = [widen_bound(row, free[row["name"]].scale == "log") for row in met]
     if not moved:
         raise StudyError(f"{run}: no parameter has met a bound that can be widened; calibrate without --widen.")
 

@@ -1,4 +1,4 @@
-"""Features as measured data in reports: tables of values and of errors in tolerances, a figure of the errors."""
+"""Features as measured data in reports: tables of values and errors in tolerances, and a figure of the errors."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from commonrail.base.chart import MARKERS, Figure, Panel, Series
 from commonrail.base.table import BEST_LEGEND, SIGNS, Cell, Part, Table, judge_size, mark_least, table_from_parts
 from commonrail.base.text import field_unit, megapascal, number, pressure, several, to_fixed, to_signed
 from commonrail.data.records import JUDGED, MEASURED, Record, Texts, origin_word
-from commonrail.plugins.features.result import decimals_of
+from commonrail.plugins.features.result import choose_decimals
 from commonrail.report.data.view import Merit, Models, Plotted, View, present, start_words
 
 _STEPS = (1.0, 2.0)  # [tolerances]
@@ -20,7 +20,7 @@ class FeatureView(View):
     """Tables, figures and sentences of features."""
 
     def operating_point(self, data: Record) -> Record:
-        """The operating point of the features."""
+        """Operating point of the features."""
         return data
 
     def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
@@ -52,7 +52,7 @@ def _name(row: Record) -> str:
 
 
 def _format_value(row: Record, key: str) -> str:
-    return to_fixed(row.get(key), decimals_of(row["unit"]), field_unit(row["unit"]).factor)
+    return to_fixed(row.get(key), choose_decimals(row["unit"]), field_unit(row["unit"]).factor)
 
 
 def _error(row: Record, label: str) -> float | None:
@@ -64,7 +64,7 @@ def _error(row: Record, label: str) -> float | None:
 def _values_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
     def errors(row: Record) -> Iterator[str | Cell]:
         factor, value = field_unit(row["unit"]).factor, number(row.get(JUDGED))
-        yield to_signed(None if value is None else (value - row[MEASURED]) * factor, decimals_of(row["unit"]))
+        yield to_signed(None if value is None else (value - row[MEASURED]) * factor, choose_decimals(row["unit"]))
         error = _error(row, JUDGED)
         yield Cell(to_signed(error, 2), judge_size(error, _STEPS))
 
@@ -93,7 +93,7 @@ def _errors_table(data: Record, labels: Sequence[str]) -> Table:
 
 
 def _figure(data: Record, models: Models) -> Figure:
-    """Errors in tolerances, a place for each feature."""
+    """Errors in tolerances, one place per feature."""
     rows = data["rows"]
     places = tuple(float(i) for i in range(len(rows)))
     series = [
@@ -102,7 +102,7 @@ def _figure(data: Record, models: Models) -> Figure:
     ]
     return Figure(
         f"Features of {data['name']}",
-        f"Simulated − {origin_word(data)}, each in its tolerance; the number is that of the injection.",
+        f"Simulated − {origin_word(data)}, in units of the tolerance; the number counts injections.",
         "",
         (Panel("error, tolerances", present(series), zero_line=True, categories=tuple(_name(row) for row in rows)),),
     )

@@ -1,4 +1,4 @@
-"""The page of a quantity map and its inverse: sentences, heat maps, curves, and the cells that are named."""
+"""Report of a quantity map and its inverse: sentences, heat maps, curves, and special cells."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 
 TIME = "energising_time"
 ZOOM = 10e-9  # largest quantity of the enlarged curves [m³]
-ISO_LINES = 8  # quantities that are drawn
-ERRORS = (0.05, 0.15)  # relative errors at which measured points change their colour
-CURVES = 8  # rail pressures whose curves are drawn
+ISO_LINES = 8  # number of lines of equal quantity
+ERRORS = (0.05, 0.15)  # relative errors at which measured points change colour
+CURVES = 8  # number of rail pressures with a curve
 MARKS = {CellState.SEVERAL: "‡", CellState.JUMP: "*", CellState.BEYOND: "†", CellState.FAILED: "–"}
 REFERENCE = "At the reference density; cells without a number could not be simulated."
 LEGEND = (
@@ -38,7 +38,7 @@ LEGEND = (
 
 
 def map_html(maps: Mapping[str, InjectionMap], compared: Comparison | None = None) -> str:
-    """Page of one map, the first compared with measured data, or of two with their difference; maps by their labels."""
+    """Report of one map, the first compared with measured data, or of two with their difference; maps by label."""
     heats, curves = map_figures(maps, compared)
     first = next(iter(maps.values()))
     return page(
@@ -68,7 +68,7 @@ def page(
     kind: str = "Sweep",
     model: str = "",
 ) -> str:
-    """Page of maps or of a sweep; its first curve stands at the top.
+    """Report of maps or of a sweep, with its first curve at the top.
 
     A click on a cell of a map names the command that simulates `model` there.
     """
@@ -92,7 +92,7 @@ def page(
 
 
 def map_lines(maps: Mapping[str, InjectionMap], compared: Comparison | None = None) -> list[str]:
-    """Sentences: size of the map, what its cells deliver, and which cells are named."""
+    """Sentences: size of the map, accuracy of its cells, and exceptions."""
     lines = [sentence for label, m in maps.items() for sentence in _lines(label if len(maps) > 1 else "", m)]
     if compared is not None:
         large, small = significant(100.0 * compared.rms_large, 3), significant(compared.rms_small * MM3, 3)
@@ -139,7 +139,7 @@ def _monotonicity(m: InjectionMap) -> str:
 
 
 def map_tables(maps: Mapping[str, InjectionMap], compared: Comparison | None = None) -> list[Table]:
-    """Falls, cells that are named, and largest differences."""
+    """Tables of falls, special cells, and largest differences."""
     tables = [_costs_table(maps), _falls_table(maps), _special_cells_table(maps), _pressure_falls_table(maps)]
     if compared is not None:
         tables.append(_comparison_table(compared))
@@ -188,7 +188,7 @@ def _special_cells_table(maps: Mapping[str, InjectionMap]) -> Table:
             if CellState(int(state)) in MARKS:
                 rows.append((label, m.axes.rail_pressure[i], m.axes.quantity[j], m.inverse, (i, j)))
     return table_from_columns(
-        "Cells that are named",
+        "Special cells",
         rows,
         [
             ("model", lambda r: r[0]),
@@ -219,7 +219,7 @@ def _pressure_falls_table(maps: Mapping[str, InjectionMap]) -> Table:
             ("at the pressure before, mm³", lambda r: to_fixed(r[3], 2, MM3)),
             ("here, mm³", lambda r: to_fixed(r[4], 2, MM3)),
         ],
-        "At a higher rail pressure the valve opens later, so that a short energising can inject less.",
+        "At a higher rail pressure the valve opens later, and a short energising can inject less.",
     )
 
 
@@ -259,7 +259,7 @@ def map_figures(
 
 
 def _heats(m: InjectionMap, label: str) -> Iterator[HeatMap]:
-    """Energising times, quantities, and half widths of the widest band where the map has bands."""
+    """Energising times, quantities, and half widths of the widest band, if the map has bands."""
     inverse = m.inverse
     yield _heat(m, "quantity", inverse.energising_time, f"Energising time of {label}", LEGEND, states=inverse.state)
     yield _heat(m, TIME, m.volume, f"Injected quantity of {label}", REFERENCE, 1)
@@ -285,8 +285,8 @@ def _heat(
 ) -> HeatMap:
     """Heat map of values (pressures, y) over an axis of the map: energising times [s] or volumes [m³].
 
-    Cells have so many decimals; half widths of bands have two significant digits, more would pretend that bands are
-    known so well. The state of a cell is added as its mark.
+    `decimals` sets the number format; half widths of bands have two significant digits, which is all that is known.
+    A mark in a cell shows its state.
     """
     unit, scale = ("mm³", MM3) if over == TIME or decimals is None else ("µs", MICROSECOND)
     y_title, y_scale = ("energising time, µs", MICROSECOND) if over == TIME else ("quantity, mm³", MM3)
@@ -321,7 +321,7 @@ def _half_widths(edges: tuple[Floats, Floats]) -> Floats:
 
 
 def _band_sentences(m: InjectionMap) -> list[str]:
-    """Sentence on the widest band of a map and where it is; none where the map has no bands."""
+    """Sentence on the widest band of a map and its cell; empty without bands."""
     if m.bands is None:
         return []
     level = max(m.bands.quantity)
@@ -338,9 +338,9 @@ def _band_sentences(m: InjectionMap) -> list[str]:
 
 
 def _band_about(m: InjectionMap, row: int, step: tuple[int, int], largest: float) -> tuple[Band, ...]:
-    """Area of the widest band about the curve of a rail pressure, up to the largest quantity that is drawn [m³].
+    """Area of the widest band around the curve of a rail pressure, up to the largest quantity shown [m³].
 
-    `step` is the pressure's number and how many are drawn.
+    `step` holds the number of the pressure and the number of curves.
     """
     if m.bands is None:
         return ()
@@ -351,7 +351,7 @@ def _band_about(m: InjectionMap, row: int, step: tuple[int, int], largest: float
 
 
 def _choose_pressures(m: InjectionMap, compared: Comparison | None = None) -> Sequence[int]:
-    """Rail pressures whose curves are drawn: the measured ones, or some evenly among all."""
+    """Rail pressures with a curve: the measured ones, or some evenly spaced ones."""
     count = len(m.lines)
     if compared is not None:
         measured = [np.isclose(compared.measured.rail_pressure, line.rail_pressure).any() for line in m.lines]
@@ -360,7 +360,7 @@ def _choose_pressures(m: InjectionMap, compared: Comparison | None = None) -> Se
 
 
 def _curves(m: InjectionMap, compared: Comparison | None, largest: float) -> Figure:
-    """Quantities over energising time, every simulated point; enlarged if there is a largest quantity."""
+    """Curves of quantity over energising time with every simulated point; enlarged if `largest` is given."""
     series: list[Series] = []
     bands: list[Band] = []
     rows = _choose_pressures(m, compared)
@@ -413,7 +413,7 @@ def _iso_lines(m: InjectionMap, compared: Comparison | None) -> Figure:
 
 
 def _ballistic_limit(m: InjectionMap, row: int) -> float:
-    """Middle between the longest ballistic energising time of the map and the next one [s]; NaN without both."""
+    """Middle between the longest ballistic energising time of the map and the next [s]; NaN if one is missing."""
     ballistic = np.flatnonzero(m.ballistic[row])
     times = m.axes.energising_time
     if not len(ballistic) or ballistic[-1] + 1 == len(times):
@@ -422,9 +422,9 @@ def _ballistic_limit(m: InjectionMap, row: int) -> float:
 
 
 def _comparison_series(compared: Comparison) -> Iterator[Series]:
-    """Measured points, of one colour for each range of the relative error of the simulated quantity."""
+    """Measured points, coloured by the relative error of the simulated quantity."""
     measured = compared.measured
-    error = np.full(measured.volume.shape, np.nan)  # nowhere where nothing is measured
+    error = np.full(measured.volume.shape, np.nan)  # undefined for a measured zero
     np.divide(np.abs(compared.simulated - measured.volume), measured.volume, error, where=measured.volume > 0.0)
     for (low, high), family in zip(pairwise((0.0, *ERRORS, np.inf)), (2, 1, 7), strict=True):
         at = (error >= low) & (error < high)

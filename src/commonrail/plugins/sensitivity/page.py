@@ -1,4 +1,4 @@
-"""The page of a sensitivity study: sentences, ranked tables, indices and tornado as bars."""
+"""Report of a sensitivity study: sentences, ranked tables, indices and tornado as bars."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from commonrail.report.fit.rules import Tile
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
 
-TILES = 5  # outputs named on the first screen
+TILES = 5  # outputs on the first screen
 
 
 def sensitivity_html(record: Record, folder: Path = Path("DIR")) -> str:
-    """The page of a sensitivity study; `folder` is its name for the command lines in it."""
+    """Report of a sensitivity study; `folder` is its name in the command lines shown."""
     result, sections = from_record(Sensitivity, record), []
     for k, (output, table) in enumerate(zip(result.outputs, sensitivity_tables(result), strict=True)):
         drawn = []
@@ -59,14 +59,14 @@ def sensitivity_lines(result: Sensitivity) -> list[str]:
     failed = [output for output in result.outputs if output.failed.number]
     if failed:
         lines.append(
-            f"{len(failed)} of the outputs lack simulations; see there. Effects that compare one of them are omitted, "
-            "so their figures are those of the part of the ranges in which the simulation succeeds."
+            f"Some simulations failed for {count_noun(len(failed), 'output')} (listed below). Effects that involve one "
+            "are omitted, and the figures apply to the part of the ranges in which the simulation succeeds."
         )
     return lines
 
 
 def _tiles(result: Sensitivity) -> list[Tile]:
-    """The parameter with the largest effect on each of the first outputs."""
+    """Parameter with the largest effect on each of the first outputs."""
     tiles = []
     for output in result.outputs[:TILES]:
         best, (_, unit, scale) = output.parameters[0], field_unit(output.output.unit)
@@ -86,7 +86,7 @@ def sensitivity_tables(result: Sensitivity) -> list[Table]:
 
 
 def sensitivity_figures(result: Sensitivity) -> list[Figure]:
-    """Figures of all outputs, named by them."""
+    """Figures of all outputs, by output."""
     return [
         replace(figure, title=f"{figure.title}: {_heading(output)}")
         for output in result.outputs
@@ -126,7 +126,7 @@ def _table(result: Sensitivity, output: OutputSensitivity) -> Table:
 
 
 def _interval(interval: Interval, scale: float) -> str:
-    """Value with its interval; shares, whose scale is 100, in whole tenths of a percent without a sign at zero."""
+    """Value with its interval; shares, whose scale is 100, in tenths of a percent without a sign at zero."""
     value, low, high = (
         f"{round(scale * x, 1) + 0.0:.1f}" if scale == 100.0 else significant(scale * x, 3) for x in interval
     )

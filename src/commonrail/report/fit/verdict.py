@@ -14,7 +14,6 @@ from commonrail.calibration.record import (
     CalibrationRecord,
     LackOfFitRecord,
     LeftOutRecord,
-    ParameterRecord,
     SearchVerdict,
     SeedRecord,
 )
@@ -28,6 +27,7 @@ from commonrail.report.data.bands import band_sentence, too_few_inside
 from commonrail.report.data.view import view_of
 from commonrail.report.fit.record import MORE, Advice, by_kind, map_line, meter_lines, of_role
 from commonrail.report.fit.rules import BAD, CARE, GOOD, TITLES, Kind, Point, Step, Tile, judge, worst_level
+from commonrail.runs.study_edits import can_widen
 
 # Result of a calibration in sentences.
 
@@ -432,8 +432,9 @@ def _is_lost(data: Record) -> bool:
 def _parameters(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
     parameters = record.parameters
     if bounded := [p.name for p in parameters if p.at_bound]:
-        step = Step("Free what acts like a coefficient at 1, such as the holes: no bound is beyond.", turn=WIDEN)
-        if movable := [p.name for p in parameters if p.at_bound and not _is_at_end(p)]:
+        text = "These bounds are the ends of what is possible or built: check the drawing, and free what acts alike."
+        step = Step(text, turn=WIDEN)
+        if movable := [p.name for p in parameters if p.at_bound and can_widen(p._asdict())]:
             text = f"Widen the bounds of {_some(movable)} if the parts allow it."
             step = Step(text, advice.calibrate(widen=True), WIDEN)
         yield Point(Kind.BOUND, f"At a bound: {_some(bounded)}.", step)
@@ -441,12 +442,6 @@ def _parameters(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
     if loose:
         reason = f"The data do not determine {len(loose)} of {len(parameters)} parameters: {_some(loose)}."
         yield Point(Kind.NOTE, reason, _plan(record, advice))
-
-
-def _is_at_end(parameter: ParameterRecord) -> bool:
-    """True for a coefficient at 1, beyond which no bound is accepted."""
-    known = parameter_quantities().get(parameter.name)
-    return known is not None and not known.domain.admits(parameter.best * (1.0 + 1e-6))
 
 
 def _plan(record: CalibrationRecord, advice: Advice) -> Step:
