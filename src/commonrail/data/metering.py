@@ -1,4 +1,4 @@
-"""Meters of data sets: those that several share, and checks of what they say together."""
+"""Meters of data sets, shared by several, and checks of their consistency."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _check_temperatures(meter: Meter, temperatures: Sequence[float], injector: I
 
 
 def meter_records(meters: Sequence[Meter]) -> dict[str, Any]:
-    """JSON-able meters under the key "meters"; nothing if there are none."""
+    """JSON-able meters under the key "meters"; empty without meters."""
     records = [
         {
             "name": meter.name,

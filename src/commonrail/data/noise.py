@@ -43,7 +43,7 @@ class Correlation(StrEnum):
     """Correlation of the noise along a course in time."""
 
     AUTO = "auto"
-    """Autoregressive, of the order up to 15 that has the least AIC; white for values that are no course in time."""
+    """Autoregressive, of the order up to 15 that has the least AIC; white for values that are not a time series."""
 
     WHITE = "white"
     AUTOREGRESSIVE = "autoregressive"
@@ -73,16 +73,16 @@ class Noise:
         Time over which the discrepancy is correlated [s]: along a course, or between the energising times of a map;
         0 for none.
     pressure_length : float
-        Rail pressure over which the discrepancy of a map is correlated [Pa]; infinite for all pressures alike.
+        Rail pressure over which the discrepancy of a map is correlated [Pa]; infinite for full correlation.
     uncertain : mapping of str to float
-        Standard deviations [SI] of what is not fitted and not exactly known: delay, gain, offset, quantity_offset and
+        Standard deviations [SI] of uncertain values that are not fitted: delay, gain, offset, quantity_offset and
         cutoff of the meter, fuel_temperature, or an injector's parameter by its dotted name.
     relative : float
         Share of the rate that the standard deviation of a curve grows by: it is sigma + relative · rate. Shots scatter
         in proportion to the rate. Where no sigma is stated, the residuals tell whether it grows.
     scatter : float
         Standard error of the whole curve as a share of it, such as that of a mean of shots whose quantities scatter:
-        it is common to all samples, so that no noise of single samples shows it.
+        common to all samples, and invisible in the noise of single samples.
     scatter_freedom : float
         Degrees of freedom of `scatter`: shots − 1; infinite where it is exactly known.
 
@@ -156,7 +156,7 @@ class Noise:
 def uncertain_unit(key: str) -> str:
     """SI unit of a quantity that may be uncertain.
 
-    Raises `ConfigurationError` if there is none of that name.
+    Raises `ConfigurationError` for an unknown name.
     """
     if key in OF_METER:
         return QUANTITIES[key].unit
@@ -191,7 +191,7 @@ MOST_UNCERTAIN = 20
 
 
 class NoiseModel(FileModel):
-    """Noise of a data set; what is left out is estimated from the residuals, or zero."""
+    """Noise of a data set; omitted keys are estimated from the residuals, or zero."""
 
     law: Law = Field(default=Law.AUTO, strict=False)
     correlation: Correlation = Field(default=Correlation.AUTO, strict=False)

@@ -10,9 +10,9 @@ from commonrail.data.base import DataSet, Role
 
 
 def find_kind(name: str) -> type[DataSet] | None:
-    """Kind of a name, that ships or is installed; None if there is none.
+    """Kind of a name, shipped or installed, else None.
 
-    Raises `PluginError` if that of an installed package cannot be loaded, derives from no `DataSet`, or has another
+    Raises `PluginError` if the kind of an installed package cannot be loaded, derives from no `DataSet`, or has another
     name.
     """
     entry = registry.find("data", name)
@@ -27,7 +27,7 @@ def find_kind(name: str) -> type[DataSet] | None:
 def get_kind(name: str) -> type[DataSet]:
     """Kind of a name; see `find_kind`.
 
-    Raises `InputError` if there is none: the package that had it is not installed.
+    Raises `InputError` for an unknown kind: its package is not installed.
     """
     if (kind := find_kind(name)) is None:
         raise InputError(f'There is no kind of data "{name}"; install the package that has it.')
@@ -35,7 +35,7 @@ def get_kind(name: str) -> type[DataSet]:
 
 
 def get_kinds(names: Iterable[str]) -> list[type[DataSet]]:
-    """Kinds of these names, each once: those that ship in their order, those of installed packages by name behind."""
+    """Kinds of these names, each once: shipped kinds in their order, then installed ones by name."""
     return [get_kind(name) for name in sorted(set(names), key=_place)]
 
 

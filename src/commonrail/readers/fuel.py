@@ -26,7 +26,7 @@ _CATALOGUE = Catalogue("commonrail.physics", "catalogue/fuels", 'There is no fue
 
 
 def fuel_catalogue() -> list[str]:
-    """Names that `load_fuel` knows, those of installed packages behind those that ship."""
+    """Names that `load_fuel` knows: shipped fuels, then those of installed packages."""
     return _CATALOGUE.names()
 
 

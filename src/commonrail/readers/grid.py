@@ -1,7 +1,7 @@
 """Cells of a table from anywhere: a text, or a sheet of a workbook.
 
-Encoding, separator and decimal sign are detected unless they are stated, and `Grid.said` states what was taken, so that
-whoever asked can check it.
+Encoding, separator and decimal sign are detected unless they are stated. `Grid.said` reports the choices for the user
+to check.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Grid:
 
     path: Path
     read: Callable[[], NumberedRows]  # goes through the rows
-    said: tuple[str, ...]  # what was taken for encoding, separator, decimal sign and sheet
+    said: tuple[str, ...]  # encoding, separator, decimal sign and sheet in words
     comma: bool  # whether numbers that are texts have decimal commas
     comments: tuple[str, ...] = ()  # without their sign
     word: str = "line"  # for a row in messages
@@ -106,7 +106,7 @@ def read_grid(path: Path, form: FileForm = PLAIN) -> Grid:
 
 
 def _cache_rows(each: Callable[[], NumberedRows]) -> Callable[[], NumberedRows]:
-    """Function that goes through rows as another one does, which it calls no more once it has come to the end."""
+    """Return a function that yields the same rows and caches them after the first complete pass."""
     cached: list[list[tuple[int, Sequence[Cell]]]] = []
 
     def rows() -> NumberedRows:
@@ -137,7 +137,7 @@ def read_sheet(path: Path, form: FileForm = PLAIN) -> Grid:
 
 
 def check_width(grid: Grid, line: int, row: Sequence[Cell], columns: int) -> None:
-    """Refuse a row of a text with a cell behind the last of the `columns`: `TooManyCells`.
+    """Refuse a row of a text with a cell after the last of the `columns`: `TooManyCells`.
 
     A decimal comma between commas splits a number in two, and moves what follows it. Rows below a lone title and those
     of a workbook, whose cells are where they are, are let pass.

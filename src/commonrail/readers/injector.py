@@ -99,12 +99,12 @@ class Drawing(Sourced):
 
 
 class DrawnTable(ParameterTable):
-    """Table of plunger and needle: a number of its own goes before that of the drawing."""
+    """Table of plunger and needle: stated numbers take precedence over the drawing."""
 
     drawing: Drawing | None = None
 
     def values(self) -> Values:
-        """Numbers of the drawing, and those that are given."""
+        """Numbers of the drawing, replaced by stated ones."""
         return (self.drawing.values() if self.drawing else {}) | super().values()
 
 
@@ -151,7 +151,7 @@ class _Head(FileModel):
     """Keys of an injector's file besides its parts."""
 
     format: Literal["commonrail-injector/1"]
-    base: str | None = None  # injector of the catalogue, or file: what is not given is as there
+    base: str | None = None  # injector of the catalogue, or file: source of values that are not stated
     name: str | None = None
     title: str | None = None
     synthetic: str = ""
@@ -224,7 +224,7 @@ def build_injector(document: Mapping[str, Any], at: Place, stem: str, reach: Rea
             raise at.error(words)
     usual = parameter_quantities(variant.actuation)
     for path in (path for path in _DISC_OF if path in values and path.partition(".")[2] in document.get("valve", {})):
-        # the default is no wish: files that the project writes have all values
+        # a default is ignored: files that the project writes have all values
         if values[path].value != usual[path].default and (words := idle_words(path, lambda p: values[p].value)):
             note(f"{at / path}: {words}.")
     fuel = _fuel(model.fuel, base, values[FUEL_TEMPERATURE].value, at / "fuel", reach)
@@ -242,7 +242,7 @@ def build_injector(document: Mapping[str, Any], at: Place, stem: str, reach: Rea
 
 
 def _base(name: str, at: Place, reach: Reach) -> Injector:
-    """The injector that a file builds on: of the catalogue, or a complete file beside it."""
+    """Base of a file: an injector of the catalogue, or a complete file."""
     key = at / "base"
     if name.endswith(".toml"):
         path = reach.path(Path(at.file).parent, name, key)
@@ -313,7 +313,11 @@ VARIANT_KEYS = {
     "actuation": "actuation",
     **{name: name for name in INSTALLED_LAWS},
 }
-_DECIDING = {"rail": "rail_boundary", "drive": "drive_kind", "plunger_needle": "variant"}  # keys that say what is read
+_DECIDING = {
+    "rail": "rail_boundary",
+    "drive": "drive_kind",
+    "plunger_needle": "variant",
+}  # keys that select the values in use
 
 
 def _refuse_unread(model: Any, variant: Variant, components: Collection[str], at: Place) -> None:
@@ -333,7 +337,7 @@ def _refuse_unread(model: Any, variant: Variant, components: Collection[str], at
 
 
 def _variant(model: Any, base: Injector | None, at: Place) -> Variant:
-    """Variant of a file; what it does not state is that of the base."""
+    """Variant of a file; keys it does not state come from the base."""
     stated = {field: getattr(model, key) for key, field in VARIANT_KEYS.items() if key in model.model_fields_set}
     words = (base.variant if base else Variant())._asdict() | stated
     if base and words["actuation"] is not base.variant.actuation:
@@ -360,7 +364,7 @@ def idle_words(name: str, value: Callable[[str], float]) -> str:
 
 
 def _check_knots(values: Values, stated: Mapping[str, Any], at: Place) -> None:
-    """Refuse knots of the shape of c_d over lift that do not rise; one of zero behind the first is none.
+    """Refuse knots of the shape of c_d over lift that do not rise; zero after the first means absent.
 
     All values are `values` by dotted name; an error names the key of one that the file has `stated` for the nozzle.
     """
@@ -409,7 +413,7 @@ def _read_fuel(table: _FuelTable, at: Place, reach: Reach) -> Fuel:
 
 
 def injector_catalogue() -> list[str]:
-    """Names that `load_injector` knows, those of installed packages behind those that ship."""
+    """Names that `load_injector` knows: shipped injectors, then those of installed packages."""
     return CATALOGUE.names()
 
 
@@ -472,7 +476,7 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
 
 
 def load_meters(path: str | Path) -> tuple[Meter, ...]:
-    """Read the meters that a calibration has left beside its injector, in ``calibrated.toml``.
+    """Read the meters that a calibration wrote with its injector to ``calibrated.toml``.
 
     Parameters
     ----------
@@ -482,14 +486,14 @@ def load_meters(path: str | Path) -> tuple[Meter, ...]:
     Returns
     -------
     tuple of Meter
-        Empty if there are none.
+        Empty if the file has no meters.
 
     Raises
     ------
     InputError
         If the file cannot be read, or something in it is unknown or of the wrong kind.
     ConfigurationError
-        If `path` is no path, or a meter makes no sense.
+        If `path` is not a path, or a meter makes no sense.
     """
     from commonrail.readers.meters import MeterHead, meters_of_tables
 

@@ -42,7 +42,7 @@ def dump_injector(
     header : str
         Comment at the top of the file.
     meters : sequence of Meter
-        Those that the injector was calibrated with, to be kept beside it; `load_meters` reads them.
+        Meters that the injector was calibrated with, written to the same file; `load_meters` reads them.
 
     Raises
     ------

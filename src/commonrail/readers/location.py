@@ -76,7 +76,7 @@ def locate_errors(place: Place) -> Iterator[None]:
         raise placed from error
 
 
-# Folder that the names in a file must not lead out of: a study from anywhere must not read what is not its own.
+# Folder that the names in a file must not lead out of: a study from anywhere must not read foreign files.
 
 ALLOW = "allow_outside"
 
@@ -98,7 +98,7 @@ class Reach:
         """Path of a file named in a file of `folder`.
 
         Raises `InputError` if it lies outside, be it by its name or because it is a link, and that is not allowed; or
-        if there is none.
+        if it does not exist.
         """
         path = folder / name
         # both with their links followed: a folder that is itself a link stays the folder that was meant
@@ -112,7 +112,7 @@ class Reach:
         if not (inside or self.announced):
             note(f"{self.file}: {ALLOW} = true, so files elsewhere are read, such as {path}.")
             self.announced = True
-        if not os.path.lexists(path) and name.isprintable():  # a name that no file can have is told when it is read
+        if not os.path.lexists(path) and name.isprintable():  # an impossible name is reported when it is read
             raise at.error(f"{path}: there is no such file{similar_names(path)}")
         return path
 
@@ -158,7 +158,7 @@ class Shape:
             )
 
 
-# Text from disk: one sentence for each way in which it is no text.
+# Text from disk: one sentence for each reason why it is not text.
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")

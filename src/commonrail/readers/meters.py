@@ -134,7 +134,7 @@ class _MeterFile(FileModel):
 
 
 def read_installed_meters(names: Iterable[str | None], described: Collection[str]) -> dict[str, MeterHead]:
-    """Tables of the meters of installed packages among `names`, but for those that are described already, `described`.
+    """Tables of the meters of installed packages among `names`, except the `described` ones.
 
     Raises `PluginError` and `InputError` if the file of one cannot be read, or has no meter of that name.
     """

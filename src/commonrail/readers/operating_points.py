@@ -1,4 +1,4 @@
-"""Tables of many traces beside each other, with the operating point of each in rows above the numbers.
+"""Tables of many traces side by side, with the operating point of each in rows above the numbers.
 
 ::
 
@@ -34,7 +34,7 @@ _SHOT = r"(\w+?)"
 
 
 class NamedPoint(NamedTuple):
-    """Content of a name: rail pressure [Pa], energising time [s], shot; None or empty where the pattern has none."""
+    """Content of a name: rail pressure [Pa], energising time [s], shot; None or empty if not in the pattern."""
 
     column: str
     rail_pressure: float | None
@@ -45,7 +45,7 @@ class NamedPoint(NamedTuple):
 class ColumnPattern:
     """Pattern such as ``{p}bar_{et}us`` or ``{p} MPa, {et} us, shot {shot}``.
 
-    `text`: ``{p}`` or ``{rail_pressure}``, ``{et}`` or ``{energising_time}``, and ``{shot}``; the unit stands behind
+    `text`: ``{p}`` or ``{rail_pressure}``, ``{et}`` or ``{energising_time}``, and ``{shot}``; the unit follows
     the number, or is stated. `stated`: units by SI unit, "Pa" and "s". Raises `InputError` if the pattern has no
     placeholder, an unknown one or one twice, or a number has no unit.
     """
@@ -84,7 +84,7 @@ class ColumnPattern:
 
 
 def _unit(behind: str, kind: str, stated: str, at: Place) -> str:
-    """Unit of a number: the longest one with which the text behind it begins, else what is stated."""
+    """Unit of a number: the longest one at the start of the following text, else the stated one."""
     text = behind.lstrip(" ")
     for end in range(min(len(text), 12), 0, -1):
         if text[:end].isalpha() and fits(text[:end], kind):

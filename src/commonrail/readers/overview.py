@@ -123,7 +123,7 @@ def read_channels(sheet: Sheet) -> tuple[list[Channel], dict[str, str]]:
 
 
 def propose_block(path: Path, channels: Sequence[Channel], own_times: bool) -> tuple[str, dict[str, Any]]:
-    """Purpose that channels are taken for, and the block of a study that reads them; `UNKNOWN` is to be told."""
+    """Purpose of channels, and the block of a study that reads them; `UNKNOWN` marks missing values."""
     rates = [c for c in channels if c.kind in RATES]
     if not rates:
         return (
@@ -202,15 +202,15 @@ class Survey:
     path: Path
     taken_for: str
     facts: dict[str, str]  # channels, axes and ranges
-    said: str = ""  # what was detected of the file's form
-    # keys of a block that reads the file, none if it is no data of a study; `UNKNOWN` stands for what must be stated
+    said: str = ""  # detected form of the file
+    # keys of a block that reads the file, empty if it cannot be data of a study; `UNKNOWN` marks missing values
     block: dict[str, Any] = field(default_factory=dict)
     quantity_map: FoundMap | None = None  # quantity map of the file
     channels: tuple[Channel, ...] = ()
     synthetic: str = ""  # what the file itself says of this, empty if nothing
 
     def reason(self) -> str:
-        """Why the file is no data of a study, in one sentence."""
+        """Why the file cannot be data of a study, in one sentence."""
         why = self.facts.get("reason") or self.facts.get("no map")
         return f"taken for {self.taken_for}{f' ({why.removesuffix(chr(46))})' if why else ''}"
 
@@ -263,7 +263,7 @@ def survey(path: Path, form: FileForm = PLAIN, units: GivenUnits = GivenUnits())
     for way in (_map, _traces, _columns):
         try:
             content = way(grid, form, units)
-        except TooManyCells:  # of no way to read it are its numbers those that were meant
+        except TooManyCells:  # no way of reading it gives the intended numbers
             raise
         except InputError as error:
             taken = "a quantity map that lacks something" if isinstance(error, NearMap) else taken

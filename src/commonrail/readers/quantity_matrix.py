@@ -342,7 +342,7 @@ def drop_empty_points(
     durations: bool = False,
     texts: Iterable[str] = (),
 ) -> FoundMap:
-    """Map of the points that hold numbers; `InputError` if there is none.
+    """Map of the points that hold numbers; `InputError` if all are empty.
 
     `values` (n,) in `units` are by the names of `KINDS`, with the line of each. Of `durations`, cells without pressure,
     quantity or time are omitted, those whose time is that of another quantity at their pressure, and those from the
@@ -436,7 +436,7 @@ class HoldsMap(Protocol):
     """File that finds a map in itself, where rows and columns do not tell, as in the variables of MATLAB."""
 
     def quantity_map(self, given_units: GivenUnits) -> FoundMap:
-        """Quantity map of the file; `InputError` if it has none."""
+        """Quantity map of the file; `InputError` if it has no map."""
 
 
 @runtime_checkable

@@ -87,7 +87,7 @@ class TableSheet:
             yield line, row
 
     def unit(self, name: str) -> str:
-        """Unit of a column in the header, empty if there is none."""
+        """Unit of a column in the header, or empty."""
         return self._units[self.names.index(name)]
 
     def take(self, columns: Sequence[Column]) -> Table:
@@ -138,7 +138,7 @@ class TableSheet:
 
 
 def _read(text: str, comma: bool) -> float:
-    """Number of a text, NaN if it is none."""
+    """Number of a text, else NaN."""
     try:
         return read_decimal(text.replace(",", ".") if comma else text) if len(text) <= LONGEST_NUMBER else math.nan
     except ValueError:
@@ -186,7 +186,7 @@ class WrittenTable(TableSheet):
 
 
 def find_header(rows: Sequence[Sequence[Cell]]) -> tuple[int, int]:
-    """First row of the names and units above the numbers, and the first row of these; zeros if there are no names.
+    """First row of names and units, and first row of numbers; zeros if there are no names.
 
     It is the row without numbers above the rows with numbers; of several the first that is not above much fewer than
     another one. Without numbers, and where only the first cell is a text, it is the first row.

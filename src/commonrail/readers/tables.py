@@ -1,6 +1,6 @@
 """Measured columns of a file as SI values: every number with its unit, every fault with its line and column.
 
-The unit of a column stands in the file, or is stated by whoever reads it; it is never guessed from a name.
+The unit of a column is in the file or stated by the caller; it is never guessed from a name.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def is_grid(path: Path) -> bool:
 
 
 def idle_key(form: FileForm, files: Sequence[Path]) -> tuple[str, str] | None:
-    """Stated field of a form by which none of the files is read, and a clause on it; None if there is none."""
+    """First stated field of a form that has no effect on any of the files, and a clause on it; else None."""
     for key in (key for key in _READ_BY if getattr(form, key)):
         if not any(key in form_keys(file) for file in files):
             return key, f"it is for {_READ_BY[key]}, and does nothing for {files[0]}; omit it"
@@ -142,12 +142,12 @@ def _format(name: str) -> registry.Entry | None:
 
 
 def _example(column: Column) -> str:
-    """Units that people write for what is wanted, "mm3/ms or mg/ms"; of a share "%"."""
+    """Example units for a column, "mm3/ms or mg/ms"; "%" for a share."""
     return " or ".join(NAMES[unit][1].partition(" ")[2] or "%" if unit in NAMES else unit for unit in column.units)
 
 
 def _unit(column: Column, written: str, at: Place) -> str:
-    """Unit of a column, of what is written in the file and what is stated elsewhere."""
+    """Unit of a column, from the file or stated elsewhere."""
     with locate_errors(at):
         is_other = written and column.stated and not same_scale(written, column.stated)
     if is_other:

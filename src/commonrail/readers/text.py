@@ -1,7 +1,7 @@
 """Lines and cells of a text: encoding, separator and decimal sign are detected unless they are stated.
 
-A file may have comment lines (``#``) and empty ones anywhere. Rows come one after the other, so that a large file never
-stands in memory as cells.
+A file may have comment lines (``#``) and empty ones anywhere. Rows are read one by one: a large file is never
+in memory as cells.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ def has_decimal_comma(cell: str) -> bool:
 
 
 def read_number(cell: Cell, comma: bool) -> Cell:
-    """Number of a cell, or the cell where it is none; `comma` reads decimal commas too."""
+    """Number of a cell, or the cell itself if it is a text; `comma` reads decimal commas too."""
     if not isinstance(cell, str) or not cell or len(cell) > LONGEST_NUMBER:
         return cell
     if comma and _COMMA.fullmatch(cell):

@@ -1,4 +1,4 @@
-"""Copies of all files that a study reads, so that its run folder can be moved and is not changed from outside."""
+"""Copies of all files that a study reads: its run folder can be moved and is independent of the originals."""
 
 from __future__ import annotations
 

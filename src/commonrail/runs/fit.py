@@ -34,7 +34,7 @@ from commonrail.runs.journal import ESTIMATED, JOURNAL, LOCK, STARTS, Input, Jou
 if TYPE_CHECKING:
     from commonrail.workers.workers import Workers
 
-_LEFT = (JOURNAL, LOCK, SUMS)  # and what SQLite puts beside them
+_LEFT = (JOURNAL, LOCK, SUMS)  # and files that SQLite adds
 
 
 class Fitted(Protocol):
@@ -158,7 +158,7 @@ class FitKind(Generic[_Study, _Fit]):
     def copy(self, study: _Study, folder: Path) -> tuple[list[Input], _Study, str]:
         """Copy the files of settings into a run folder; with the settings as the copies state them and the fingerprint.
 
-        There are no copies, and the settings are those given, if they were made or changed in Python beyond what
+        There are no copies, and the given settings are used, if they were made or changed in Python beyond what
         options may change and the number of generations. `StudyError` if a file has changed since it was read.
         """
         content, as_read = self.content(study), study.as_read
@@ -293,7 +293,7 @@ def _extend(journal: Journal, study: _Study, more: int) -> _Study:
 
 @dataclass(frozen=True)
 class Listener:
-    """Functions called after every generation and refinement, with sentences for the user, and with what was written.
+    """Functions called after every generation and refinement, with sentences for the user, and with the written files.
 
     `written` is called with the results of the finished run of a study.
     """
@@ -348,7 +348,7 @@ def calibrate_into(
 
     Notes
     -----
-    Warnings are told to `listener.note` when they are found, and are in the result.
+    Warnings go to `listener.note` when they occur, and are in the result.
     """
     path = file_path(folder, "folder")
     instance(study, Study, "study")
@@ -365,14 +365,14 @@ def resume(
     workers: Workers | None = None,
     listener: Listener = Listener(),
 ) -> Calibration:
-    """Go on with a run that was stopped, however it was; the result is that of a run never stopped, bit by bit.
+    """Continue a stopped run; the result is bit for bit the same as without the stop.
 
     Parameters
     ----------
     folder : str or Path
         Run folder; it may have been moved or copied.
     generations : int
-        More generations of the evolution than the study asks for; refinements are then done anew.
+        More generations of the evolution than the study asks for; refinements are then repeated.
     study : Study, optional
         The study, if it was made in Python and not read from a file.
     as_begun : bool

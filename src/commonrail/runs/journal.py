@@ -189,7 +189,7 @@ def opened_to_read(path: Path, schema: Schema) -> Iterator[sqlite3.Connection]:
 def _check(connection: sqlite3.Connection, path: Path, schema: Schema, with_log: bool) -> bool:
     """True if a file holds a journal of which every row is the one that was written; False if it is empty.
 
-    `with_log`: there is a write-ahead log beside it.
+    `with_log`: it has a write-ahead log.
     """
     # the tables first: SQLite evaluates the conditions of foreign ones while it checks the rest, whatever that takes
     if not schema.check(connection, path):
@@ -210,7 +210,7 @@ def _check(connection: sqlite3.Connection, path: Path, schema: Schema, with_log:
 
 
 def _has_log(path: Path) -> bool:
-    """Return whether there is a write-ahead log beside a journal; an empty one says nothing."""
+    """Return whether a journal has a write-ahead log that is not empty."""
     with suppress(OSError):
         return path.with_name(f"{path.name}-wal").stat().st_size > 0
     return False
@@ -316,7 +316,7 @@ class Journal(JournalFile):
     def describe(self, about: Mapping[str, str], inputs: list[Input] | None = None) -> None:
         """Write facts of the run, and in place of the former ones the files that the study reads; wait for the disk.
 
-        They are in the main file then, so that no damage to the log takes them.
+        They are then in the main file, safe from damage to the log.
         """
         statements = facts(about.items())
         if inputs is not None:
@@ -358,7 +358,7 @@ class Journal(JournalFile):
         )
 
     def checkpoint(self) -> Checkpoint | None:
-        """State to resume from; None at the very beginning. `StudyError` if it is not what was written."""
+        """State to resume from; None at the very beginning. `StudyError` if it was changed."""
         with check_trust(self.path):
             history = tuple(Generation(*row[:3]) for row in self._table("generation"))
             stages: list[Stage] = []
@@ -418,7 +418,7 @@ def read_inputs(folder: Path) -> list[Input]:
 
 
 def read_about(folder: Path) -> dict[str, Any]:
-    """Facts of the run in a folder, without holding it; `StudyError` if there is no journal, or it cannot be read.
+    """Facts of the run in a folder, without holding it; `StudyError` if the journal is missing or cannot be read.
 
     Those of the table about, and "generations done", "refinements", "best", "seconds", "changed" (UTC).
     """

@@ -29,7 +29,7 @@ UNTRUE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeErro
 
 @contextmanager
 def check_trust(path: Path) -> Iterator[None]:
-    """Say so with a `StudyError` if what a journal holds is not what was written."""
+    """Raise `StudyError` if the content of a journal was changed."""
     try:
         yield
     except UNTRUE as error:
@@ -88,7 +88,7 @@ class Lock:
     """Lock that this process holds until it is closed; SQLite's own locking serves, which works on every system.
 
     The file stays empty. `BlockingIOError` if somebody else holds it, `OutputError` if it cannot be made, or is a link
-    or a device; `StudyError` if it is not empty, or a rollback journal is beside it.
+    or a device; `StudyError` if it is not empty, or has a rollback journal next to it.
     """
 
     def __init__(self, path: Path) -> None:
@@ -109,7 +109,7 @@ class Lock:
         with explain_errors(path):
             self._connection = sqlite3.connect(path, isolation_level=None, timeout=0.5)  # who only looks is quick
             try:
-                self._connection.execute("PRAGMA journal_mode=MEMORY")  # no further file beside it
+                self._connection.execute("PRAGMA journal_mode=MEMORY")  # no further file next to it
                 self._connection.execute("BEGIN EXCLUSIVE")
             except sqlite3.OperationalError as error:
                 self._connection.close()

@@ -95,7 +95,7 @@ def serve(pipe: Connection) -> None:
             message = pipe.recv()
             if isinstance(message, Package):
                 package = message
-                with suppress(Exception):  # met again, and told, when the work is to be done
+                with suppress(Exception):  # occurs again, and is reported, when the work is done
                     unpack(package)
                     pipe.send(Up())
             else:
@@ -117,16 +117,16 @@ def reply(package: Package, argument: Any) -> Answer | Lost | Refused:
         return perform(package, argument)
     except CommonrailError as error:
         return Refused(error)
-    except (Exception, KeyboardInterrupt) as error:  # told in a sentence after some attempts
+    except (Exception, KeyboardInterrupt) as error:  # reported after some attempts
         return failure(error)
 
 
-_STARTING = threading.Lock()  # the environment is that of all threads
+_STARTING = threading.Lock()  # all threads share the environment
 
 
 @contextmanager
 def restore_variables(*names: str) -> Iterator[None]:
-    """Environment variables are afterwards what they were before."""
+    """Restore environment variables at the end of the block."""
     before = {name: os.environ.get(name) for name in names}
     try:
         yield

@@ -40,7 +40,7 @@ from commonrail.engine.status import which_failed
 from commonrail.physics.meters import QUANTITIES, Meter, QuantityValues, shown_rates
 from commonrail.readers.location import locate_errors
 
-LARGEST_RATE = 0.1  # [m³/s] a thousand times that of a large truck's injector
+LARGEST_RATE = 0.1  # [m³/s] a thousand times the rate of a large truck's injector
 
 
 @dataclass(frozen=True, eq=False)

@@ -144,7 +144,7 @@ _PRESSURES = ("rail_pressure", "cylinder_pressure", "return_pressure")
 
 
 Record = tuple[Floats, Floats]  # times [s] and values
-NOISE_TOLD = 1e-4  # rms of a noise that is told, over the pressure: ten times that moves pilots by a tenth
+NOISE_TOLD = 1e-4  # rms of a noise that is reported, over the pressure: ten times that moves pilots by a tenth
 SAME = 1e-6  # relative difference below which two traces are at one operating point
 
 
@@ -178,7 +178,7 @@ def read_named_columns(model: RateModel, context: Context) -> list[FoundCurve]:
 def courses_at(curves: Sequence[FoundCurve], model: RateModel, context: Context) -> list[dict[str, Trace]]:
     """Courses of each curve by their keys; a file is read once for all curves, also where `column` is a pattern.
 
-    What a key does not say of time is that of the data set. Pressures are low-passed, with a note. Raises `InputError`
+    Times default to those of the data set. Pressures are low-passed, with a note. Raises `InputError`
     if not exactly one column fits a curve, or a column cannot be read.
     """
     courses_of_curves: list[dict[str, Trace]] = [{} for _ in curves]
@@ -265,7 +265,7 @@ def _average_shots(points: Sequence[NamedPoint], samples: Sequence[Samples], at:
 def traces_below_points(model: RateModel, context: Context) -> list[FoundCurve]:
     """Curves of a table that has their operating points in rows above them.
 
-    Raises `InputError` if it is no such table. Raises `ConfigurationError` if the window does not fit.
+    Raises `InputError` if it is not such a table. Raises `ConfigurationError` if the window does not fit.
     """
     at = context.at
     path = context.path(model.file, at, model.form)

@@ -28,7 +28,7 @@ BEFORE = 1e-3  # time before a shot over which a pressure is averaged [s]
 class FoundCurve(NamedTuple):
     """A curve among several of a file."""
 
-    samples: Samples  # those that count
+    samples: Samples  # compared ones
     rail_pressure: float | None  # [Pa]
     energising_time: float | None  # [s]; None where the block of the study states it
     shots: int = 1  # repeated shots of which it is the mean
@@ -58,7 +58,7 @@ class _Channel(NamedTuple):
     unit: str
 
     def before(self, moments: Floats) -> Floats:
-        """Mean over the last `BEFORE` up to each moment; its last value where there is none in it."""
+        """Mean over the last `BEFORE` up to each moment; its last value if that interval has no sample."""
         last = np.clip(np.searchsorted(self.time, moments, "right"), 1, None)
         first = np.minimum(np.searchsorted(self.time, moments - BEFORE, "left"), last - 1)
         return np.array([self.value[i:k].mean() for i, k in zip(first, last, strict=True)])

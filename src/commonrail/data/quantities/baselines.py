@@ -1,4 +1,4 @@
-"""Trivial models beside a validation map, and whether a calibrated one predicts better."""
+"""Interpolations as baselines of a validation map, and whether a calibrated model predicts better."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ class Sister:
     places : (m, 3)
         Rail pressure [Pa], energising time [s] and quantity [m³].
     flow_ratio : float
-        Catalogue flow of the part that is fitted over that of the sister part.
+        Catalogue flow of the fitted part over the catalogue flow of the sister part.
     source : str
         Source of both.
 

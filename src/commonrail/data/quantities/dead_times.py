@@ -30,8 +30,8 @@ def neighbours(point: OperatingPoint) -> list[OperatingPoint]:
 def crossing_times(duration: Floats, quantity: Floats, threshold: Floats) -> Floats:
     """Energising times at which a quantity is reached, by linear interpolation between three of them.
 
-    Beyond the outer ones the nearest segment is extrapolated. Its slope is at least that of a quantity that grows by
-    the threshold within `FLATTEST`, so that an injector that injects nothing still has a finite dead time.
+    Beyond the outer ones the nearest segment is extrapolated. Its slope is at least the
+    threshold over `FLATTEST`: an injector that injects nothing still has a finite dead time.
 
     `duration` (rows,): energising times of the middle ones [s]. `quantity` (candidates, rows, 3): quantities at the
     `neighbours` and, between them, at the point itself [m³]; NaN where a simulation failed. `threshold` (rows,):

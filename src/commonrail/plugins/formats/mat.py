@@ -29,7 +29,7 @@ from commonrail.readers.quantity_matrix import (
 # Variables of a MAT file, of version 5 to 7 or of version 7.3, which is HDF5; both are read in a child process.
 #
 # Fields of structures are named with a point, ``run.rate``, and columns of a matrix ``rate(:,2)``. MATLAB knows no
-# units: that of ``rate`` is the text ``rate_unit`` or the field ``units.rate`` beside it, or is stated by the reader.
+# units: the unit of ``rate`` is the text ``rate_unit`` or the field ``units.rate`` next to it, or stated by the reader.
 
 MOST_NAMES = 10_000  # vectors and columns of matrices
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -64,7 +64,7 @@ class MatFile:
             raise InputError(f"{path}: the file has no variable with numbers{''.join(reasons)}.")
 
     def unit(self, name: str) -> str:
-        """Unit of a variable, empty if the file has none."""
+        """Unit of a variable, or empty."""
         structure, _, last = name.partition("(")[0].rpartition(".")
         inside = f"{structure}." if structure else ""
         beside = [f"{inside}{last}_unit", f"{inside}units.{last}", f"units.{last}"]

@@ -18,7 +18,7 @@ from commonrail.readers.location import LONGEST_NAME, MOST_COLUMNS, MOST_ROWS
 
 WHAT = "Parquet file"
 
-LARGEST_FOOTER = 2_000_000  # [bytes]; its objects take up to some hundred times as much
+LARGEST_FOOTER = 2_000_000  # [bytes]; its objects take up to a hundred times as much
 MOST_CELLS = 100_000_000
 LARGEST_CONTENT = 2_000_000_000  # [bytes] uncompressed
 LONGEST_TEXT = 1000  # [bytes] of a cell
@@ -29,7 +29,7 @@ _MAGIC = b"PAR1"
 def read(path: Path, data: bytes, save: Save) -> dict[str, Any]:
     """Header, number of rows, and the texts of each column.
 
-    Array ``c<i>`` has the numbers of a column, or the indices of its texts; where ``n<i>`` is true there is none.
+    Array ``c<i>`` has the numbers of a column, or the indices of its texts; ``n<i>`` marks missing values.
     """
     try:
         _check_footer(path, data)
