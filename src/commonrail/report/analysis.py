@@ -47,16 +47,16 @@ def run_into(folder: Path | None, table: str, run: Callable[[], Result], texts: 
     if folder is None:
         return run()
     with new_folder(folder) as place:
-        found = run()
-        _write(place, table, found)
+        result = run()
+        _write(place, table, result)
         for file, text in texts.items():
             write_text(place / file, text)
         write_report(place)
-    return found
+    return result
 
 
-def _write(folder: Path, table: str, found: Analysis) -> None:
-    record, rows = found.record(), found.rows()
+def _write(folder: Path, table: str, result: Analysis) -> None:
+    record, rows = result.record(), result.rows()
     record_file = Path(table).with_suffix(".json").name
     notes = (record["title"], "simulated, not measured; SI units", *synthetic_lines(record))
     heads = list(dict.fromkeys(key for row in rows for key in row))

@@ -106,49 +106,49 @@ def _calibration_figures(c: Calibration) -> Iterator[Chart]:
 _CHANNELS = {"lift": "m", "pressure": "Pa", "current": "A", "force": "N", "coefficient": "1"}
 
 
-def _solution_arrays(found: Solution) -> Arrays:
+def _solution_arrays(solution: Solution) -> Arrays:
     """Middles of the samples; a channel there is the mean of both bounds."""
-    values = {"rate": in_common_unit(("time",), found.rate, "m3/s")}
-    for name, channel in found.channels.items():
+    values = {"rate": in_common_unit(("time",), solution.rate, "m3/s")}
+    for name, channel in solution.channels.items():
         unit = next((u for ending, u in _CHANNELS.items() if name.endswith(ending)), "")
         values[name] = in_common_unit(("time",), 0.5 * (channel[1:] + channel[:-1]), unit)
-    return Arrays({"time": in_common_unit(("time",), found.rate_time, "s")}, values, "Course of an injection")
+    return Arrays({"time": in_common_unit(("time",), solution.rate_time, "s")}, values, "Course of an injection")
 
 
-def _batch_arrays(found: Batch) -> Arrays:
+def _batch_arrays(batch: Batch) -> Arrays:
     axes = ("candidate", "point")
-    sizes = zip(axes, found.injected_mass.shape, strict=True)
+    sizes = zip(axes, batch.injected_mass.shape, strict=True)
     values = {
-        "injected_volume": in_common_unit(axes, found.injected_volume, "m3"),
-        "returned_volume": in_common_unit(axes, found.returned_volume, "m3"),
-        **{name: in_common_unit(axes, getattr(found, name), "s") for name in ("opening", "closing", "first_closing")},
-        "greatest_lift": in_common_unit(axes, found.greatest_lift, "m"),
-        "status": Array(axes, found.status),
+        "injected_volume": in_common_unit(axes, batch.injected_volume, "m3"),
+        "returned_volume": in_common_unit(axes, batch.returned_volume, "m3"),
+        **{name: in_common_unit(axes, getattr(batch, name), "s") for name in ("opening", "closing", "first_closing")},
+        "greatest_lift": in_common_unit(axes, batch.greatest_lift, "m"),
+        "status": Array(axes, batch.status),
     }
     return Arrays({name: Array((name,), np.arange(size)) for name, size in sizes}, values, "Figures of injections")
 
 
-def _calibration_arrays(found: Calibration) -> Arrays:
-    arrays = _study_arrays(found.study)
-    best = _by_parameter([found.best[name] for name in found.study.space.names])
+def _calibration_arrays(calibration: Calibration) -> Arrays:
+    arrays = _study_arrays(calibration.study)
+    best = _by_parameter([calibration.best[name] for name in calibration.study.space.names])
     return arrays._replace(values={"calibrated": best, **arrays.values})
 
 
-def _study_arrays(found: Study) -> Arrays:
+def _study_arrays(study: Study) -> Arrays:
     """Free parameters in SI units."""
     attributes = {"start": "reference", "lower": "lower", "upper": "upper", "unit": "unit"}
-    parameters = found.space.parameters
+    parameters = study.space.parameters
     values = {key: _by_parameter([getattr(p, name) for p in parameters]) for key, name in attributes.items()}
-    return Arrays({"parameter": _by_parameter(found.space.names)}, values, found.title)
+    return Arrays({"parameter": _by_parameter(study.space.names)}, values, study.title)
 
 
-def _injector_arrays(found: Injector) -> Arrays:
+def _injector_arrays(injector: Injector) -> Arrays:
     values = {
-        "value": _by_parameter(list(found.values.values())),
-        "unit": _by_parameter([found.quantities[name].unit for name in found.values]),
-        "meaning": _by_parameter([found.quantities[name].meaning for name in found.values]),
+        "value": _by_parameter(list(injector.values.values())),
+        "unit": _by_parameter([injector.quantities[name].unit for name in injector.values]),
+        "meaning": _by_parameter([injector.quantities[name].meaning for name in injector.values]),
     }
-    return Arrays({"parameter": _by_parameter(list(found.values))}, values, found.title)
+    return Arrays({"parameter": _by_parameter(list(injector.values))}, values, injector.title)
 
 
 def _by_parameter(values: Sequence[Any]) -> Array:
@@ -262,10 +262,10 @@ def frame_of(result: Any) -> Any:
     arrays = _arrays(result)
     axes = next(iter(arrays.values.values())).axes
     places = pandas.MultiIndex.from_product([arrays.axes[axis].values for axis in axes]).to_frame(index=False)
-    places.columns = [_headed(axis, arrays.axes[axis].unit) for axis in axes]
+    places.columns = [_column_name(axis, arrays.axes[axis].unit) for axis in axes]
     for name, array in arrays.values.items():
         if array.axes == axes:
-            places[_headed(name, array.unit)] = array.values.reshape(-1)
+            places[_column_name(name, array.unit)] = array.values.reshape(-1)
     return places
 
 
@@ -275,15 +275,15 @@ def dataset_of(result: Any) -> Any:
     ConfigurationError if xarray is missing, or there are no values.
     """
     xarray, arrays = load_library("xarray"), _arrays(result)
-    made = {
+    variables = {
         name: (array.axes, array.values, {"units": array.unit} if array.unit else {})
         for name, array in {**arrays.axes, **arrays.values}.items()
     }
-    axes = {name: made.pop(name) for name in arrays.axes}
-    return xarray.Dataset(made, axes, {"title": arrays.title})
+    axes = {name: variables.pop(name) for name in arrays.axes}
+    return xarray.Dataset(variables, axes, {"title": arrays.title})
 
 
-def _headed(name: str, unit: str) -> str:
+def _column_name(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 

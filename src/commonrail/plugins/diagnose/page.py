@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from commonrail.base.chart import MARKERS, Bars, Figure, Panel, Series, points
 from commonrail.base.csv_output import comment_line
-from commonrail.base.table import LARGE, SMALL, Cell, Part, Table, table_from_columns, table_from_parts
+from commonrail.base.table import LARGE, OPERATING_POINT, SMALL, Cell, Part, Table, table_from_columns, table_from_parts
 from commonrail.base.text import join_words, megapascal, percent, to_fixed, to_signed
 from commonrail.data.records import MEASURED, MICROSECOND, MM3, Record
 from commonrail.plugins.diagnose.run import BENCHES, FAILS, USUAL
@@ -105,7 +105,7 @@ def _test_table(record: Record) -> Table:
     parts = [
         Part(("test",), lambda row: (test_name(row),)),
         Part(
-            ("rail, MPa", "energising, µs"),
+            OPERATING_POINT,
             lambda row: (megapascal(row["rail_pressure"]), to_fixed(row["energising_time"], 0, MICROSECOND)),
         ),
         Part(("measured", "st. dev. off"), measured),
@@ -117,7 +117,7 @@ def _test_table(record: Record) -> Table:
     ]
     if best != "sound":
         parts.append(Part((f"with {best}",), lambda row: (to_fixed(row["leading"], 2, MM3),)))
-    return table_from_parts("Quantities, mm³ per stroke", record["tests"], parts)
+    return table_from_parts("Quantities, mm³ per stroke", record["tests"], parts, inputs=OPERATING_POINT)
 
 
 def diagnosis_tables(record: Record) -> list[Table]:
@@ -264,6 +264,7 @@ def trim_table(record: Record) -> Table:
             ("class", lambda t: to_signed(t["class"], 0)),
             ("correction, µs", lambda t: to_signed(1e6 * t["correction"], 1)),
         ],
+        inputs=OPERATING_POINT,
     )
 
 

@@ -106,8 +106,8 @@ def _write(folder: Path, fit: FamilyFit) -> None:
     with writing(models):
         models.mkdir(exist_ok=True)
     with write_set(folder):
-        for name, part in fit.parts.items():
-            for number, injector in enumerate(part.members, 1):
+        for name, fitted_part in fit.parts.items():
+            for number, injector in enumerate(fitted_part.members, 1):
                 member = "" if number == 1 else f"-member-{number}"
                 header = f"{fit.family.title}: {name}{member}"
                 dump_injector(injector, models / f"{name}{member}.toml", header=header)
@@ -118,8 +118,8 @@ def _write(folder: Path, fit: FamilyFit) -> None:
 
 def _curves(fit: FamilyFit) -> Iterator[Curve]:
     """Injection curves among the data of the parts."""
-    for name, part in fit.parts.items():
-        scores = {"start": part.start, "best": part.scores}
+    for name, fitted_part in fit.parts.items():
+        scores = {"start": fitted_part.start, "best": fitted_part.scores}
         for curve in rate_curves(fit.family.parts[name].data, scores):
             yield curve._replace(data=f"{name}: {curve.data}")
 

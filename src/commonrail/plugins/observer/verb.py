@@ -9,7 +9,7 @@ from commonrail.base.errors import CommonrailError, InputError, nearest
 from commonrail.base.units import parse, parse_difference
 from commonrail.cli import options
 from commonrail.cli.console import Bar, Stage, print_json, print_result, print_text, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.guard import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ OF_LOG = (
 )
 
 
-@verb
+@table_verb
 def observe(
     log: Annotated[
         Path | None,

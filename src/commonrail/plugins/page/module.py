@@ -28,7 +28,7 @@ def wasm_module(variant: Variant) -> bytes:
 
     ConfigurationError if neither a kept module nor zig is there, or a compiler fails.
     """
-    return get_or_make(_file_name(variant), lambda: _linked(variant))
+    return get_or_make(_file_name(variant), lambda: _link(variant))
 
 
 def _file_name(variant: Variant) -> str:
@@ -62,7 +62,7 @@ def _defines(variant: Variant) -> dict[str, int]:
     }
 
 
-def _linked(variant: Variant) -> bytes:
+def _link(variant: Variant) -> bytes:
     target = find_target(TARGET)
     compiler = compiler_for(target._replace(zig=_BARE))  # refuses before the physics is compiled
     with tempfile.TemporaryDirectory() as place:

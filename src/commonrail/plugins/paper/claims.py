@@ -268,7 +268,7 @@ def claims(f: Figures) -> list[Claim]:
         _by_phase("theoretical-phases", f.phases[study.FIT]["theoretical"], "0.4–0.8 ms"),
         _edge(f, _Model("theoretical"), "theoretical-late", "opening", 1.0, ("120 MPa",)),
         _by_phase("gains-by-phase", low["theoretical"] - low["optimised"], "0.8 ms to the end"),
-        _optimised_everywhere(f),
+        _is_optimised_everywhere(f),
         _no_overfitting(f),
         *(_after_window(f, i) for i in range(len(WINDOWS))),
     ]
@@ -330,7 +330,7 @@ def _by_phase(claim: str, j: Floats, lowest: str) -> Claim:
     return judged(claim, f"rise / middle / descent: {figure} (medians)", true)
 
 
-def _optimised_everywhere(f: Figures) -> Claim:
+def _is_optimised_everywhere(f: Figures) -> Claim:
     better = np.array([f.phases[n]["optimised"] < f.phases[n]["theoretical"] for n in study.RAIL_PRESSURES])[:, :, 1:]
     each = np.moveaxis(better, 1, 0).reshape(len(f.seeds), -1)
     shares = np.mean(each, axis=0)

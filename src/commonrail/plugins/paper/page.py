@@ -105,13 +105,13 @@ def j_table(record: Record) -> Table:
 def rigid_table(record: Record) -> Table:
     """Stop and control volume of the rigid body that is fitted."""
 
-    def scaled(p: Record, key: str) -> str:
+    def in_field_unit(p: Record, key: str) -> str:
         return significant(p[key], 4, field_unit(p["unit"]).factor)
 
     columns: list[Column] = [
         ("", lambda p: f"{p['meaning']}, {field_unit(p['unit']).text}"),
-        ("drawing", lambda p: scaled(p, "drawing")),
-        ("searched", lambda p: f"{scaled(p, 'lower')} to {scaled(p, 'upper')}"),
+        ("drawing", lambda p: in_field_unit(p, "drawing")),
+        ("searched", lambda p: f"{in_field_unit(p, 'lower')} to {in_field_unit(p, 'upper')}"),
         ("fitted: median (quartiles)", lambda p: _spread(p, 3, field_unit(p["unit"]).factor)),
     ]
     note = (

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from commonrail.base.chart import MARKERS, Bars, Figure, Panel, Series
 from commonrail.base.hooks import note
-from commonrail.base.table import LARGE, SIGNS, SMALL, Cell, Part, Table, table_from_parts
+from commonrail.base.table import LARGE, OPERATING_POINT, SIGNS, SMALL, Cell, Part, Table, table_from_parts
 from commonrail.base.text import (
     MISSING,
     count_noun,
@@ -101,7 +101,7 @@ def plan_table(data: Record, texts: Texts) -> Table:
     """
     parts = [
         Part(("test",), lambda row: (test_name(row),)),
-        Part(("rail, MPa", "energising, µs"), lambda row: (megapascal(row["rail_pressure"]), _times(row))),
+        Part(OPERATING_POINT, lambda row: (megapascal(row["rail_pressure"]), _times(row))),
         Part(("band",), lambda row: (row["band"],)),
         Part(
             [head for text in texts.values() for head in (text, "distance")],
@@ -110,7 +110,9 @@ def plan_table(data: Record, texts: Texts) -> Table:
     ]
     if any(row["bench"] for row in data["rows"]):
         parts.append(Part(("bench", "distance"), lambda row: _cells(row["bench"] or {})))
-    return table_from_parts(f"Tests of {data['name']}, mm³ per stroke", data["rows"], parts, _NOTE)
+    return table_from_parts(
+        f"Tests of {data['name']}, mm³ per stroke", data["rows"], parts, _NOTE, inputs=OPERATING_POINT
+    )
 
 
 def plan_figure(data: Record, models: Models) -> Figure:

@@ -133,7 +133,7 @@ def _capability_table(result: ToleranceResult) -> Table:
         f"Out of limits with its {sure} % interval (Clopper and Pearson); failed parts are among them. Cp and Cpk take "
         "the standard deviation, and mean what they say for a normal distribution; the share out of limits is counted."
     )
-    return table_from_columns("Capability", result.points, columns, note)
+    return table_from_columns("Capability", result.points, columns, note, inputs=("as drawn, mm³", "limits, mm³"))
 
 
 def _share_table(point: PointResult) -> Table:

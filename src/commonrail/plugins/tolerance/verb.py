@@ -10,7 +10,7 @@ import click
 
 from commonrail.base.choices import Precision
 from commonrail.cli.console import Bar, Stage, print_json, print_text, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import Json, Threads
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from commonrail.plugins.tolerance.study import Tolerances
 
 
-@verb
+@table_verb
 def tolerance(
     file: Annotated[Path, Argument(metavar="TOLERANCES.toml", help="Tolerance file.")],
     *,

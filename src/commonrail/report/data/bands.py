@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from commonrail.base.chart import Band, Points
 from commonrail.base.text import MISSING, number, to_fixed
 from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, origin_word
-from commonrail.report.data.view import scaled
+from commonrail.report.data.view import scale_values
 
 INDEPENDENT = (
     10  # samples of a course that count as independent [E]: opening, rise, plateau, fall and closing, and noise
@@ -48,7 +48,7 @@ def too_few_inside(data: Record) -> bool:
     return sum(chances[: inside + 1]) < UNLIKELY and inside < values
 
 
-def shaded(data: Record) -> str:
+def band_caption(data: Record) -> str:
     """Sentence of a figure's caption, empty without bands."""
     return (
         f"Shaded: {band_name(data)} of the {origin_word(data)} value, by {data['band']['estimator']}."
@@ -84,13 +84,13 @@ def error_band(rows: Sequence[Record], family: int, measure: Measure, about: str
     `about`, or zero; `ordered` is the number of rail pressures, where their colours are to be in order.
     """
     low, high = (_edge(rows, sign, measure, about) for sign in (-1.0, 1.0))
-    return Band(JUDGED, scaled(rows, "energising_time", MICROSECOND), low, high, family, ordered)
+    return Band(JUDGED, scale_values(rows, "energising_time", MICROSECOND), low, high, family, ordered)
 
 
 def _edge(rows: Sequence[Record], sign: float, measure: Measure, about: str) -> Points:
-    found = []
+    edge = []
     for row in rows:
         half, middle = number(row["band"]), number(row.get(about)) if about else 0.0
         value = None if half is None or middle is None else measure(middle + sign * half, float(row[MEASURED]))
-        found.append(value)
-    return tuple(found)
+        edge.append(value)
+    return tuple(edge)

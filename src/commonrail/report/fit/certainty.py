@@ -32,12 +32,12 @@ def likelihood_tables(certainty: CertaintyRecord | None) -> list[Table]:
         ("value", lambda c: significant(c.value, 4)),
         (f"{level} % interval", lambda c: f"{significant(c.lower, 4)} to {significant(c.upper, 4)}"),
     ]
-    found = [table_from_columns("Combinations", certainty.combinations, combinations, "Of the draws.")]
+    tables = [table_from_columns("Combinations", certainty.combinations, combinations, "Of the draws.")]
     bench = "Fitted and drawn with the parameters: their intervals hold what these quantities may be."
-    found.append(table_from_columns("Quantities of the bench", certainty.bench, _BENCH, bench, 2))
+    tables.append(table_from_columns("Quantities of the bench", certainty.bench, _BENCH, bench, 2))
     noise = "Each data set counts by its own noise; the weights of the objective play no part in the likelihood."
     return [
-        *(table for table in found if table.rows),
+        *(table for table in tables if table.rows),
         table_from_columns("Noise of the data", certainty.noise, _NOISE, noise, 2),
     ]
 
@@ -50,13 +50,13 @@ _BENCH: list[Column] = [
 ]
 
 
-def _parameters(certainty: CertaintyRecord, known: dict[str, ParameterRecord]) -> Table:
+def _parameters(certainty: CertaintyRecord, records: dict[str, ParameterRecord]) -> Table:
     level = to_fixed(certainty.level, 0, 100.0)
     columns: list[Column] = [
         ("parameter", lambda p: p.name),
         ("what the data say", lambda p: p.sentence),
-        ("most likely", lambda p: quantity(p.value, known[p.name].unit, DIGITS)),
-        (f"{level} % interval", lambda p: interval_text(p, known[p.name])),
+        ("most likely", lambda p: quantity(p.value, records[p.name].unit, DIGITS)),
+        (f"{level} % interval", lambda p: interval_text(p, records[p.name])),
     ]
     note = (
         f"An interval holds the true value in {level} % of the benches that have the noise below and no law that the "
@@ -66,20 +66,20 @@ def _parameters(certainty: CertaintyRecord, known: dict[str, ParameterRecord]) -
     return table_from_columns("Most likely values and intervals", certainty.parameters, columns, note, 2)
 
 
-def interval_text(p: CertainParameter, known: ParameterRecord, digits: int = DIGITS) -> str:
+def interval_text(p: CertainParameter, record: ParameterRecord, digits: int = DIGITS) -> str:
     """Interval of a parameter as far as it lies within the bounds.
 
     An end beyond a bound says that the data do not bound the parameter on that side: a stiffness has no negative values
-    that could be given for it. `known` is the parameter of the study.
+    that could be given for it. `record` is the parameter of the study.
     """
     if p.lower is None or p.upper is None:
         return MISSING
-    below, above = known.lower > p.lower, known.upper < p.upper
+    below, above = record.lower > p.lower, record.upper < p.upper
     if (below and above) or (p.percent or 0.0) > MOST_PERCENT:
         return OPEN
     if below or above:
-        return f"{'below' if below else 'above'} {quantity(p.upper if below else p.lower, known.unit, digits)}"
-    return quantity_range(p.lower, p.upper, known.unit, max(digits, interval_digits(p)))
+        return f"{'below' if below else 'above'} {quantity(p.upper if below else p.lower, record.unit, digits)}"
+    return quantity_range(p.lower, p.upper, record.unit, max(digits, interval_digits(p)))
 
 
 def interval_digits(p: CertainParameter) -> int:

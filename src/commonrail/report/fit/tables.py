@@ -59,9 +59,9 @@ def parameter_rows(
     parameters: Sequence[ParameterRecord], certainty: CertaintyRecord | None = None
 ) -> list[ParameterRow]:
     """Rows of the table of parameters, in their order; `certainty` is that of the same result."""
-    known = {p.name: p for p in certainty.parameters} if certainty else {}
+    certain = {p.name: p for p in certainty.parameters} if certainty else {}
     names = short_names([p.name for p in parameters])
-    return [_row(p, known.get(p.name), names[p.name]) for p in parameters]
+    return [_row(p, certain.get(p.name), names[p.name]) for p in parameters]
 
 
 def interval_head(certainty: CertaintyRecord | None) -> str:
@@ -87,9 +87,9 @@ def parameter_table(parameters: Sequence[ParameterRecord], certainty: CertaintyR
     return table_from_columns("Parameters", rows, columns)
 
 
-def _row(p: ParameterRecord, known: CertainParameter | None, short: str) -> ParameterRow:
+def _row(p: ParameterRecord, certain: CertainParameter | None, short: str) -> ParameterRow:
     unit, start, best, prior = p.unit, p.reference, p.best, p.prior
-    ends = (known.lower, known.upper) if known else _about(best, p.standard_error)
+    ends = (certain.lower, certain.upper) if certain else _about(best, p.standard_error)
     return ParameterRow(
         name=p.name,
         short=short,
@@ -97,8 +97,8 @@ def _row(p: ParameterRecord, known: CertainParameter | None, short: str) -> Para
         source=p.source or "no source given",
         verdict=p.verdict or MISSING,
         start=quantity(start, unit),
-        best=quantity(best, unit, max(4, interval_digits(known)) if known else 4),
-        interval=interval_text(known, p, 3) if known else _error(p),
+        best=quantity(best, unit, max(4, interval_digits(certain)) if certain else 4),
+        interval=interval_text(certain, p, 3) if certain else _error(p),
         bounds=quantity_range(p.lower, p.upper, unit, 3),
         change=to_signed(100.0 * (best / start - 1.0) if start else None, 1),
         mark=MARKS.get(p.mark, p.mark),
@@ -148,4 +148,4 @@ def tables_of(data: Sequence[Record], texts: Texts = LABELS) -> list[Table]:
 
     Errors and shares are those of the label "best", whatever its text.
     """
-    return [table for view, own in by_kind(data) for table in view.tables(own, texts)]
+    return [table for view, records in by_kind(data) for table in view.tables(records, texts)]

@@ -76,10 +76,10 @@ def search_words(search: SearchVerdict) -> str:
 def synthetic_notes(synthetic: str, data: Sequence[Record]) -> list[str]:
     """Notes on synthetic data: that of the whole result, then what only a data set says, then their names."""
     texts = [synthetic]
-    chosen = [d for d in data if d.get("synthetic")]
-    texts += [d["synthetic"] for d in chosen if d["synthetic"] not in texts[0]]
-    if chosen:
-        texts.append(f"Synthetic data: {join_words([d['name'] for d in chosen])}.")
+    synthetic_sets = [d for d in data if d.get("synthetic")]
+    texts += [d["synthetic"] for d in synthetic_sets if d["synthetic"] not in texts[0]]
+    if synthetic_sets:
+        texts.append(f"Synthetic data: {join_words([d['name'] for d in synthetic_sets])}.")
     return [text for text in texts if text]
 
 
@@ -115,8 +115,8 @@ _WORDS = {"rail_pressure": "rail pressure", "energising_time": "energising time"
 def judgement_lines(record: CalibrationRecord) -> list[str]:
     """Sentences on bands, effective parameters, spread of seeds and predictions of what was held out."""
     lines = [band_sentence(d) for d in record.data if "band" in d]
-    known = record.certainty.parameters if record.certainty else ()
-    if known and not lines and all(None in (one.lower, one.upper) for one in known):
+    parameters = record.certainty.parameters if record.certainty else ()
+    if parameters and not lines and all(None in (p.lower, p.upper) for p in parameters):
         lines.append("There are no bands: no parameter has an interval, so nothing bounds what the model predicts.")
     if influence := record.identifiability:
         lines.append(
@@ -125,7 +125,7 @@ def judgement_lines(record: CalibrationRecord) -> list[str]:
             f"{significant(influence.scatter, 3)} {in_print(scatter_unit(record))}."
         )
     lines += _seed_lines(record.refits.seeds)
-    lines += [line for one in record.refits.left_out for line in _left_out_lines(one)]
+    lines += [line for left_out in record.refits.left_out for line in _left_out_lines(left_out)]
     if record.refits.interrupted:
         lines.append("The user stopped the further searches: those that are missing were not run.")
     return lines
@@ -173,18 +173,17 @@ def _seed_table(seeds: Sequence[SeedRecord]) -> Table:
     return table_from_columns("Other seeds", seeds, columns, note)
 
 
-def _left_out_lines(one: LeftOutRecord) -> list[str]:
-    lines = [
-        f"Each {_WORDS.get(one.by, one.by)} of {one.name} held out in turn, {one.searches} searches, and predicted: "
-        f"{_metrics(one.figures)}."
-    ]
-    if one.mean is not None:
-        lines.append(f"The mean of the members of each search gives {_metrics(one.mean)}.")
-    if one.failed:
-        lines.append(f"The search without {join_words(one.failed)} could simulate no candidate.")
-    for baseline in one.baselines:
+def _left_out_lines(left_out: LeftOutRecord) -> list[str]:
+    values = f"Each {_WORDS.get(left_out.by, left_out.by)} of {left_out.name}"
+    searches = f"held out in turn, {left_out.searches} searches, and predicted"
+    lines = [f"{values} {searches}: {_metrics(left_out.figures)}."]
+    if left_out.mean is not None:
+        lines.append(f"The mean of the members of each search gives {_metrics(left_out.mean)}.")
+    if left_out.failed:
+        lines.append(f"The search without {join_words(left_out.failed)} could simulate no candidate.")
+    for baseline in left_out.baselines:
         beyond = baseline.extrapolated
-        said = f", {beyond} of its {one.values} values extrapolated" if beyond else ""
+        said = f", {beyond} of its {left_out.values} values extrapolated" if beyond else ""
         beats = "beats" if baseline.beaten else "does not beat"
         lines.append(f"There the model {beats} {baseline.text}, which gives {_metrics(baseline.figures)}{said}.")
     return lines
@@ -205,11 +204,11 @@ def _metrics(figures: Record) -> str:
 
 def _left_out_table(records: Sequence[LeftOutRecord]) -> Table:
     rows: list[tuple[LeftOutRecord, str, Record]] = []
-    for one in records:
-        rows.append((one, "model", one.figures))
-        if one.mean is not None:
-            rows.append((one, LABELS[MEAN], one.mean))
-        rows += [(one, baseline.text, baseline.figures) for baseline in one.baselines]
+    for left_out in records:
+        rows.append((left_out, "model", left_out.figures))
+        if left_out.mean is not None:
+            rows.append((left_out, LABELS[MEAN], left_out.mean))
+        rows += [(left_out, baseline.text, baseline.figures) for baseline in left_out.baselines]
     limit = significant(records[0].figures["limit_quantity"], 3, MM3)
     columns: list[Column] = [
         ("data set", lambda row: row[0].name),
@@ -258,7 +257,7 @@ def verdict(record: CalibrationRecord, run: str) -> ReportVerdict:
     """Verdict on a calibration by its record; `run` is the folder's name for the command lines."""
     advice = Advice.of(run)
     parts = (_ending, _plausibility, _tests, _errors, _prediction, _parameters)
-    points = [point for part in parts for point in part(record, advice)]
+    points = [point for rule in parts for point in rule(record, advice)]
     level, against = judge(points)
     notes = [point for point in points if point.kind is Kind.NOTE]
     urgent = {point.step for point in against if point.level == BAD}
@@ -271,9 +270,9 @@ def verdict(record: CalibrationRecord, run: str) -> ReportVerdict:
 def merits(data: Sequence[Record], before: str = "") -> list[Tile]:
     """Errors of each kind of data on what was fitted and what was not; `before` opens their heads."""
     return [
-        Tile(f"{before}{head}", *view.merit(own), worst_level(filter(None, map(view.fit_error, own))))
+        Tile(f"{before}{head}", *view.merit(records), worst_level(filter(None, map(view.fit_error, records))))
         for role, head in (("fit", "fit"), ("validation", "unseen"))
-        for view, own in by_kind(of_role(data, role))
+        for view, records in by_kind(of_role(data, role))
     ]
 
 
@@ -282,8 +281,8 @@ def tiles(record: CalibrationRecord) -> list[Tile]:
     answers = merits(record.data)
     if not of_role(record.data, "validation"):
         answers.append(Tile("unseen", "not known", "no data were held back"))
-    for view, own in by_kind(record.data):
-        if merit := view.quantity_merit(own):
+    for view, records in by_kind(record.data):
+        if merit := view.quantity_merit(records):
             answers.append(Tile("quantity", *merit))
     parameters = record.parameters
     if any(p.verdict for p in parameters):
@@ -324,7 +323,7 @@ _OF_METER = {"delay": "delay", "bandwidth": "cutoff", "gain": "gain", "offset": 
 
 def _suspect(record: CalibrationRecord, test: LackOfFitRecord) -> str:
     """Dotted name of what a test suspects and a study can free; empty if there is none."""
-    known, suspect = {p.name for p in record.parameters}, test.suspect or ""
+    free, suspect = {p.name for p in record.parameters}, test.suspect or ""
     stated = {data.get("meter") for data in record.data}
     names = itertools.chain([BENCH], (f"{BENCH}{i}" for i in itertools.count(2)))
     added = next(name for name in names if name not in stated)
@@ -335,7 +334,7 @@ def _suspect(record: CalibrationRecord, test: LackOfFitRecord) -> str:
     if is_of_meter(name) and parts_of(name)[0] == UNNAMED:
         name = parameter_name(added, parts_of(name)[1])
     can_be = name in parameter_quantities() or (is_of_meter(name) and parts_of(name)[1] in USUAL_OF_METER)
-    return name if can_be and name not in known else ""
+    return name if can_be and name not in free else ""
 
 
 def _errors(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
@@ -416,7 +415,9 @@ def _prediction(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
         cure = Step("State a discrepancy of these data, or free what the model lacks; do not rely on its bands before.")
         yield Point(Kind.NOTE, f"The bands hold too few measured values of {_some(narrow)}: they are too narrow.", cure)
     beaten = [d["name"] for d in validation if any(b.get("beaten") is False for b in d.get("baselines", ()))]
-    beaten_rows = dict.fromkeys(one.name for one in held_out if any(b.beaten is False for b in one.baselines))
+    beaten_rows = dict.fromkeys(
+        left_out.name for left_out in held_out if any(b.beaten is False for b in left_out.baselines)
+    )
     for of, names in (("", beaten), ("held out rows of ", list(beaten_rows))):
         if names:
             yield Point(Kind.NOTE, f"On {of}{_some(names)} a trivial model is as good or better.", step)
