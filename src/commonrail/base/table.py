@@ -23,8 +23,8 @@ class Cell:
 
     @property
     def plain(self) -> str:
-        """Text with its sign, for where there is no colour."""
-        # the star stands before the number, so that the digits stay in line
+        """Text with its sign, for output without colour."""
+        # the star is before the number, to keep the digits in line
         marked = f"{BEST_SIGN}\N{NO-BREAK SPACE}{self.text}" if self.best else self.text
         return f"{marked} {SIGNS[self.size]}" if self.size else marked
 
@@ -98,7 +98,7 @@ def table_from_columns(
 
 
 def judge_size(error: float | None, steps: Sequence[float]) -> str:
-    """Size of an error: small up to the first step, medium up to the second; large where there is no number."""
+    """Size of an error: small up to the first step, medium up to the second; large for a missing number."""
     return LARGE if error is None else (SMALL, MEDIUM, LARGE)[sum(abs(error) > step for step in steps)]
 
 

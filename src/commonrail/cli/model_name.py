@@ -11,7 +11,7 @@ from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import apply_words
 from commonrail.readers.injector import CATALOGUE, in_catalogue, injector_catalogue, load_injector, load_meters
-from commonrail.readers.location import Place, located
+from commonrail.readers.location import Place, locate_errors
 
 if TYPE_CHECKING:
     from commonrail.physics.meters import Meter
@@ -84,7 +84,7 @@ def read_model_name(text: str) -> NamedModel:
         raise InputError(f"{text}: there is no label before the equals sign; write LABEL=INJECTOR.")
     injector, meters = _injector(source), _meters(source)
     if words is not None:
-        with located(Place(text)):
+        with locate_errors(Place(text)):
             injector = replace(injector, variant=apply_words(injector.variant, words))
     folder = None
     if not in_catalogue(source) and Path(source).is_dir():

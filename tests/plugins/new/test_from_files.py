@@ -13,7 +13,7 @@ from scipy.io import savemat
 
 import commonrail as cr
 from commonrail.plugins.new.study import _best_seen, usual_space
-from commonrail.readers.overview import survey, zero_of
+from commonrail.readers.overview import propose_time_zero, survey
 from tests.cli.conftest import Done, run_command
 from tools.bench_files import INTERVAL, SHOT_POINTS, TRUTH, quantities, rate, true_injector, write_bench_files
 
@@ -182,7 +182,7 @@ def test_time_zero_is_taken_for_the_start_of_energising_where_the_times_hold_it(
     first: float, last: float, zero: str
 ) -> None:
     """A first sample may stand at the end of its interval."""
-    assert zero_of((first, last), 200) == {"time_zero": zero}
+    assert propose_time_zero((first, last), 200) == {"time_zero": zero}
 
 
 @pytest.mark.parametrize(

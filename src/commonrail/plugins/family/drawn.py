@@ -24,7 +24,7 @@ from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector, parameter_quantities
 from commonrail.plugins.diagnose.evidence import RESOLUTION, BenchNoise, Response, judge, responses
-from commonrail.plugins.diagnose.faults import SEAT_LEAK, Change, Fault, Parts
+from commonrail.plugins.diagnose.faults import SEAT_LEAK, Change, Fault, Parts, load_shipped_faults
 from commonrail.plugins.family.injector_type import InjectorType
 
 FLOW = "nozzle.hole_diameter"  # its square is the area: the flow factor scales c_d A at every lift and pressure

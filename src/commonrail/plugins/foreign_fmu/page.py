@@ -8,7 +8,7 @@ from commonrail.base.chart import BOTH, MARKERS, Figure, Panel, Series, points
 from commonrail.base.table import Column, Table, table_from_columns
 from commonrail.base.text import number, quantity, quantity_range, significant
 from commonrail.calibration.record import FitRecord, read_as
-from commonrail.data.records import Record, origin_of
+from commonrail.data.records import Record, origin_word
 from commonrail.plugins.foreign_fmu.file import KIND
 from commonrail.plugins.foreign_fmu.run import RECORD, STUDY
 from commonrail.report.data.view import present
@@ -139,7 +139,7 @@ def fmu_figures(record: Record) -> list[Figure]:
     """Measured and simulated values of each data set, one panel for each output."""
     figures = []
     for data in record["data"]:
-        panels = tuple(_panel(output, origin_of(data)) for output in data["outputs"])
+        panels = tuple(_panel(output, origin_word(data)) for output in data["outputs"])
         axis = "time, s" if data["outputs"][0]["axis"] == "time" else "row"
         figures.append(Figure(data["name"], f"Values of {data['name']} ({data['role']}).", axis, panels))
     return figures

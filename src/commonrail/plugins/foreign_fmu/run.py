@@ -14,7 +14,7 @@ from commonrail.calibration.search import Checkpoint
 from commonrail.plugins.foreign_fmu.file import fmu_record
 from commonrail.plugins.foreign_fmu.fit import FmuFit, calibrate_fmu
 from commonrail.plugins.foreign_fmu.study import FmuStudy, load_fmu_study
-from commonrail.runs.fingerprint import fingerprint_of
+from commonrail.runs.fingerprint import hash_values
 from commonrail.runs.fit import FitKind, Listener, Work
 from commonrail.runs.folder import write_record
 from commonrail.runs.journal import Journal
@@ -72,7 +72,7 @@ def _content(study: FmuStudy) -> str:
     """Fingerprint of a study: equal ones mean identical searches, except for simulations over the time limit."""
     rows, method = study.space.rows, study.method
     settings = study.seed, study.step, study.time_limit, study.loss, study.loss_scale
-    return fingerprint_of(
+    return hash_values(
         study.title,
         study.fmu.digest,
         study.space.parameters,

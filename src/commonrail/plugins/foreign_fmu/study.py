@@ -36,7 +36,7 @@ from commonrail.data.study_block import Name
 from commonrail.plugins.foreign_fmu.data import FmuData, FmuInputs, StartValue, by_set, fmu_curve, fmu_rows
 from commonrail.plugins.foreign_fmu.fmu import Fmu, FmuSimulator, FmuStatus, FmuVariable, read_fmu
 from commonrail.readers.columns import Column
-from commonrail.readers.location import Place, Reach, located
+from commonrail.readers.location import Place, Reach, locate_errors
 from commonrail.readers.tables import read_columns
 from commonrail.readers.toml import FileModel, Text, Unit, read_model_file
 
@@ -407,17 +407,17 @@ def _study(file: Path) -> FmuStudy:
     fmu = read_fmu(reach.path(file.parent, model.fmu, at / "fmu"))
     reading = _Reading(fmu, _settings(model.set, fmu, at / "set"), reach)
     free = [_parameter(block, fmu, (at / "parameter")[i]) for i, block in enumerate(model.parameter)]
-    with located(at):
+    with locate_errors(at):
         space = Space(free, model.constraints)
     data = tuple(_data(block, reading, (at / "data")[i]) for i, block in enumerate(model.data))
     method = method_of(model.optimiser, space, at / "optimiser")
     settings = model.seed, model.step, model.time_limit, model.loss, model.loss_scale
-    with located(at):
+    with locate_errors(at):
         return FmuStudy(model.title, fmu, data, space, method, *settings, text=text, note=model.note)
 
 
 def _parameter(model: _ParameterModel, fmu: Fmu, at: Place) -> Parameter:
-    with located(at):
+    with locate_errors(at):
         variable = fmu.number(model.name)
         lower, upper = _number(model.lower, variable), _number(model.upper, variable)
         start = None if model.start is None else _number(model.start, variable)
@@ -435,7 +435,7 @@ def _number(item: str | float, variable: FmuVariable, read: Callable[[str, str],
 def _settings(stated: Mapping[str, _Value], fmu: Fmu, at: Place) -> dict[str, StartValue]:
     start_values: dict[str, StartValue] = {}
     for name, item in stated.items():
-        with located(at / name):
+        with locate_errors(at / name):
             variable = fmu.adjustable(name)
             is_number = variable.type not in ("Boolean", "String") and not isinstance(item, bool)
             start_values[name] = _number(item, variable) if is_number else item
@@ -445,7 +445,7 @@ def _settings(stated: Mapping[str, _Value], fmu: Fmu, at: Place) -> dict[str, St
 def _data(model: _DataModel, reading: _Reading, at: Place) -> FmuData:
     variables = {}
     for i, output in enumerate(model.output):
-        with located((at / "output")[i]):
+        with locate_errors((at / "output")[i]):
             if output.variable in variables:
                 raise InputError(f"{output.variable} is compared twice; keep one.")
             variables[output.variable] = reading.fmu.number(output.variable)
@@ -468,7 +468,7 @@ def _data(model: _DataModel, reading: _Reading, at: Place) -> FmuData:
     time = _time(model.time)
     table = read_columns(path, [time, *columns.values()], 1)
     measured = {name: table.columns[column.name] for name, column in columns.items()}
-    with located(at):
+    with locate_errors(at):
         return fmu_curve(model.name, table.columns[model.time], measured, start=reading.settings, **more)
 
 
@@ -485,7 +485,7 @@ def _rows(
         raise (at / "stop").error('this key is missing; with rows, state the end of each simulation, such as "3 ms"')
     set_columns = {}
     for name, column in model.rows.items():
-        with located(at / "rows" / name):
+        with locate_errors(at / "rows" / name):
             reading.fmu.adjustable(name)
             set_columns[name] = _column(column, reading.fmu.number(name))
     table = read_columns(path, [*columns.values(), *set_columns.values()], 1)
@@ -495,7 +495,7 @@ def _rows(
         for i in range(count)
     ]
     measured = {name: table.columns[column.name] for name, column in columns.items()}
-    with located(at):
+    with locate_errors(at):
         return fmu_rows(model.name, each, measured, model.stop, **more)
 
 
@@ -513,7 +513,7 @@ def _tolerances(model: _DataModel, variables: Mapping[str, FmuVariable], at: Pla
     tolerances = {}
     for i, output in enumerate(model.output):
         if output.tolerance is not None:
-            with located((at / "output")[i] / "tolerance"):
+            with locate_errors((at / "output")[i] / "tolerance"):
                 tolerances[output.variable] = _number(output.tolerance, variables[output.variable], parse_difference)
                 if not tolerances[output.variable] > 0.0:
                     raise InputError("a tolerance must be greater than zero.")
@@ -526,7 +526,7 @@ def _inputs(model: _InputsModel | None, reading: _Reading, at: Place) -> FmuInpu
     path = reading.reach.path(reading.reach.file.parent, model.file, at / "file")
     columns = {}
     for name, column in model.columns.items():
-        with located(at / "columns" / name):
+        with locate_errors(at / "columns" / name):
             columns[name] = _column(column, reading.fmu.number(name))
     table = read_columns(path, [_time(model.time), *columns.values()], 2)
     return FmuInputs(

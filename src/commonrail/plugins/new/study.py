@@ -28,17 +28,17 @@ from commonrail.calibration.study import step_for_all
 from commonrail.calibration.usual import BENCH, usual_parameter, with_usual_prior
 from commonrail.data.base import DataSet
 from commonrail.data.quantities.data import QuantityData, chosen_rows
-from commonrail.data.registry import kind_of
+from commonrail.data.registry import get_kind
 from commonrail.data.simulator import Simulator
 from commonrail.data.study_block import Context, drive_unit
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.variants import unread_parameters
 from commonrail.readers.columns import PLAIN, TIME, Column, FileForm, Sheet
-from commonrail.readers.formats import format_of
+from commonrail.readers.formats import find_format
 from commonrail.readers.injector import load_injector
 from commonrail.readers.injector_writer import dump_injector
 from commonrail.readers.location import Place, Reach
-from commonrail.readers.operating_points import pattern_of
+from commonrail.readers.operating_points import find_pattern
 from commonrail.readers.overview import RATES, UNKNOWN, ZERO, Survey, survey
 from commonrail.readers.quantity_matrix import GivenUnits
 from commonrail.readers.tables import open_sheet
@@ -247,7 +247,7 @@ def survey_file(path: Path, stated: StatedByUser) -> Survey:
 
     `InputError` if it cannot be read, or holds no data for a study.
     """
-    is_book = format_of(path) == "xlsx"
+    is_book = find_format(path) == "xlsx"
     form = stated.form._replace(encoding="") if is_book else stated.form._replace(sheet="")
     result = survey(path, form)
     if not result.block and any(stated.units.by_kind().values()):
@@ -291,7 +291,7 @@ def _drive(survey: Survey, unit: str) -> dict[str, Any]:
     """
     channels = [channel for channel in survey.channels if channel.kind == unit]
     names = [channel.name for channel in channels]
-    column = pattern_of(names) if "columns" in survey.block else names[0] if len(names) == 1 else None
+    column = find_pattern(names) if "columns" in survey.block else names[0] if len(names) == 1 else None
     stated = {"unit": channels[0].unit} if column and channels[0].unit_by_name else {}
     starts = [any_channel.low for any_channel in survey.channels if any_channel.kind == "s"] + [
         any_channel.times[0] for any_channel in channels if any_channel.times
@@ -365,7 +365,7 @@ class _Trial:
         assumed = _assume_open_values(self.blocks[i])
         if open_keys(assumed):
             return []
-        kind = kind_of(self.blocks[i]["kind"])
+        kind = get_kind(self.blocks[i]["kind"])
         context = Context(self.model, self.step, Reach(self.study, False), (Place(str(self.study)) / "data")[i])
         with quiet():  # reading the study gives the same notes
             return list(kind.read_all(read_model(kind.model, assumed, context.at), context))

@@ -129,7 +129,7 @@ def observe(
     from commonrail.plugins.observer.page import observer_lines, observer_tables, warning_lines
     from commonrail.plugins.observer.run import observe as run
     from commonrail.plugins.observer.study import CURRENT_DELAY, FURTHER, ObserverSettings, check_model
-    from commonrail.readers.location import Place, located
+    from commonrail.readers.location import Place, locate_errors
     from commonrail.readers.toml import UNSTATED
     from commonrail.report.analysis import run_into, synthetic_lines
 
@@ -213,7 +213,7 @@ def observe(
     refused: list[str] = []
 
     def run_and_compensate() -> Observation:
-        with located(Place(log.name)), Bar("shots") as bar:
+        with locate_errors(Place(log.name)), Bar("shots") as bar:
             observation = run(
                 injector,
                 *read[:3],

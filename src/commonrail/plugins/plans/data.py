@@ -15,9 +15,9 @@ from commonrail.base.arguments import Quantity, instances, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.text import number
-from commonrail.data.base import Missing, Role, Score, Term, ToleratedData, read_labels, share_of, term_of
+from commonrail.data.base import Missing, Role, Score, Term, ToleratedData, make_term, read_labels, relative_to
 from commonrail.data.noise import Noise
-from commonrail.data.quantities.data import QuantityData, values_of
+from commonrail.data.quantities.data import QuantityData, point_values
 from commonrail.data.quantities.returned import ReturnData
 from commonrail.data.records import point_record
 from commonrail.data.simulator import ITSELF, Candidates, Simulator
@@ -30,7 +30,7 @@ from commonrail.physics.meters import Meter
 from commonrail.physics.variants import RETURN, reader_of, unread_inputs
 from commonrail.plugins.plans.page import note_without_rate
 from commonrail.plugins.plans.study import Bands, Measure, PlanTest, State, TestPlan, load_plan
-from commonrail.readers.location import Place, located
+from commonrail.readers.location import Place, locate_errors
 from commonrail.readers.toml import Unit
 
 # Residual for one half band. Makers aim at the nominal quantity, so values near it are likelier than values at the
@@ -144,7 +144,7 @@ class PlanData(ToleratedData):
         """
         points = tuple(test.point(*pressures) for test in plan.tests)
         for test, point in zip(plan.tests, points, strict=True):
-            with located(Place(plan.name, f"test {test.name}")):
+            with locate_errors(Place(plan.name, f"test {test.name}")):
                 check_point(injector, point)
                 if test.measure is Measure.RETURN and RETURN in unread_inputs(injector.variant):
                     cure = f"take a model with {reader_of(RETURN)}, or omit the test"
@@ -159,7 +159,7 @@ class PlanData(ToleratedData):
     def read_all(cls, model: PlanModel, context: Context) -> tuple[Self, ...]:
         """Read a plan; see `DataSet.read_all`."""
         plan = load_plan(context.path(model.file, context.at, model.form), model.form)
-        with located(context.at):
+        with locate_errors(context.at):
             plan = plan.at_stroke_rate(model.stroke_rate)
             plan = plan if model.tests is None else plan.select(model.tests)
             note_without_rate(model.name, plan.tests)
@@ -179,7 +179,7 @@ class PlanData(ToleratedData):
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
         """One term for each plan."""
-        return [term_of(d, partial(_values, d), partial(np.not_equal, OK), to_horizon=d.to_horizon) for d in group]
+        return [make_term(d, partial(_values, d), partial(np.not_equal, OK), to_horizon=d.to_horizon) for d in group]
 
     @property
     def to_horizon(self) -> bool:
@@ -246,7 +246,7 @@ class PlanScore(Score):
     def relative_error(self) -> float:
         """Σ |error| over Σ quantity, each in its half band; NaN for a failed simulation."""
         level = float(np.sum(np.abs(self.data.measured / self.data.tolerances)))
-        return share_of(np.sum(np.abs(self.data.errors(self.values))), level)
+        return relative_to(np.sum(np.abs(self.data.errors(self.values))), level)
 
 
 def _part(data: PlanData, i: int) -> QuantityData:
@@ -265,7 +265,7 @@ def _part(data: PlanData, i: int) -> QuantityData:
 def _values(data: PlanData, batch: Batch, candidates: Candidates) -> Floats:
     """Quantities (candidates, tests) of a batch at the points of the tests [m³]."""
     parts = enumerate(data.parts)
-    return np.concatenate([values_of(p, batch.at_points(slice(i, i + 1)), candidates) for i, p in parts], axis=1)
+    return np.concatenate([point_values(p, batch.at_points(slice(i, i + 1)), candidates) for i, p in parts], axis=1)
 
 
 def _row(data: PlanData, i: int, scores: Mapping[str, PlanScore]) -> dict[str, Any]:

@@ -30,7 +30,7 @@ from commonrail.base.units import to_text
 from commonrail.engine.operating_point import RAIL_PRESSURES, Energising, OperatingPoint, read_pulses
 from commonrail.physics.law import Domain
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table
-from commonrail.readers.location import Place, located
+from commonrail.readers.location import Place, locate_errors
 from commonrail.readers.overview import synthetic_mark
 from commonrail.readers.tables import has_columns, open_sheet, take_columns
 
@@ -278,7 +278,7 @@ def load_plan(path: str | PathLike[str], form: FileForm = PLAIN) -> TestPlan:
         _warn_of_unusual(table, name)
     tests = tuple(_test(table, row) for row in range(len(table.rows)))
     mark = synthetic_mark((*table.comments, *(cell for texts in table.texts.values() for cell in texts)))
-    with located(Place(str(path))):
+    with locate_errors(Place(str(path))):
         return TestPlan(path.name, tests, next(iter(units.values()), "m3"), mark)
 
 
@@ -304,7 +304,7 @@ def _test(table: Table, row: int) -> PlanTest:
     if word not in ("", *Measure):
         raise table.place("measure", row).error(f'unknown measure "{word}"; write delivery or return')
     measure = Measure(word or Measure.DELIVERY)
-    with located(Place(str(table.path), f"{table.row} {table.rows[row]}")):
+    with locate_errors(Place(str(table.path), f"{table.row} {table.rows[row]}")):
         return PlanTest(
             name,
             float(table.columns["rail_pressure"][row]),

@@ -18,7 +18,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.base.record import Interval, Key
 from commonrail.calibration.study_file import named_injector
 from commonrail.calibration.study_keys import InItsUnit, known_parameter
-from commonrail.data.records import record_of
+from commonrail.data.records import make_record
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.status import check_point
 from commonrail.engine.time_step import DEFAULT_STEP
@@ -39,7 +39,7 @@ from commonrail.plugins.tolerance.study import (
     Uniform,
 )
 from commonrail.plugins.tolerance.trim import Trimmed
-from commonrail.readers.location import located
+from commonrail.readers.location import locate_errors
 from commonrail.readers.toml import UNSTATED, FileModel, Mark, Sourced, Text, Unit, choice, fault, read_model_file
 
 
@@ -181,8 +181,8 @@ class ToleranceResult(Shown):
         return rows
 
     def record(self) -> dict[str, Any]:
-        """JSON-able form [SI]; absent values are None."""
-        return record_of("tolerance", self)
+        """JSON-able form, SI; what does not exist is None."""
+        return make_record("tolerance", self)
 
 
 # Tolerance studies from TOML: injector, distributions of its dimensions, operating points with limits, trim.
@@ -305,14 +305,14 @@ def load_tolerances(path: str | Path) -> Tolerances:
     injector = named_injector(model.injector, file.parent, reach, at / "injector")
     dimensions = []
     for i, item in enumerate(model.dimension):
-        with located((at / "dimension")[i]):
+        with locate_errors((at / "dimension")[i]):
             distribution = _distribution(item, injector.values[item.name])
             dimensions.append(Dimension(item.name, distribution, item.origin(Source(model.mark, model.source))))
     points = []
     for i, point_model in enumerate(model.point):
-        with located((at / "point")[i]):
+        with locate_errors((at / "point")[i]):
             points.append(_point(point_model, injector))
-    with located(at):
+    with locate_errors(at):
         return Tolerances(
             model.title,
             injector,

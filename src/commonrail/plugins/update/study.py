@@ -20,7 +20,7 @@ from commonrail.readers.overview import UNKNOWN, Survey
 from commonrail.readers.toml import read_toml
 from commonrail.runs.folder import STUDY
 from commonrail.runs.journal import Input
-from commonrail.runs.study_edits import append, complete, exact
+from commonrail.runs.study_edits import append, complete, exact, parameter_table
 
 # Keys on how the bench measures, which a new file takes from the fitted data of its kind if these agree and the file
 # states none. A window is excluded: it belongs to the times of one file.
@@ -129,8 +129,7 @@ def make_updated_study(
             append(document, "data", block)
         complete(document, [parameter["name"] for parameter in parameters])
         for i, parameter in enumerate(parameters):
-            table = table_of(document, parameter)
-            best, unit = parameter["best"], parameter["unit"]
+            table, best, unit = parameter_table(document, parameter), parameter["best"], parameter["unit"]
             table.pop("reference", None)
             table["start"] = exact(best, unit)
             prior = parameter.get("prior", {}) if "value" not in table.get("prior", {"value": 0}) else {}

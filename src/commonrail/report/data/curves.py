@@ -20,7 +20,7 @@ from commonrail.data.records import (
     MM3_PER_MS,
     Record,
     Texts,
-    origin_of,
+    origin_word,
     relative_error,
 )
 from commonrail.report.data.bands import band_caption
@@ -98,7 +98,7 @@ class CurveView(View):
         trace = plotted.traces[data["name"]]
         time = points(trace["time_s"] * MICROSECOND)
         measured = trace[MEASURED]
-        curves = [Series(origin_of(data), MEASURED, time, points(measured * MM3_PER_MS))]
+        curves = [Series(origin_word(data), MEASURED, time, points(measured * MM3_PER_MS))]
         errors = []
         for label, model in plotted.models.items():
             if label not in trace:
@@ -109,7 +109,7 @@ class CurveView(View):
         seen = f" Simulated as the meter “{data['meter']}” shows it." if data.get("meter") else ""
         others = len(errors) > 1 and JUDGED in trace
         cut = " Errors of other models are cut at the range of the calibrated one and its band." if others else ""
-        caption = f"Rate of injection; below, simulated − {origin_of(data)}.{cut}{seen} {band_caption(data)}".rstrip()
+        caption = f"Rate of injection; below, simulated − {origin_word(data)}.{cut}{seen} {band_caption(data)}".rstrip()
         about = (np.zeros(len(measured)), measured)
         bands = [(_band(data, time, middle),) if "band" in data else () for middle in about]
         panels = (
@@ -147,7 +147,7 @@ _INPUTS = (*OPERATING_POINT, "samples")
 
 
 def _measured_column(data: Sequence[Record], unit: str) -> Part:
-    origins = {origin_of(d) for d in data}
+    origins = {origin_word(d) for d in data}
     origin = origins.pop() if len(origins) == 1 else "data"
     return column(f"{origin}{unit}", lambda d: to_fixed(d["volume"][MEASURED], 2, MM3))
 
