@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.base.table import Table
-from commonrail.base.text import duration, fixed, percent, signed
+from commonrail.base.text import duration, percent, to_fixed, to_signed
 from commonrail.plugins.paper import page as tables
 from commonrail.plugins.paper import study
 from commonrail.plugins.paper.bench import Bench, Friction, Scatter, Sensor, Truth
@@ -85,8 +85,8 @@ def describe_ideal(record: Record) -> str:
     k6 = record["table1"][5]
     return (
         f"Median J after the search is {percent(share, 2)} % of the theoretical model's at 160 MPa; k6 ends "
-        f"{signed(100.0 * k6['change']['median'], 0)} % from theory (median), and the truth is "
-        f"{signed(100.0 * k6['paper_change'], 0)} %."
+        f"{to_signed(100.0 * k6['change']['median'], 0)} % from theory (median), and the truth is "
+        f"{to_signed(100.0 * k6['paper_change'], 0)} %."
     )
 
 
@@ -118,7 +118,7 @@ def tabulate_friction() -> str:
         theory = study.space(bench.injector).reference
         change = np.median([f.x / theory - 1.0 for f in searches], axis=0)
         cost = float(np.median([f.cost for f in searches]))
-        rows.append((text, *(signed(100.0 * value, 0) for value in change), fixed(cost, 1)))
+        rows.append((text, *(to_signed(100.0 * value, 0) for value in change), to_fixed(cost, 1)))
     return format_grid(("truth", *(f"k{i}, %" for i in range(1, 8)), "J"), rows)
 
 
