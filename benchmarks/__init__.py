@@ -1,1 +1,1 @@
-"""Time, accuracy and search of commonrail beside other solvers and optimisers; rooflines and figures."""
+"""Time, accuracy and search of commonrail compared with other solvers and optimisers; rooflines and figures."""

@@ -1,4 +1,4 @@
-"""Time and accuracy of commonrail, and its optimisers beside others: ``python -m benchmarks speed|optimisers``.
+"""Time and accuracy of commonrail, and its optimisers compared with others: ``python -m benchmarks speed|optimisers``.
 
 ``make bench`` runs ``speed --peers``, then adds what bounds a step (`benchmarks.roofline`) and draws figures
 (`benchmarks.plot`).
@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import curves
-from benchmarks.contest import SLOTS, contest, entries, problems_of, standing
+from benchmarks.contest import SLOTS, contest, entries, problems_of, rank_optimisers
 from benchmarks.methods import peer_methods, right_hand_side
 from benchmarks.run import (
     TABLES,
@@ -25,11 +25,11 @@ from benchmarks.run import (
     column,
     effort,
     grids,
+    make_table,
     number,
     run_bench,
     sentences,
     stages,
-    tabulated,
     words,
 )
 from benchmarks.searches import OPTIMISERS, reference_searches
@@ -47,12 +47,12 @@ PACKAGES = {"sksundae": "SUNDIALS CVODE (scikit-sundae)", "pymoo": "pymoo", "cma
 DISTRIBUTIONS = ("scikit-sundae", "pymoo", "cma")
 
 
-def missing_peers(found: Callable[[str], object | None] = find_spec) -> list[dict[str, str]]:
+def missing_peers(find: Callable[[str], object | None] = find_spec) -> list[dict[str, str]]:
     """Peers that are not installed, and how to install them."""
-    return [{"peer": name, "install": EXTRA} for module, name in PACKAGES.items() if found(module) is None]
+    return [{"peer": name, "install": EXTRA} for module, name in PACKAGES.items() if find(module) is None]
 
 
-def planned(quick: bool) -> list[Stage]:
+def plan_stages(quick: bool) -> list[Stage]:
     """Everything that is measured, in order; peers that are not installed are left out."""
     present = {module for module in PACKAGES if find_spec(module) is not None} | {"scipy"}
     methods = [m for m in peer_methods() if m.needs in present]
@@ -91,22 +91,22 @@ def _curve(title: str, key: str, factor: float = 1.0) -> Make:
         ("simulations per second", column("per_second")),
         ("threads", words("threads")),
     )
-    return tabulated(title, columns, 0)
+    return make_table(title, columns, 0)
 
 
 ALL_TABLES: dict[str, Make] = TABLES | {
-    "extrapolated": tabulated(
+    "extrapolated": make_table(
         "The same by scalar solvers on one core: EXTRAPOLATED from the simulations measured", _EXTRAPOLATED
     ),
     "points": _curve("Operating points", "points"),
     "horizon": _curve("Horizon ms", "horizon", 1e3),
     "threads": _curve("Threads", "threads"),
-    "candidates": tabulated("Candidates", _CANDIDATES, 0),
+    "candidates": make_table("Candidates", _CANDIDATES, 0),
 }
 
 
 def speed(quick: bool, peers: bool, out: Path | None, as_json: bool) -> int:
-    """Measure time and accuracy of simulations and searches; what was measured before Ctrl-C is shown too.
+    """Measure time and accuracy of simulations and searches; measurements before Ctrl-C are shown too.
 
     Parameters
     ----------
@@ -128,13 +128,13 @@ def speed(quick: bool, peers: bool, out: Path | None, as_json: bool) -> int:
     options = {"peers": True, "curves": True, "quick": quick} if peers else {"quick": quick}
     with Bar("measuring; leave the machine alone meanwhile") as bar:
         record = run_bench(
-            planned(quick) if peers else stages(quick),
+            plan_stages(quick) if peers else stages(quick),
             lambda title, done, total: bar.show(Shown(title, done, total, "")),
             options=options,
             missing=missing_peers() if peers else (),
         )
     if peers:
-        record["machine"]["versions"] |= {name: known for name in DISTRIBUTIONS if (known := version(name))}
+        record["machine"]["versions"] |= {name: installed for name in DISTRIBUTIONS if (installed := version(name))}
     if out is not None:
         write_text(out, json.dumps(record, indent=1, allow_nan=False) + "\n")
     if as_json:
@@ -156,12 +156,12 @@ def optimisers(
     out: Path | None,
     as_json: bool,
 ) -> int:
-    """Compare optimisers at equal evaluations, on one thread; what was found before Ctrl-C is shown too.
+    """Compare optimisers at equal evaluations, on one thread; results before Ctrl-C are shown too.
 
     Parameters
     ----------
     studies : sequence of Path
-        Study files; the paper's case if there are none.
+        Study files; by default the paper's case.
     benches : int
         Number of virtual benches besides: SYNTHETIC, the paper's case with other stiffnesses, noise and scatter.
     seeds : int
@@ -169,7 +169,7 @@ def optimisers(
     evaluations : int
         Of each search, candidates at all operating points of a study.
     methods : sequence of str
-        Beginnings of the names of methods beside the paper's; all if there are none.
+        Beginnings of the names of methods in addition to the paper's; by default all.
     out : Path or None
         File for every step of every search.
     as_json : bool
@@ -188,15 +188,15 @@ def optimisers(
         names = [entry.name for problem in problems[:1] for entry in entries(problem)]
         if strange := [method for method in methods if not any(name.startswith(method) for name in names)]:
             raise ConfigurationError(f'there is no optimiser "{strange[0]}"; take one of: {", ".join(names)}.')
-        chosen = [name for name in names if not methods or name == names[0] or name.startswith(tuple(methods))]
-        total = len(problems) * len(chosen) * seeds
+        selected = [name for name in names if not methods or name == names[0] or name.startswith(tuple(methods))]
+        total = len(problems) * len(selected) * seeds
         try:
             for row in contest(problems, range(1, seeds + 1), evaluations, methods):
                 rows.append(row)
                 bar.show(Shown("searches", len(rows), total, f"{row['problem']}, {row['optimiser']}"))
         except KeyboardInterrupt:
             stopped = True
-    table = standing(rows, evaluations)
+    table = rank_optimisers(rows, evaluations)
     record = {"kind": "optimisers", "evaluations": evaluations, "standing": table, "searches": rows}
     if out is not None:
         write_text(out, json.dumps(record, allow_nan=False) + "\n")
@@ -210,7 +210,7 @@ def optimisers(
 
 def _ended(interrupted: bool) -> int:
     if interrupted:
-        say("interrupted; what was found so far is above.")
+        say("interrupted; the results so far are above.")
     return INTERRUPTED if interrupted else 0
 
 
@@ -247,15 +247,15 @@ def _parser() -> argparse.ArgumentParser:
     shared = argparse.ArgumentParser(add_help=False)
     shared.add_argument("--out", type=Path, metavar="FILE.json", help="file for the record")
     shared.add_argument("--json", action="store_true", help="print JSON in place of tables")
-    one = verbs.add_parser("speed", parents=[shared], help="time and accuracy of simulations and searches")
-    one.add_argument("--quick", action="store_true", help="shorter timings and fewer rows")
-    one.add_argument("--peers", action="store_true", help="other solvers and optimisers too, and cost curves")
+    speed_parser = verbs.add_parser("speed", parents=[shared], help="time and accuracy of simulations and searches")
+    speed_parser.add_argument("--quick", action="store_true", help="shorter timings and fewer rows")
+    speed_parser.add_argument("--peers", action="store_true", help="other solvers and optimisers too, and cost curves")
     other = verbs.add_parser("optimisers", parents=[shared], help="optimisers at equal evaluations, on one thread")
     other.add_argument("studies", type=Path, nargs="*", metavar="STUDY.toml", help="by default the paper's case")
     other.add_argument("--benches", type=_count(0), default=0, help="number of virtual benches besides")
     other.add_argument("--seeds", type=_count(1), default=5, help="number of seeds, from 1")
     other.add_argument("--evaluations", type=_count(50), default=SLOTS, help="of each search")
-    other.add_argument("--method", action="append", default=[], help="beside the paper's; can be repeated")
+    other.add_argument("--method", action="append", default=[], help="in addition to the paper's; can be repeated")
     return parser
 
 

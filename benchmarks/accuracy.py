@@ -47,8 +47,8 @@ def errors(solution: Solution, truth: Solution) -> Errors:
     if len(solution.time) != len(truth.time) or not np.allclose(solution.time, truth.time, rtol=0.0, atol=1e-12):
         raise ConfigurationError("Two simulations can only be compared at the same times.")
     level = float(np.sum(np.abs(truth.mass_rate)))
-    apart = float(np.sum(np.abs(solution.mass_rate - truth.mass_rate)))
-    return Errors(100.0 * apart / level, 100.0 * (solution.injected_mass / truth.injected_mass - 1.0))
+    deviation = float(np.sum(np.abs(solution.mass_rate - truth.mass_rate)))
+    return Errors(100.0 * deviation / level, 100.0 * (solution.injected_mass / truth.injected_mass - 1.0))
 
 
 def find_truth() -> Truth:
@@ -60,13 +60,13 @@ def find_truth() -> Truth:
 def lane_errors(time_step: float, precision: Precision, others: int) -> list[Errors]:
     """Errors of the lanes: of the case, then of the first `others` candidates of the benchmark's population.
 
-    Each is judged by the explicit scheme at its usual resolution; samples are some 3 us long, whole numbers of steps of
-    `time_step` [s].
+    Each is judged by the explicit scheme at its usual resolution; samples are about 3 us long, whole numbers of steps
+    of `time_step` [s].
     """
     interval = time_step * max(round(INTERVAL / time_step), 1)
-    found = []
+    results = []
     for values in [{}, *(dict(zip(study.NAMES, row, strict=True)) for row in candidates(others))]:
-        own = injector().with_values(values)
-        lanes = simulate(own, POINT, time_step=time_step, sample_interval=interval, precision=precision)
-        found.append(errors(lanes, simulate_reference(own, POINT, interval, Resolution(method="explicit"))))
-    return found
+        candidate = injector().with_values(values)
+        lanes = simulate(candidate, POINT, time_step=time_step, sample_interval=interval, precision=precision)
+        results.append(errors(lanes, simulate_reference(candidate, POINT, interval, Resolution(method="explicit"))))
+    return results

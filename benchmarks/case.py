@@ -43,7 +43,7 @@ def candidates(count: int) -> Floats:
 def paper_study(seed: int = 1, generations: int = study.BEST.generations) -> Study:
     """The paper's search: seven stiffnesses, 50 members, 70 generations, one pressure; data are SYNTHETIC.
 
-    The seed is that of the search; the synthetic measurement is always the same.
+    The seed is the search's; the synthetic measurement is always the same.
     """
     settings = study.BEST._replace(generations=generations).settings
     return Study("paper", injector(), _data(), study.space(injector()), Method(settings), seed, TIME_STEP)

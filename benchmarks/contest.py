@@ -1,4 +1,4 @@
-"""Optimisers compared at equal evaluations: problems, searches, and the standing by medians of seeds."""
+"""Optimisers compared at equal evaluations: problems, searches, and the ranking by medians of seeds."""
 
 from __future__ import annotations
 
@@ -63,8 +63,8 @@ class Trace(NamedTuple):
 
     def after(self, evaluations: int) -> float:
         """Best objective once so many evaluations were made; +inf before the first step."""
-        found = [j for n, j in zip(self.evaluations, self.best, strict=True) if n <= evaluations]
-        return found[-1] if found else float("inf")
+        reached = [j for n, j in zip(self.evaluations, self.best, strict=True) if n <= evaluations]
+        return reached[-1] if reached else float("inf")
 
     def reaching(self, objective: float) -> tuple[int, float] | None:
         """Evaluations and processor time [s] at which an objective was reached; None if it was not."""
@@ -98,13 +98,13 @@ def search_once(
     names, fit = study.space.names, of_role(study.data, Role.FIT)
     objective = Objective(study.injector, names, fit, study.time_step, 1, study.precision, goal=goal_of(study))
     optimiser = kind.begin(study.space, np.random.default_rng(seed), entry.settings)
-    trace, made, begin = Trace([], [], [], None), 0, clock()
+    trace, evaluations_made, begin = Trace([], [], [], None), 0, clock()
     for step in steps(optimiser, objective):
-        made += step.simulations // objective.injections
-        trace.evaluations.append(made)
+        evaluations_made += step.simulations // objective.injections
+        trace.evaluations.append(evaluations_made)
         trace.seconds.append(clock() - begin)
         trace.best.append(optimiser.best.cost)
-        if made >= evaluations:
+        if evaluations_made >= evaluations:
             break
     verdict = optimiser.verdict
     return trace._replace(converged=verdict.converged if verdict is not None else None)
@@ -114,23 +114,23 @@ def contest(
     problems: Sequence[Problem],
     seeds: Sequence[int],
     evaluations: int = SLOTS,
-    wanted: Sequence[str] = (),
+    beginnings: Sequence[str] = (),
 ) -> Iterator[dict[str, Any]]:
     """Search every problem with every optimiser and seed, with so many evaluations each.
 
-    `wanted` are beginnings of the names of the optimisers, all by default; the paper's runs in any case. Each item is
+    `beginnings` of names select the optimisers, all by default; the paper's runs in any case. Each item is
     JSON-able: problem, optimiser, seed, converged, and evaluations, seconds, best after each step (None for +inf).
     """
     for problem in problems:
         for entry in entries(problem):
-            if wanted and entry.name != PAPER and not entry.name.startswith(tuple(wanted)):
+            if beginnings and entry.name != PAPER and not entry.name.startswith(tuple(beginnings)):
                 continue
             search_once(problem.study, entry, 0, 1)  # compiles what it needs
             for seed in seeds:
-                found = search_once(problem.study, entry, seed, evaluations)
-                best = [j if np.isfinite(j) else None for j in found.best]
-                named = {"problem": problem.name, "optimiser": entry.name, "seed": seed}
-                yield named | found._asdict() | {"best": best}
+                trace = search_once(problem.study, entry, seed, evaluations)
+                best = [j if np.isfinite(j) else None for j in trace.best]
+                row = {"problem": problem.name, "optimiser": entry.name, "seed": seed}
+                yield row | trace._asdict() | {"best": best}
 
 
 FINE, WIDE = 1e-4, 1e-2  # differences of the range for curves, and for maps, whose quantities jump
@@ -142,13 +142,13 @@ def problems_of(files: Sequence[Path], benches: int) -> list[Problem]:
     Each bench has stiffnesses of its own, drawn from what the paper's bounds and ordering allow, and noise and scatter
     of its own. The curves are SYNTHETIC.
     """
-    found = [] if files else [Problem("paper", paper_study(), FINE)]
+    problems = [] if files else [Problem("paper", paper_study(), FINE)]
     for file in files:
         study = load_study(file)
         maps = any(isinstance(data, QuantityData) for data in study.data)
         name = file.absolute().parent.name if file.stem == "study" else file.stem
-        found.append(Problem(name, study, WIDE if maps else FINE))
-    return found + [_bench(number) for number in range(1, benches + 1)]
+        problems.append(Problem(name, study, WIDE if maps else FINE))
+    return problems + [_bench(number) for number in range(1, benches + 1)]
 
 
 def _bench(number: int) -> Problem:
@@ -157,14 +157,14 @@ def _bench(number: int) -> Problem:
     drawn = sample_feasible(study.space, 1, np.random.default_rng([number, 7]))[0]
     values = {**truth.values, **dict(zip(study.space.names, drawn.tolist(), strict=True))}
     bench = Bench(replace(truth, values=values), injector(), TIME_STEP)
-    (data,) = [one for one in measure(bench, number) if one.name == paper.FIT]
+    (data,) = [data_set for data_set in measure(bench, number) if data_set.name == paper.FIT]
     return Problem(f"virtual bench {number}", replace(study, title=f"virtual bench {number}", data=(data,)), FINE)
 
 
 NEAR = 1.01  # of the best known objective counts as reached
 
 
-def standing(rows: Sequence[dict[str, Any]], evaluations: int) -> list[dict[str, Any]]:
+def rank_optimisers(rows: Sequence[dict[str, Any]], evaluations: int) -> list[dict[str, Any]]:
     """One row for each problem and optimiser, in the order of the contest.
 
     "tenth" and "end" are the median objectives after a tenth of the evaluations and after all; None before the first
@@ -173,21 +173,23 @@ def standing(rows: Sequence[dict[str, Any]], evaluations: int) -> list[dict[str,
     the median number until the median end of the paper's search is reached, None where half of the seeds do not reach
     it; "saving", how many times fewer than its own they are. "converged" is the share of the seeds that say so.
     """
-    found = []
+    standings = []
     for problem in dict.fromkeys(row["problem"] for row in rows):
-        own = [row for row in rows if row["problem"] == problem]
-        traces = {name: [_trace(row) for row in own if row["optimiser"] == name] for name in _names(own)}
-        known = min(min(trace.best) for group in traces.values() for trace in group)
+        problem_rows = [row for row in rows if row["problem"] == problem]
+        traces = {
+            name: [_trace(row) for row in problem_rows if row["optimiser"] == name] for name in _names(problem_rows)
+        }
+        best_known = min(min(trace.best) for group in traces.values() for trace in group)
         paper = median(trace.after(evaluations) for trace in traces[PAPER]) if PAPER in traces else None
         for name, group in traces.items():
             equal = _reached(group, paper) if paper is not None else (None, None, 0.0)
-            near = _reached(group, NEAR * known)
-            found.append(
+            near = _reached(group, NEAR * best_known)
+            standings.append(
                 {
                     "problem": problem,
                     "optimiser": name,
                     "seeds": len(group),
-                    "best_known": known,
+                    "best_known": best_known,
                     "tenth": _finite(median(trace.after(evaluations // 10) for trace in group)),
                     "end": _finite(median(trace.after(evaluations) for trace in group)),
                     "near": near[2],
@@ -199,7 +201,7 @@ def standing(rows: Sequence[dict[str, Any]], evaluations: int) -> list[dict[str,
                     "converged": sum(bool(trace.converged) for trace in group) / len(group),
                 }
             )
-    return found
+    return standings
 
 
 def _names(rows: Iterable[dict[str, Any]]) -> list[str]:

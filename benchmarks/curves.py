@@ -30,8 +30,8 @@ def population_curve(counts: tuple[int, ...], effort: Effort, run: Runner = run_
     population) and per_second; or candidates and failed, a sentence, where the process did not end well.
     """
     for count in counts:
-        found = ask_child("benchmarks.probe", [str(count), str(effort.runs), str(effort.seconds)], LONGEST, run)
-        yield {"candidates": count} | found
+        measurement = ask_child("benchmarks.probe", [str(count), str(effort.runs), str(effort.seconds)], LONGEST, run)
+        yield {"candidates": count} | measurement
 
 
 def point_curve(counts: tuple[int, ...], effort: Effort, clocks: Clocks = CLOCKS) -> Iterator[dict[str, Any]]:
@@ -41,24 +41,26 @@ def point_curve(counts: tuple[int, ...], effort: Effort, clocks: Clocks = CLOCKS
             OperatingPoint(40e6 + 140e6 * i / max(count - 1, 1), study.ENERGISING_TIME, horizon=POINT.horizon)
             for i in range(count)
         ]
-        yield {"points": count, **_timed(points, FULL, usable_threads(), effort, clocks)}
+        yield {"points": count, **_time_points(points, FULL, usable_threads(), effort, clocks)}
 
 
 def horizon_curve(horizons: tuple[float, ...], effort: Effort, clocks: Clocks = CLOCKS) -> Iterator[dict[str, Any]]:
     """Time against the simulated horizon [s]: horizon, candidates, threads, seconds, runs, per_second."""
     for horizon in horizons:
         point = OperatingPoint(POINT.rail_pressure, study.ENERGISING_TIME, horizon=horizon)
-        yield {"horizon": horizon, **_timed([point], FULL, usable_threads(), effort, clocks)}
+        yield {"horizon": horizon, **_time_points([point], FULL, usable_threads(), effort, clocks)}
 
 
 def thread_curve(most: int, effort: Effort, clocks: Clocks = CLOCKS) -> Iterator[dict[str, Any]]:
     """Time against threads, one to `most` in doublings: candidates, threads, seconds, runs, per_second."""
     counts = sorted({2**k for k in range(most.bit_length())} | {most})
     for threads in counts:
-        yield _timed([POINT], MANY, threads, effort, clocks)
+        yield _time_points([POINT], MANY, threads, effort, clocks)
 
 
-def _timed(points: list[OperatingPoint], count: int, threads: int, effort: Effort, clocks: Clocks) -> dict[str, Any]:
+def _time_points(
+    points: list[OperatingPoint], count: int, threads: int, effort: Effort, clocks: Clocks
+) -> dict[str, Any]:
     values = candidates(count)
 
     def run() -> None:

@@ -1,4 +1,4 @@
-"""Throughput of the engine for NVIDIA GPUs beside the lanes on the same machine: ``python -m benchmarks.gpu``.
+"""Throughput of the engine for NVIDIA GPUs compared with the lanes on the same machine: ``python -m benchmarks.gpu``.
 
 Populations of `benchmarks.case` at one operating point, every candidate over the whole horizon. Times are the shortest
 of several runs after one that is not counted and hold the copies to and from the device. Deviations are those of
@@ -31,7 +31,7 @@ EFFORT = Effort(5, 2.0)
 
 def rows() -> list[dict[str, Any]]:
     """One a precision and population: seconds and candidates a second of both engines, first call, deviation."""
-    found = []
+    table = []
     for precision in Precision:
         began, first = time.perf_counter(), None
         for count in COUNTS:
@@ -52,15 +52,15 @@ def rows() -> list[dict[str, Any]]:
 
             on_device = run(Engine.CUDA).injected_mass
             first = first or time.perf_counter() - began
-            own = run(Engine.LANES).injected_mass
+            on_lanes = run(Engine.LANES).injected_mass
             row: dict[str, Any] = {"precision": precision.value, "candidates": count, "first_call": first}
             for engine in (Engine.CUDA, Engine.LANES):
                 seconds = time_best(functools.partial(run, engine), EFFORT).seconds
                 row |= {f"{engine.value}_seconds": seconds, f"{engine.value}_per_second": count / seconds}
-            row["deviation"] = float(np.abs(on_device - own).max() / np.abs(own).max())
-            found.append(row)
+            row["deviation"] = float(np.abs(on_device - on_lanes).max() / np.abs(on_lanes).max())
+            table.append(row)
             print(json.dumps(row), flush=True)
-    return found
+    return table
 
 
 def main() -> int:

@@ -1,6 +1,6 @@
-"""Loops of the libraries beside those of the compiler: ``python -m benchmarks.libraries [ROUNDS]``.
+"""Loops of the libraries compared with the compiler's: ``python -m benchmarks.libraries [ROUNDS]``.
 
-Two processes, one of which may not use the libraries, simulate the same 512 candidates in turn, so that whatever else
+Two processes, one of which may not use the libraries, simulate the same 512 candidates in turn: whatever else
 the machine does disturbs both; the shortest times count. Before them a simulation is started from the command line,
 several times either way.
 """
@@ -59,10 +59,10 @@ def serve() -> None:
     values, prepared = candidates(COUNT), plan.prepare(injector(), [POINT], 1e-6)
     for line in sys.stdin:
         precision = Precision(line.strip())
-        found: list[Batch] = []
+        batches: list[Batch] = []
 
-        def run(precision: Precision = precision, found: list[Batch] = found) -> None:
-            found[:] = [
+        def run(precision: Precision = precision, batches: list[Batch] = batches) -> None:
+            batches[:] = [
                 simulate_batch(
                     injector(),
                     [POINT],
@@ -76,8 +76,8 @@ def serve() -> None:
             ]
 
         timing = time_best(run, Effort(1, 1.0))
-        batch, origin = found[0], load_loop(injector().variant, precision, False).origin
-        digest = hashlib.sha256(b"".join(getattr(batch, one.name).tobytes() for one in fields(batch))).hexdigest()
+        batch, origin = batches[0], load_loop(injector().variant, precision, False).origin
+        digest = hashlib.sha256(b"".join(getattr(batch, field.name).tobytes() for field in fields(batch))).hexdigest()
         print(json.dumps({"seconds": timing.seconds, "digest": digest, "origin": origin}), flush=True)
 
 
@@ -89,8 +89,8 @@ def main(rounds: int = ROUNDS) -> None:
     print("| --- | --- | --- | --- |")
     for kind in KINDS:
         start(kind)
-        found = [statistics.median(column) for column in zip(*(start(kind) for _ in range(STARTS)), strict=True)]
-        print(f"| {kind} | {found[0]:.2f} | {found[1]:.2f} | {found[2]:.0f} |", flush=True)
+        medians = [statistics.median(column) for column in zip(*(start(kind) for _ in range(STARTS)), strict=True)]
+        print(f"| {kind} | {medians[0]:.2f} | {medians[1]:.2f} | {medians[2]:.0f} |", flush=True)
     print("| precision, 512 candidates on one thread | library, per second | compiled, per second | ratio | bits |")
     print("| --- | --- | --- | --- | --- |")
     servers = {kind: _server(kind) for kind in KINDS}
@@ -101,8 +101,8 @@ def main(rounds: int = ROUNDS) -> None:
                 asked[kind].append(_ask(server, precision))
         if asked["library"][0]["origin"] != "library":
             sys.exit(f"the libraries do not hold the loop of {injector().name} in {precision.value}")
-        shortest = [min(one["seconds"] for one in asked[kind][1:]) for kind in KINDS]  # the first one may compile
-        same = {one["digest"] for answers in asked.values() for one in answers}
+        shortest = [min(answer["seconds"] for answer in asked[kind][1:]) for kind in KINDS]  # the first one may compile
+        same = {answer["digest"] for answers in asked.values() for answer in answers}
         speeds = [COUNT / seconds for seconds in shortest]
         bits = "equal" if len(same) == 1 else "different"
         print(

@@ -29,7 +29,7 @@ class Timing(NamedTuple):
     """Figures that the program prints: mass [kg], times [ns], ticks."""
 
     mass: float
-    whole: float
+    duration: float
     ticks: float
     usual_step: float
     longest_step: float
@@ -68,19 +68,19 @@ def main(rounds: int) -> None:
         print(f"load before: {os.getloadavg()[0]:.1f}")
         print("| injectors | lanes at once | step, us | ns per step | ticks per step | times real time | error, % |")
         print("| --- | --- | --- | --- | --- | --- | --- |")
-        widths = [0, 1, *(WIDTHS[one] for one in list_vectors(find_target(own_platform()[0])))]
-        found = {(width, step): timing(program, step, width, rounds) for width in widths for step in STEPS}
-        for (width, step), one in found.items():
-            each, error = one.whole / one.steps, 100.0 * (one.mass / finest - 1.0)
-            row = [8 if width else 1, width or 1, f"{step * 1e6:g}", f"{each:.0f}", f"{one.ticks / one.steps:.0f}"]
+        widths = [0, 1, *(WIDTHS[extension] for extension in list_vectors(find_target(own_platform()[0])))]
+        results = {(width, step): timing(program, step, width, rounds) for width in widths for step in STEPS}
+        for (width, step), timed in results.items():
+            each, error = timed.duration / timed.steps, 100.0 * (timed.mass / finest - 1.0)
+            row = [8 if width else 1, width or 1, f"{step * 1e6:g}", f"{each:.0f}", f"{timed.ticks / timed.steps:.0f}"]
             print("|", " | ".join(map(str, [*row, f"{step * 1e9 / each:.1f}", f"{error:.4f}"])), "|")
         print(
             "\n| injectors | lanes at once | a step of 1 us called alone, ns: median | longest | with interruptions |"
         )
         print("| --- | --- | --- | --- | --- |")
         for width in widths:
-            one = found[width, 1e-6]
-            times = one.usual_step, one.longest_step, one.interrupted_step
+            timed = results[width, 1e-6]
+            times = timed.usual_step, timed.longest_step, timed.interrupted_step
             row = [8 if width else 1, width or 1, *(f"{time:.0f}" for time in times)]
             print("|", " | ".join(map(str, row)), "|")
         print(f"load after: {os.getloadavg()[0]:.1f}")

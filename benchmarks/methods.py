@@ -83,7 +83,7 @@ def _finite(figures: dict[str, float]) -> dict[str, float | None]:
 
 
 def _lanes(step: float) -> Method:
-    interval = step * max(round(INTERVAL / step), 1)  # whole numbers of steps, some 3 us
+    interval = step * max(round(INTERVAL / step), 1)  # whole numbers of steps, about 3 us
 
     def run() -> Counted:
         return Counted(simulate(injector(), POINT, time_step=step, sample_interval=interval), 0)
@@ -119,7 +119,7 @@ def _reference(resolution: Resolution) -> Method:
 
 def peer_methods() -> list[Method]:
     """SciPy's solvers and CVODE, each at two resolutions."""
-    made = [
+    methods = [
         _peer(f"SciPy {name}", "SciPy", "scipy", ScipyModel, resolution, name)
         for name in get_args(ScipyMethod)
         for resolution in (COARSE, MEDIUM)
@@ -127,7 +127,7 @@ def peer_methods() -> list[Method]:
     sundials = [
         _peer("SUNDIALS CVODE", "SUNDIALS", "sksundae", CvodeModel, resolution) for resolution in (COARSE, MEDIUM)
     ]
-    return made + sundials
+    return methods + sundials
 
 
 def right_hand_side(clocks: Clocks = CLOCKS) -> list[dict[str, float]]:
@@ -135,15 +135,15 @@ def right_hand_side(clocks: Clocks = CLOCKS) -> list[dict[str, float]]:
 
     A method's evaluations times the first are what it could not go below, were its solver all machine code.
     """
-    found = []
+    rows = []
     for resolution in (COARSE, MEDIUM):
         model = ScipyModel(injector(), POINT, resolution)
         y = model.start.copy()
         bare = _each(model.evaluate, clocks)
         called_back = _each(lambda m=model, y=y: m.slopes(0.0, y), clocks)  # type: ignore[misc]
         cells = float(resolution.cells[0])
-        found.append({"cells": cells, "compiled_seconds": bare, "from_python_seconds": called_back})
-    return found
+        rows.append({"cells": cells, "compiled_seconds": bare, "from_python_seconds": called_back})
+    return rows
 
 
 def _each(action: Callable[[], Any], clocks: Clocks) -> float:

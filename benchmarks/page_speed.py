@@ -75,7 +75,7 @@ def processor_times(process: int) -> dict[str, float]:
     parents = {
         int(p.name): int(_stat(p)[1]) for p in Path("/proc").iterdir() if p.name.isdigit() and (p / "stat").exists()
     }
-    found: dict[str, float] = {}
+    times: dict[str, float] = {}
     for number in parents:
         above = number
         while above in parents and above != process:
@@ -86,33 +86,33 @@ def processor_times(process: int) -> dict[str, float]:
             for thread in Path(f"/proc/{number}/task").iterdir():
                 name = f"{kind} {(thread / 'comm').read_text().strip()}"
                 spent = int((thread / "schedstat").read_text().split()[0]) * 1e-6
-                found[name] = found.get(name, 0.0) + spent
-    return found
+                times[name] = times.get(name, 0.0) + spent
+    return times
 
 
 def _stat(process: Path) -> list[str]:
-    """Fields of a process behind its name; its parent is the second."""
+    """Fields of a process after its name; its parent is the second."""
     return (process / "stat").read_text().rpartition(")")[2].split()
 
 
 def main() -> None:
-    """Measure a page, with and without its fan; the load of the machine is printed beside."""
+    """Measure a page, with and without its fan; the load of the machine is printed too."""
     with browsing() as page:
         print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors, of the minute before")
         page.resize(1280, 900)
         page.open(Path(sys.argv[1]).absolute().as_uri())
         page.until("commonrail.shown() !== null")
         for fan in (False, True):
-            found = measure(page, "rail", fan)
+            measurement = measure(page, "rail", fan)
             before = processor_times(page.process)
             rate, fans = drag(page, "rail", 5.0)
             after, curves = processor_times(page.process), page.evaluate("commonrail.frames.length")
             spent = {name: (after[name] - before.get(name, 0.0)) / curves for name in after}
             most = sorted(spent, key=lambda name: -spent[name])[:5]
             print("processor time a curve:", ", ".join(f"{name} {spent[name]:.2f} ms" for name in most))
-            told = ", ".join(f"{name} {value:.1f}" for name, value in found.items())
+            times = ", ".join(f"{name} {value:.1f}" for name, value in measurement.items())
             dragged = f"{rate:.0f} curves" + (f" and {fans:.0f} fans" if fan else "")
-            print(f"{'with fan' if fan else 'one curve'}: {told} ms; {dragged} per second while dragged")
+            print(f"{'with fan' if fan else 'one curve'}: {times} ms; {dragged} per second while dragged")
         if page.complaints:
             sys.exit(f"the page complains: {page.complaints}")
 

@@ -29,7 +29,7 @@ Row = dict[str, Any]
 
 
 def draw_methods(record: Row) -> Figure:
-    """Bars of time for one simulation beside bars of its L1 error, fastest first."""
+    """Bars of time for one simulation next to bars of its L1 error, fastest first."""
     rows = sorted((r for r in record["methods"] if r["L1_percent"] is not None), key=lambda r: -r["seconds"])
     figure, (left, right) = plt.subplots(1, 2, sharey=True, figsize=(9.5, 0.27 * len(rows) + 1.4))
     names, colours = [r["method"] for r in rows], [COLOURS[r["family"]] for r in rows]
@@ -62,8 +62,8 @@ def draw_costs(record: Row) -> Figure:
 def _curve(
     axes: Axes, rows: list[Row], x: str, y: str, across: str, up: str, *, log: str = "", scale: float = 1.0
 ) -> None:
-    known = [r for r in rows if r[y] is not None]
-    axes.plot([r[x] for r in known], [scale * r[y] for r in known], "o-", color=COLOURS["lanes"])
+    measured = [r for r in rows if r[y] is not None]
+    axes.plot([r[x] for r in measured], [scale * r[y] for r in measured], "o-", color=COLOURS["lanes"])
     axes.set_xlabel(across)
     axes.set_ylabel(up)
     if "x" in log:

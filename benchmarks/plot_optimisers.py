@@ -1,6 +1,6 @@
 """Figure of a contest of optimisers as SVG: ``python -m benchmarks.plot_optimisers RECORD.json FILE.svg``.
 
-The record is that of ``python -m benchmarks optimisers --out RECORD.json``.
+The record is the output of ``python -m benchmarks optimisers --out RECORD.json``.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from commonrail.report.figure import FAMILIES
 __all__ = ["draw_contest", "medians"]
 
 Row = dict[str, Any]
-DASHES = ("-", "--", "-.", ":")  # beside the colours of the reports
+DASHES = ("-", "--", "-.", ":")  # in addition to the colours of the reports
 
 
 def medians(rows: list[Row]) -> tuple[list[int], list[float]]:
@@ -36,8 +36,8 @@ def medians(rows: list[Row]) -> tuple[list[int], list[float]]:
     traces = [Trace(r["evaluations"], r["seconds"], [_known(j) for j in r["best"]], r["converged"]) for r in rows]
     last = median(trace.evaluations[-1] for trace in traces)
     grid = sorted({n for trace in traces for n in trace.evaluations if n <= last})
-    found = [(n, median(trace.after(n) for trace in traces)) for n in grid]
-    finite = [(n, j) for n, j in found if j < float("inf")]
+    steps = [(n, median(trace.after(n) for trace in traces)) for n in grid]
+    finite = [(n, j) for n, j in steps if j < float("inf")]
     return [n for n, _ in finite], [j for _, j in finite]
 
 
@@ -54,16 +54,16 @@ def draw_contest(rows: list[Row]) -> Figure:
 
 
 def _panel(axes: Axes, problem: str, rows: list[Row]) -> None:
-    known = min(min(map(_known, row["best"])) for row in rows)
+    best_known = min(min(map(_known, row["best"])) for row in rows)
     for i, name in enumerate(dict.fromkeys(row["optimiser"] for row in rows)):
-        own = [row for row in rows if row["optimiser"] == name]
-        evaluations, objective = medians(own)
-        excess = [max(100.0 * (j / known - 1.0), 1e-3) for j in objective]
+        optimiser_rows = [row for row in rows if row["optimiser"] == name]
+        evaluations, objective = medians(optimiser_rows)
+        excess = [max(100.0 * (j / best_known - 1.0), 1e-3) for j in objective]
         look: dict[str, Any] = {
             "color": FAMILIES[i % len(FAMILIES)],
             "linestyle": DASHES[i % len(DASHES)],
         }  # those of the reports
-        axes.step(evaluations, excess, where="post", label=f"{name} ({len(own)})", **look)
+        axes.step(evaluations, excess, where="post", label=f"{name} ({len(optimiser_rows)})", **look)
     axes.set(xscale="log", yscale="log", title=problem, xlabel="evaluations", ylabel="J above the best known, %")
 
 

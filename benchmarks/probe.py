@@ -48,9 +48,9 @@ def peak_memory() -> int | None:
     On Linux not by ``ru_maxrss``: a process that was started by another begins with the greatest memory of that one.
     """
     with suppress(OSError):
-        found = re.search(r"^VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text(encoding="utf-8"), re.M)
-        if found:
-            return 1024 * int(found[1])
+        match = re.search(r"^VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text(encoding="utf-8"), re.M)
+        if match:
+            return 1024 * int(match[1])
     try:
         import resource
     except ImportError:

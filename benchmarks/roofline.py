@@ -61,16 +61,16 @@ def step_block(assembly: str) -> list[str]:
 
 def counts(block: list[str]) -> dict[str, int]:
     """Vector instructions of a step by kind; loads and stores are counted wherever an operand lies in memory."""
-    found = dict.fromkeys(KINDS, 0)
+    tally = dict.fromkeys(KINDS, 0)
     for line in block:
         operation, _, operands = line.partition("\t")
         operation, operands = (operation, operands) if operands else (line.split()[0], line)
         for kind, pattern in KINDS.items():
-            found[kind] += bool(re.fullmatch(pattern, operation)) and bool(re.search(r"[xyz]mm", line))
+            tally[kind] += bool(re.fullmatch(pattern, operation)) and bool(re.search(r"[xyz]mm", line))
         if "(" in operands:
-            found["stores" if operation.startswith("vmov") and operands.rstrip().endswith(")") else "loads"] += 1
-    found["on the stack"] = sum("(%rsp)" in line for line in block)
-    return found
+            tally["stores" if operation.startswith("vmov") and operands.rstrip().endswith(")") else "loads"] += 1
+    tally["on the stack"] = sum("(%rsp)" in line for line in block)
+    return tally
 
 
 def port_bound(block: list[str]) -> float | None:
@@ -85,8 +85,8 @@ def port_bound(block: list[str]) -> float | None:
 
 def reciprocal_throughput(report: str) -> float | None:
     """Cycles of a block of instructions according to a report of llvm-mca; None if it states none."""
-    found = re.search(r"Block RThroughput:\s*([0-9.]+)", report)
-    return float(found.group(1)) if found else None
+    match = re.search(r"Block RThroughput:\s*([0-9.]+)", report)
+    return float(match.group(1)) if match else None
 
 
 def without_waiting(block: list[str]) -> list[str]:
@@ -94,19 +94,19 @@ def without_waiting(block: list[str]) -> list[str]:
 
     Results go to registers in turn that nothing reads; memory is read and written where the step does, by cache lines.
     """
-    free, made = 0, []
+    free, lines = 0, []
     for line in block:
         operation, _, operands = line.replace("\t", " ").partition(" ")
         if not re.search(r"%[yz]mm", operands):
             continue
         operands = re.sub(r"([.\w]*)\((%\w+)[^)]*\)", _in_line, operands)
         *sources, result = re.split(r",\s*(?![^(]*\))", operands.strip())
-        given = [re.sub(r"mm\d+", f"mm{31 - i % 2}", source) for i, source in enumerate(sources)]
+        operands_always_ready = [re.sub(r"mm\d+", f"mm{31 - i % 2}", source) for i, source in enumerate(sources)]
         if "mm" in result:
             result = re.sub(r"mm\d+", f"mm{free % 28}", result)
             free += 1
-        made.append(f"{operation} {', '.join([*given, result])}")
-    return made
+        lines.append(f"{operation} {', '.join([*operands_always_ready, result])}")
+    return lines
 
 
 def _in_line(place: re.Match[str]) -> str:
@@ -114,7 +114,7 @@ def _in_line(place: re.Match[str]) -> str:
     return f"{offset & ~63 or ''}({'%rdx' if place[2] == '%rsp' else '%rsi'})"
 
 
-def repeated(block: list[str]) -> str:
+def repeat_block(block: list[str]) -> str:
     """LLVM module with a function ``march(count, read, written)`` that repeats a step without waiting `count` times."""
     ones = [f"vbroadcastsd (%rsi), %zmm{register}" for register in (30, 31)]
     lines = ["march:", *ones, "1:", *without_waiting(block), "dec %rdi", "jnz 1b", "vzeroupper", "ret"]
@@ -132,14 +132,14 @@ def measured_bound(block: list[str]) -> float | None:
         cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), jit=True
     )
     try:
-        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(repeated(block)), machine)
+        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(repeat_block(block)), machine)
         engine.finalize_object()
-        found = engine.get_function_address("march")
+        address = engine.get_function_address("march")
     except RuntimeError:
         return None
-    if not found:
+    if not address:
         return None
-    march = ctypes.CFUNCTYPE(None, ctypes.c_long, ctypes.c_void_p, ctypes.c_void_p)(found)
+    march = ctypes.CFUNCTYPE(None, ctypes.c_long, ctypes.c_void_p, ctypes.c_void_p)(address)
     memory = np.ones(1 << 15)
     start = (memory.ctypes.data + 4095) & ~4095
     count = 100_000

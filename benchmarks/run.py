@@ -25,7 +25,7 @@ LOAD_NOTE = (
 
 
 class Stage(NamedTuple):
-    """A list of rows in the record, what is being measured, how many rows there will be, and their source."""
+    """A list of rows in the record: its title, number of rows and their source."""
 
     key: str
     title: str
@@ -47,8 +47,8 @@ def run_bench(
 ) -> dict[str, Any]:
     """Measure the planned stages; returns the JSON-able record, in which the options are kept.
 
-    `tell` is told title, rows done and rows in all after every row. `missing` says what was not installed ("peer") and
-    how to install it ("install"). The status is "interrupted" if Ctrl-C ended it, and the record holds what was
+    `tell` receives title, rows done and rows in all after every row. `missing` lists peers that are not installed
+    ("peer") and their installation ("install"). The status is "interrupted" if Ctrl-C ended it; the record has the rows
     measured until then.
     """
     threads, before = usable_threads(), load()
@@ -61,7 +61,7 @@ def run_bench(
         "options": options,
         "case": CASE,
         "synthetic": f"SYNTHETIC: {injector().synthetic} The curve of the searches is the virtual test bench's.",
-        "timing": "wall time, the shortest of several runs after one that is not counted; processor time beside it",
+        "timing": "wall time, the shortest of several runs after one that is not counted; processor time too",
         "machine": machine(),
         "missing": list(missing),
     }
@@ -144,7 +144,7 @@ def words(key: str) -> Callable[[Row], str]:
     return lambda row: str(row[key])
 
 
-def tabulated(title: str, columns: Columns, texts: int = 1) -> Make:
+def make_table(title: str, columns: Columns, texts: int = 1) -> Make:
     """Table with a line for each row of a record; its first `texts` columns hold words."""
     heads, cells = zip(*columns, strict=True)
     return lambda rows: Grid(title, heads, [tuple(cell(row) for cell in cells) for row in rows], texts)
@@ -158,7 +158,7 @@ def grids(record: Row, tables: Mapping[str, Make] | None = None) -> Iterator[Gri
 
 
 def sentences(record: Row) -> list[str]:
-    """Notes beside the tables: machine, how it was timed, what is missing, load, interruption."""
+    """Notes on the tables: machine, timing, missing peers, load, interruption."""
     machine = record["machine"]
     said = [
         f"{machine['processor']}, {machine['threads']} threads, {' '.join(machine['instruction_sets'])}.",
@@ -168,7 +168,7 @@ def sentences(record: Row) -> list[str]:
     said += [f"{m['peer']} is not installed; `{m['install']}` installs it." for m in record["missing"]]
     said += record["notes"]
     if record["status"] == "interrupted":
-        said.append("Interrupted: this is what was measured until then.")
+        said.append("Interrupted: the rows measured until then.")
     return said
 
 
@@ -195,26 +195,26 @@ _THROUGHPUT: Columns = (
 
 def _searches(rows: Sequence[Row]) -> Grid:
     heads = ("optimiser", "package", "searches", "s, median", "simulations", "J, median", "J, worst")
-    made = []
+    lines = []
     for name, package in dict.fromkeys((row["optimiser"], row["package"]) for row in rows):
-        own = [row for row in rows if (row["optimiser"], row["package"]) == (name, package)]
-        found = [row["J"] if row["J"] is not None else float("inf") for row in own]
-        made.append(
+        optimiser_rows = [row for row in rows if (row["optimiser"], row["package"]) == (name, package)]
+        objectives = [row["J"] if row["J"] is not None else float("inf") for row in optimiser_rows]
+        lines.append(
             (
                 name,
                 package,
-                str(len(own)),
-                number(median(row["seconds"] for row in own)),
-                f"{median(row['simulations'] for row in own):.0f}",
-                f"{median(found):.2f}",
-                f"{max(found):.2f}",
+                str(len(optimiser_rows)),
+                number(median(row["seconds"] for row in optimiser_rows)),
+                f"{median(row['simulations'] for row in optimiser_rows):.0f}",
+                f"{median(objectives):.2f}",
+                f"{max(objectives):.2f}",
             )
         )
-    return Grid("The paper's calibration, 50 members, 70 generations, on synthetic data", heads, made, 2)
+    return Grid("The paper's calibration, 50 members, 70 generations, on synthetic data", heads, lines, 2)
 
 
 TABLES: dict[str, Make] = {
-    "methods": tabulated("One simulation", _METHODS),
-    "throughput": tabulated("Populations at one operating point", _THROUGHPUT, 0),
+    "methods": make_table("One simulation", _METHODS),
+    "throughput": make_table("Populations at one operating point", _THROUGHPUT, 0),
     "searches": _searches,
 }

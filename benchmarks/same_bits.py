@@ -1,6 +1,6 @@
-"""Speed of `same_bits` beside that of this machine's own code: ``python -m benchmarks.same_bits [ROUNDS]``.
+"""Speed of `same_bits` compared with this machine's own code: ``python -m benchmarks.same_bits [ROUNDS]``.
 
-Both simulate the same 512 candidates in turn, so that whatever else the machine does disturbs both. The shortest times
+Both simulate the same 512 candidates in turn: whatever else the machine does disturbs both. The shortest times
 count; processor time does not see waiting.
 """
 
@@ -42,13 +42,13 @@ def main(rounds: int = ROUNDS) -> None:
                     same_bits=same_bits,
                 )
 
-            found: dict[bool, list[Timing]] = {False: [], True: []}
+            timings_of_mode: dict[bool, list[Timing]] = {False: [], True: []}
             for _ in range(rounds + 1):
-                for same, timings in found.items():
+                for same, timings in timings_of_mode.items():
                     timings.append(time_best(functools.partial(run, same), Effort(1, 1.0)))
-            own, exact = (found[same][1:] for same in (False, True))  # the first one compiles
-            wall = [min(t.seconds for t in timings) for timings in (own, exact)]
-            processor = [min(t.cpu_seconds for t in timings) for timings in (own, exact)]
+            default, exact = (timings_of_mode[same][1:] for same in (False, True))  # the first one compiles
+            wall = [min(t.seconds for t in timings) for timings in (default, exact)]
+            processor = [min(t.cpu_seconds for t in timings) for timings in (default, exact)]
             print(
                 f"| {precision.value} | {threads} | {COUNT / wall[0]:,.0f} | {COUNT / wall[1]:,.0f} "
                 f"| {wall[0] / wall[1]:.2f} | {processor[0] / processor[1]:.2f} |",

@@ -50,25 +50,25 @@ class Optimiser(NamedTuple):
 def measure_search(optimiser: Optimiser, seed: int) -> dict[str, Any]:
     """Row of one search with one seed, after a short one that loads what it needs; J is None where it is not finite."""
     optimiser.run(paper_study(seed, generations=1))
-    found = optimiser.run(paper_study(seed))
+    search = optimiser.run(paper_study(seed))
     return {
         "optimiser": optimiser.name,
         "package": optimiser.package,
         "ordering": optimiser.ordering,
         "seed": seed,
-        "seconds": found.seconds,
-        "simulating_seconds": found.simulating_seconds,
-        "simulations": found.simulations,
-        "J": found.best if np.isfinite(found.best) else None,
+        "seconds": search.seconds,
+        "simulating_seconds": search.simulating_seconds,
+        "simulations": search.simulations,
+        "J": search.best if np.isfinite(search.best) else None,
         "extrapolated": False,
     }
 
 
 def _calibrate(study: Study) -> Searched:
-    found = calibrate(study)
-    if found.status == "interrupted":
+    calibration = calibrate(study)
+    if calibration.status == "interrupted":
         raise KeyboardInterrupt
-    return Searched(found.seconds, None, found.simulations, found.cost)
+    return Searched(calibration.seconds, None, calibration.simulations, calibration.cost)
 
 
 OWN = Optimiser("differential evolution of the paper", "commonrail", "commonrail", "repair", _calibrate)
@@ -144,14 +144,14 @@ def reference_searches(count: int = MEASURED, clock: Callable[[], float] = CLOCK
         measured, seconds = _first_generation(study, scalar, count, clock)
         settings = study.method.evolution
         simulations = (1 + settings.generations) * settings.members
-        whole = seconds / measured * simulations
+        total = seconds / measured * simulations
         yield {
             "optimiser": f"differential_evolution on {scalar.name}",
             "package": "SciPy",
             "ordering": "not searched to the end",
             "seed": study.seed,
-            "seconds": whole,
-            "simulating_seconds": whole,
+            "seconds": total,
+            "simulating_seconds": total,
             "simulations": simulations,
             "J": None,
             "extrapolated": True,
@@ -171,9 +171,9 @@ def _first_generation(study: Study, scalar: Scalar, count: int, clock: Callable[
     def cost(x: Floats) -> float:
         begin = clock()
         candidate = study.injector.with_values(dict(zip(space.names, x.tolist(), strict=True)))
-        found = scalar.solve(candidate, data.point, interval)
+        solution = scalar.solve(candidate, data.point, interval)
         spent.append(clock() - begin)
-        return float(np.nan_to_num(data.misfit(found.rate), nan=FAILED))
+        return float(np.nan_to_num(data.misfit(solution.rate), nan=FAILED))
 
     cost(space.reference)  # loads the kernels
     spent.clear()
@@ -248,7 +248,7 @@ def _bounds(study: Study) -> list[tuple[float, float]]:
     return list(zip(study.space.lower.tolist(), study.space.upper.tolist(), strict=True))
 
 
-def _tallied(search: Callable[[Tally], None]) -> Callable[[Study], Searched]:
+def _time_search(search: Callable[[Tally], None]) -> Callable[[Study], Searched]:
     """Time a search on the objective of a study."""
 
     def run(study: Study) -> Searched:
@@ -261,7 +261,7 @@ def _tallied(search: Callable[[Tally], None]) -> Callable[[Study], Searched]:
 
 
 OPTIMISERS = (
-    Optimiser("differential_evolution", "SciPy", "scipy", "LinearConstraint", _tallied(_scipy)),
-    Optimiser("DE/rand/1/bin", "pymoo", "pymoo", "inequality constraints", _tallied(_pymoo)),
-    Optimiser("CMA-ES", "pycma", "cma", "pulled back, with a penalty", _tallied(_cma)),
+    Optimiser("differential_evolution", "SciPy", "scipy", "LinearConstraint", _time_search(_scipy)),
+    Optimiser("DE/rand/1/bin", "pymoo", "pymoo", "inequality constraints", _time_search(_pymoo)),
+    Optimiser("CMA-ES", "pycma", "cma", "pulled back, with a penalty", _time_search(_cma)),
 )

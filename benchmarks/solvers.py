@@ -1,7 +1,7 @@
 """Other solvers on the reference's compiled right-hand side: SciPy's, and SUNDIALS' CVODE through scikit-sundae.
 
 Each is called as its manual says, with the band of the Jacobian where it can use one, and calls back into Python; what
-that costs is told by the evaluations counted. The drive's switchings are followed exactly, as in the reference. The
+that costs follows from the counted evaluations. The drive's switchings are followed exactly, as in the reference. The
 call back is as lean as it can be made: what the reference engine spends on its own convenience is not theirs to pay.
 """
 
@@ -26,7 +26,7 @@ ScipyMethod = Literal["LSODA", "BDF", "Radau", "RK45", "DOP853"]
 MOST_STEPS = 1_000_000  # of CVODE between two samples
 EVENTS = 4  # of `Model.events`; the last ends a solve
 SAME = 1e-13  # times nearer than this are one [s]: CVODE refuses to step so far
-MOST_EVALUATIONS = 1_000_000  # of a simulation: ten times as many as any needs; LSODA may stick behind a kink
+MOST_EVALUATIONS = 1_000_000  # of a simulation: ten times as many as any needs; LSODA may stick after a kink
 
 
 class Counted(NamedTuple):
@@ -133,19 +133,19 @@ class CvodeModel(PeerModel):
         first = int(np.searchsorted(inside, start + SAME))  # samples before it are the start itself
         last = int(np.searchsorted(inside, stop - SAME))
         at = np.concatenate(([start], inside[first:last], [stop]))
-        found = solver.solve(at, y)
-        return self._as_scipy(found, np.vstack([np.tile(y, (first, 1)), found.y[np.isin(found.t, at[1:])]]))
+        answer = solver.solve(at, y)
+        return self._as_scipy(answer, np.vstack([np.tile(y, (first, 1)), answer.y[np.isin(answer.t, at[1:])]]))
 
-    def _as_scipy(self, found: Any, rows: Floats) -> Any:
+    def _as_scipy(self, answer: Any, rows: Floats) -> Any:
         """CVODE's answer in the form of `solve_ivp`'s, with the samples' states in rows."""
         times: list[Floats] = [np.empty(0)] * EVENTS
         states: list[Floats] = [np.empty((0, len(self.start)))] * EVENTS
-        if found.i_events is not None:
+        if answer.i_events is not None:
             for k in range(EVENTS):
-                which = found.i_events[:, k] != 0
-                times[k], states[k] = found.t_events[which], found.y_events[which]
-        self.last = np.array(found.y[-1])
-        return _answer(rows, times, states, bool(found.success))
+                which = answer.i_events[:, k] != 0
+                times[k], states[k] = answer.t_events[which], answer.y_events[which]
+        self.last = np.array(answer.y[-1])
+        return _answer(rows, times, states, bool(answer.success))
 
 
 def _answer(rows: Floats, times: Any = ((),) * EVENTS, states: Any = ((),) * EVENTS, success: bool = True) -> Any:

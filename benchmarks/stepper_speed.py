@@ -14,15 +14,15 @@ LENGTHS = ("1 us", "10 us", "100 us")
 
 
 def measure(stepper: cr.Stepper, length: str) -> np.ndarray:
-    """Times [s] of so many calls of a length, over injections that begin anew."""
-    kept, times = stepper.save(), np.empty(CALLS)
+    """Times [s] of so many calls of a length, over repeated injections."""
+    start, times = stepper.save(), np.empty(CALLS)
     for i in range(CALLS):
         if stepper.time > 2e-3:
-            stepper.restore(kept)
+            stepper.restore(start)
         begun = time.perf_counter()
         stepper.step(length, command=stepper.time < 700e-6)
         times[i] = time.perf_counter() - begun
-    stepper.restore(kept)
+    stepper.restore(start)
     return times
 
 
@@ -33,8 +33,8 @@ def main() -> None:
     for length in LENGTHS:
         measure(stepper, length)
         times = measure(stepper, length) * 1e6
-        told = [f"{name} {value:.0f}" for name, value in (("median", np.median(times)), ("worst", times.max()))]
-        print(f"step({length!r}): {', '.join(told)}, 99 % within {np.percentile(times, 99):.0f} us")
+        texts = [f"{name} {value:.0f}" for name, value in (("median", np.median(times)), ("worst", times.max()))]
+        print(f"step({length!r}): {', '.join(texts)}, 99 % within {np.percentile(times, 99):.0f} us")
 
 
 if __name__ == "__main__":

@@ -28,8 +28,8 @@ def measure_throughput(effort: Effort, clocks: Clocks = CLOCKS, judged: int = JU
     """
     for precision in Precision:
         for step in TIME_STEPS:
-            found = [error.L1_percent for error in lane_errors(step, precision, judged)]
-            accuracy = {"L1_percent": found[0], "worst_L1_percent": max(found)}
+            errors = [error.L1_percent for error in lane_errors(step, precision, judged)]
+            accuracy = {"L1_percent": errors[0], "worst_L1_percent": max(errors)}
             for count in COUNTS:
                 for threads in sorted({1, usable_threads()}):
                     row = _measure(count, threads, step, precision, effort, clocks)

@@ -33,13 +33,13 @@ CLOCKS = Clocks(time.perf_counter, time.process_time)
 
 
 def time_best(action: Callable[[], Any], effort: Effort, clocks: Clocks = CLOCKS) -> Timing:
-    """Time an action that has been run before, so that nothing is compiled or loaded in the measured runs.
+    """Time an action that has been run before, since the first run compiles and loads.
 
     The shortest run is the one least disturbed by others on the machine; processor time does not see waiting.
     """
-    found: list[tuple[float, float]] = []
-    while len(found) < effort.runs and (not found or sum(wall for wall, _ in found) < effort.seconds):
+    timings: list[tuple[float, float]] = []
+    while len(timings) < effort.runs and (not timings or sum(wall for wall, _ in timings) < effort.seconds):
         wall, processor = clocks.wall(), clocks.processor()
         action()
-        found.append((clocks.wall() - wall, clocks.processor() - processor))
-    return Timing(*min(found), len(found))
+        timings.append((clocks.wall() - wall, clocks.processor() - processor))
+    return Timing(*min(timings), len(timings))

@@ -5,9 +5,9 @@
     python -m studies.adapt_trial --sound 0 --z-hole 10   # and twenty parts whose Z-hole is 4 % too small or too large
     python -m studies.adapt_trial --few 20      # twenty parts each of three types by 2, 3 and 4 quantities, alone
 
-The type has the values of the catalogue and, as spreads, tolerances such as makers keep: those that `cases/tolerance`
+The type has the values of the catalogue and, as spreads, tolerances of makers: those that `cases/tolerance`
 and `cases/family` assume, and estimates for the coil and the needle's seat. A part is drawn from them, simulated at
-eight points at a finer step than the fit's, and measured with the scatter of a good bench, which `adapt` is told with
+eight points at a finer step than the fit's, and measured with the scatter of a good bench, which `adapt` receives with
 the spread of the flow. A defective part is a drawn one with one defect more. Exit status 1 if more than 5 % of the
 sound parts are doubted, or a defect is not.
 
@@ -83,47 +83,48 @@ def operating_points(points: Sequence[tuple[float, float]]) -> tuple[cr.Operatin
     return tuple(cr.OperatingPoint(p * 1e6, t * 1e-6, horizon=t * 1e-6 + 3e-3) for p, t in points)
 
 
-def measured(injector: cr.Injector, random: np.random.Generator) -> cr.QuantityData:
+def measure_part(injector: cr.Injector, random: np.random.Generator) -> cr.QuantityData:
     """Quantities of a part at the reference points, as a bench reads them."""
     at = operating_points(POINTS)
-    return reading(at, cr.simulate_batch(injector, at, time_step=FINE, threads=1).injected_volume[0], random)
+    return measure_points(at, cr.simulate_batch(injector, at, time_step=FINE, threads=1).injected_volume[0], random)
 
 
-def reading(at: tuple[cr.OperatingPoint, ...], true: Floats, random: np.random.Generator) -> cr.QuantityData:
+def measure_points(at: tuple[cr.OperatingPoint, ...], true: Floats, random: np.random.Generator) -> cr.QuantityData:
     """True quantities [m³] with the scatter of a bench."""
-    off = np.hypot(ABSOLUTE, RELATIVE * true)
-    read = np.maximum(true + off * random.standard_normal(len(at)), 0.0)
+    deviation = np.hypot(ABSOLUTE, RELATIVE * true)
+    read = np.maximum(true + deviation * random.standard_normal(len(at)), 0.0)
     text = "studies/adapt_trial.py"
     return cr.QuantityData(
         "points", cr.data.Role.FIT, at, read, ABSOLUTE, RELATIVE, np.zeros(len(at), bool), 1.0, text, text
     )
 
 
-def verdict(known: cr.parts.InjectorType, seed: int, defect: dict[str, float]) -> tuple[list[str], str]:
+def verdict(injector_type: cr.parts.InjectorType, seed: int, defect: dict[str, float]) -> tuple[list[str], str]:
     """Doubts of a part drawn from the tolerances, with a defect, and the change that explains it."""
-    random, own = np.random.default_rng(seed), known.injector.values
+    random, nominal = np.random.default_rng(seed), injector_type.injector.values
     shares = TOLERANCES | {HOLE: HOLE_SPREAD}
-    drawn = {name: own[name] * (1.0 + share * random.standard_normal()) for name, share in shares.items()}
-    part = known.injector.with_values({n: drawn.get(n, own[n]) * defect.get(n, 1.0) for n in {*drawn, *defect}})
+    drawn = {name: nominal[name] * (1.0 + share * random.standard_normal()) for name, share in shares.items()}
+    changed = {n: drawn.get(n, nominal[n]) * defect.get(n, 1.0) for n in {*drawn, *defect}}
+    specimen = injector_type.injector.with_values(changed)
     try:
-        doubts = cr.parts.adapt(known, measured(part, random), flow_spread=2.0 * HOLE_SPREAD).doubts
+        doubts = cr.parts.adapt(injector_type, measure_part(specimen, random), flow_spread=2.0 * HOLE_SPREAD).doubts
     except cr.errors.InputError as error:
         return [str(error)], ""
     return list(doubts.sentences), doubts.change
 
 
-def by_flow_alone(injector: cr.Injector, data: cr.QuantityData, at: cr.OperatingPoint) -> float:
+def predict_by_flow(injector: cr.Injector, data: cr.QuantityData, at: cr.OperatingPoint) -> float:
     """Quantity [m³] at a point by the flow factor whose quantities are nearest to data, in their tolerances."""
     factors = np.linspace(*FACTORS, 201)
     values = injector.values[HOLE] * np.sqrt(factors)[:, None]
-    found = cr.simulate_batch(injector, (*data.points, at), (HOLE,), values, threads=1).injected_volume
-    costs = np.sum(((found[:, :-1] - data.quantity) / data.discrepancy(data.quantity)) ** 2, axis=1)
-    return float(found[np.argmin(costs), -1])
+    volumes = cr.simulate_batch(injector, (*data.points, at), (HOLE,), values, threads=1).injected_volume
+    costs = np.sum(((volumes[:, :-1] - data.quantity) / data.discrepancy(data.quantity)) ** 2, axis=1)
+    return float(volumes[np.argmin(costs), -1])
 
 
-def left_out(injector: cr.Injector, count: int) -> bool:
+def leave_points_out(injector: cr.Injector, count: int) -> bool:
     """Print the errors of a point that is left out, by 2, 3 and 4 others; True if `adapt` has the least."""
-    known, at, own = type_of(injector, WIDER), operating_points(FEW), injector.values
+    injector_type, at, nominal = type_of(injector, WIDER), operating_points(FEW), injector.values
     of_type = cr.simulate_batch(injector, at, threads=1).injected_volume[0]
     errors = np.full((3, count, 3), np.nan)
     warned = 0
@@ -132,28 +133,30 @@ def left_out(injector: cr.Injector, count: int) -> bool:
         spreads = {n: WIDER * s for n, s in (TOLERANCES | {HOLE: HOLE_SPREAD}).items()}
         true = np.zeros(len(at))
         while not (true > 1e-9).all():
-            part = injector.with_values({n: own[n] * (1.0 + s * random.standard_normal()) for n, s in spreads.items()})
-            true = cr.simulate_batch(part, at, time_step=FINE, threads=1).injected_volume[0]
+            changed = {n: nominal[n] * (1.0 + s * random.standard_normal()) for n, s in spreads.items()}
+            specimen = injector.with_values(changed)
+            true = cr.simulate_batch(specimen, at, time_step=FINE, threads=1).injected_volume[0]
         k, order = i % len(FEW), random.permutation(len(FEW))
-        for j, given in enumerate((2, 3, 4)):
-            rows = [r for r in order.tolist() if r != k][:given]
-            data = reading(tuple(at[r] for r in rows), true[rows], random)
+        for j, measured_points in enumerate((2, 3, 4)):
+            rows = [r for r in order.tolist() if r != k][:measured_points]
+            data = measure_points(tuple(at[r] for r in rows), true[rows], random)
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
-                adapted = cr.parts.adapt(known, data, flow_spread=2.0 * WIDER * HOLE_SPREAD, threads=1)
+                adapted = cr.parts.adapt(injector_type, data, flow_spread=2.0 * WIDER * HOLE_SPREAD, threads=1)
             warned += bool(caught)
-            found = cr.simulate_batch(adapted.injector, at, threads=1).injected_volume[0, k]
-            errors[j, i] = np.array([found, by_flow_alone(injector, data, at[k]), of_type[k]]) / true[k] - 1.0
+            adapted_volume = cr.simulate_batch(adapted.injector, at, threads=1).injected_volume[0, k]
+            by_flow = predict_by_flow(injector, data, at[k])
+            errors[j, i] = np.array([adapted_volume, by_flow, of_type[k]]) / true[k] - 1.0
     rms, worst = 100.0 * np.sqrt(np.mean(errors**2, axis=1)), 100.0 * np.abs(errors).max(axis=1)
-    for j, given in enumerate((2, 3, 4)):
+    for j, measured_points in enumerate((2, 3, 4)):
         texts = "".join(f"{a:8.1f} ({b:4.0f})" for a, b in zip(rms[j], worst[j], strict=True))
-        print(f"{injector.name:10}{given:3}{texts}", flush=True)
+        print(f"{injector.name:10}{measured_points:3}{texts}", flush=True)
     print(f"{injector.name}: {warned} of {3 * count} adapted models miss a reference or inject nothing somewhere")
     return bool((np.argmin(rms, axis=1) == 0).all())
 
 
 def main() -> None:
-    """Print what is doubted."""
+    """Print the doubts."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sound", type=int, default=100, help="number of sound parts")
     parser.add_argument("--z-hole", type=int, default=0, help="parts with a Z-hole 4 %% too small, and too large")
@@ -161,25 +164,26 @@ def main() -> None:
     args = parser.parse_args()
     if args.few:
         print("type    given   rms error (largest) of the quantity left out, %: adapt, flow factor alone, type")
-        sys.exit(not all([left_out(cr.load_injector(name), args.few) for name in TYPES]))
+        sys.exit(not all([leave_points_out(cr.load_injector(name), args.few) for name in TYPES]))
     count = args.sound
     injector = cr.load_injector(INJECTOR)
-    known = type_of(replace(injector, sources=injector.sources | {"valve.lift": cr.models.Source("E", "not gauged")}))
+    sources = injector.sources | {"valve.lift": cr.models.Source("E", "not gauged")}
+    injector_type = type_of(replace(injector, sources=sources))
     doubted, missed = 0, []
     for seed in range(count):
-        sentences, change = verdict(known, seed, {})
+        sentences, change = verdict(injector_type, seed, {})
         doubted += bool(sentences)
         if sentences:
             print(f"sound part {seed}: {'; '.join(sentences)} [{change}]", flush=True)
     print(f"{doubted} of {count} sound parts are doubted")
     for i, (name, defect) in enumerate(DEFECTS.items()):
-        sentences, change = verdict(known, 1000 + i, defect)
+        sentences, change = verdict(injector_type, 1000 + i, defect)
         missed += [] if sentences else [name]
         print(f"{name}: {'; '.join(sentences) or 'NO DOUBT'} [{change}]", flush=True)
-    for off in (0.96, 1.04):
-        parts = [verdict(known, 2000 + i, {Z_HOLE: off}) for i in range(args.z_hole)]
+    for factor in (0.96, 1.04):
+        parts = [verdict(injector_type, 2000 + i, {Z_HOLE: factor}) for i in range(args.z_hole)]
         if parts:
-            print(f"Z-hole {off - 1.0:+.0%}: {sum(bool(found) for found, _ in parts)} of {len(parts)} are doubted")
+            print(f"Z-hole {factor - 1.0:+.0%}: {sum(bool(doubts) for doubts, _ in parts)} of {len(parts)} are doubted")
     sys.exit(bool(missed) or doubted > 0.05 * count)
 
 

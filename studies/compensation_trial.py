@@ -28,7 +28,7 @@ from studies.observer_trial import (
     NOISE,
     OFFSET,
     RETURN,
-    drawn,
+    draw_part,
     log_of,
     true_shot,
 )
@@ -43,7 +43,7 @@ class Part:
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
-        self.injector, self.friction = drawn(rng)
+        self.injector, self.friction = draw_part(rng)
         gain, offset = GAIN * rng.standard_normal(), OFFSET * rng.standard_normal()
         self.errors = (rng.uniform(-DELAY, DELAY), gain, offset, rng.uniform(*NOISE))
 
@@ -62,42 +62,43 @@ class Part:
 
 
 def closed_loop(
-    part: Part, cells: list[Any], wanted: tuple[float, ...], rounds: int
+    specimen: Part, cells: list[Any], volumes: tuple[float, ...], rounds: int
 ) -> tuple[list[np.ndarray], int] | None:
     """Quantities (trains, injections) [m³] without, with a map, and after each round; alarms. None if a shot fails."""
     model = cr.load_injector(MODEL)
     settings = cr.observer.ObserverSettings(cylinder_pressure=CYLINDER, return_pressure=RETURN)
     trains = [
-        cr.observer.InjectionTrain(part.shown(rail), wanted, (dwell,) * (len(wanted) - 1)) for rail, dwell in cells
+        cr.observer.InjectionTrain(specimen.shown(rail), volumes, (dwell,) * (len(volumes) - 1))
+        for rail, dwell in cells
     ]
     times = cr.observer.compensate(model, trains, settings, threads=1)
-    without = [one._replace(energising_times=one.plain_times) for one in times]
-    found, previous, last, alarms = [], None, None, 0
+    without = [train_times._replace(energising_times=train_times.plain_times) for train_times in times]
+    quantities, previous, last, alarms = [], None, None, 0
     for k, used in enumerate([without, *[times] * (rounds + 1)]):
         if previous is not None:
             used = last = cr.observer.compensate(previous, trains, last=last, threads=1)
-        done = part.inject(cells, [[(a, b) for a, b in one.energisings] for one in used])
+        done = specimen.inject(cells, [[(a, b) for a, b in train_times.energisings] for train_times in used])
         if done is None:
             return None
-        found.append(done[0])
+        quantities.append(done[0])
         if 0 < k <= rounds:
             clock, pressure, pulses = done[1]
             first = settings if previous is None else None
             previous = cr.observer.observe(model, clock, pressure, pulses, first, previous=previous, threads=1)
             alarms += sum(shot.alarm is not None for shot in previous.shots)
-    return found, alarms
+    return quantities, alarms
 
 
-def report(table: np.ndarray, wanted: np.ndarray) -> None:
+def report(table: np.ndarray, volumes: np.ndarray) -> None:
     """Print spreads and biases; `table` (injectors, rounds, rails, dwells, injections) [mm³]."""
     per_round = len(RAILS) * len(DWELLS)
     names = ["none", "map", *(f"after {per_round * k} shots" for k in range(1, table.shape[1] - 1))]
-    for i, volume in enumerate(wanted):
+    for i, volume in enumerate(volumes):
         print(f"injection {i + 1}, {volume:g} mm3; over the injectors (root mean square, largest)")
         for j, rail in enumerate(RAILS):
             rows = table[:, :, j, :, i]
             spread, width, bias = rows.std(axis=2), np.ptp(rows, axis=2), rows.mean(axis=2) - volume
-            rms, off = (
+            rms, error = (
                 np.sqrt(np.mean(x**2, axis=0))
                 for x in (spread, rows.transpose(0, 2, 1).reshape(-1, rows.shape[1]) - volume)
             )
@@ -106,7 +107,7 @@ def report(table: np.ndarray, wanted: np.ndarray) -> None:
                 print(
                     f"  {rail * 1e-6:4.0f} MPa {name:16s} sd over dwell {rms[k]:6.3f}, {spread[:, k].max():6.3f}; "
                     f"max-min {np.sqrt(np.mean(width[:, k] ** 2)):6.3f}, {width[:, k].max():6.3f}; bias "
-                    f"{np.sqrt(np.mean(bias[:, k] ** 2)):6.3f}; off the wanted {off[k]:6.3f} mm3"
+                    f"{np.sqrt(np.mean(bias[:, k] ** 2)):6.3f}; error {error[k]:6.3f} mm3"
                     + times
                     * bool(rms[0] > 0.01 * volume)
                 )
@@ -119,22 +120,22 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3, help="logs that the observer takes")
     parser.add_argument("--seed", type=int, default=13)
     parser.add_argument("--pilots", type=int, default=1)
-    given = parser.parse_args()
-    wanted, cells = (PILOT,) * given.pilots + (MAIN,), list(product(RAILS, DWELLS.tolist()))
+    args = parser.parse_args()
+    volumes, cells = (PILOT,) * args.pilots + (MAIN,), list(product(RAILS, DWELLS.tolist()))
     rows, begin, failed = list[np.ndarray](), time.perf_counter(), 0
-    shape = given.rounds + 2, len(RAILS), len(DWELLS), len(wanted)
+    shape = args.rounds + 2, len(RAILS), len(DWELLS), len(volumes)
     try:
-        while len(rows) < given.injectors:
+        while len(rows) < args.injectors:
             k = len(rows) + failed
-            done = closed_loop(Part(np.random.default_rng([given.seed, k])), cells, wanted, given.rounds)
+            done = closed_loop(Part(np.random.default_rng([args.seed, k])), cells, volumes, args.rounds)
             if done is None:  # a part that does not work at some point would not pass the end of its line
                 failed += 1
                 continue
             rows.append(np.array(done[0]).reshape(shape) * 1e9)
-            print(f"{len(rows)}/{given.injectors}: {done[1]} alarms, {time.perf_counter() - begin:.0f} s", flush=True)
-    finally:  # also of what is done when it is interrupted
+            print(f"{len(rows)}/{args.injectors}: {done[1]} alarms, {time.perf_counter() - begin:.0f} s", flush=True)
+    finally:  # also after an interruption
         if rows:
-            report(np.array(rows), np.array(wanted) * 1e9)
+            report(np.array(rows), np.array(volumes) * 1e9)
         print(f"{len(rows)} injectors; {failed} more with a shot that failed were left out")
 
 

@@ -6,7 +6,7 @@
 A bench is the fast engine's own simulation of a hidden truth, with noise of a fixed seed, fitted as `commonrail
 certainty` does. Coverage is the percentage of 95 % intervals that hold the truth; width is the half-width over 1.96
 standard deviations of the estimates over all benches (1 is honest and efficient). "Wrong" is the percentage of the
-parameters called determined whose truth lies farther away than the verdict says, "alarms" that of the benches whose
+parameters called determined whose truth lies farther away than the verdict says, "alarms" the share of benches whose
 residuals are found to be no noise.
 """
 
@@ -57,10 +57,10 @@ def white(rng: np.random.Generator, n: int) -> Floats:
 
 def autoregressive(rng: np.random.Generator, n: int) -> Floats:
     """Noise whose autocorrelation is 0.9 at lag one."""
-    found = rng.standard_normal(n)
+    noise = rng.standard_normal(n)
     for i in range(1, n):
-        found[i] = 0.9 * found[i - 1] + np.sqrt(1.0 - 0.81) * found[i]
-    return found
+        noise[i] = 0.9 * noise[i - 1] + np.sqrt(1.0 - 0.81) * noise[i]
+    return noise
 
 
 def with_outliers(rng: np.random.Generator, n: int) -> Floats:
@@ -247,11 +247,11 @@ class Benches:
     def fit(self, bench: Bench) -> Certainty:
         """Certainty of a bench from members of the library."""
         study = with_uncertain_free(bench.study)
-        own = Likelihood.of(study, 1)
-        apart = [a.at_zero - b.at_zero for a, b in zip(own.blocks, self.first.blocks, strict=True)]
+        likelihood = Likelihood.of(study, 1)
+        shifts = [a.at_zero - b.at_zero for a, b in zip(likelihood.blocks, self.first.blocks, strict=True)]
         unit, errors = self.library
-        starts = starts_from(own, (unit, errors + np.concatenate(apart)), self.bed.starts)
-        result, draws = drawn(estimate(own, starts, first=self.space.dimension), 0)
+        starts = starts_from(likelihood, (unit, errors + np.concatenate(shifts)), self.bed.starts)
+        result, draws = drawn(estimate(likelihood, starts, first=self.space.dimension), 0)
         return assess(study, result, draws, self.space.dimension, {}, threads=1)
 
 
@@ -265,37 +265,37 @@ class Row(NamedTuple):
     widths: Floats
     halves: Floats
     printed: float
-    pinned: float
+    determined: float
     wrong: float
     alarms: float
     simulations: float
     seconds: float
 
 
-def row(bed: Bed, many: int) -> Row:
+def measure_bed(bed: Bed, many: int) -> Row:
     """Figures of the first benches of a bed."""
     benches = Benches(bed)
-    found, inside, half, printed, pinned, right, alarms, cost = ([] for _ in range(8))
+    errors, inside, half, printed, determined, right, alarms, cost = ([] for _ in range(8))
     for seed in range(many):
         bench = benches.bench(seed)
         begin = time.process_time()
-        one = benches.fit(bench)
-        cost.append((one.estimate.simulated, time.process_time() - begin))
-        low, high, point = one.low, one.high, one.estimate.point[: one.d]
-        found.append(point - bench.truth)
+        fit = benches.fit(bench)
+        cost.append((fit.estimate.simulated, time.process_time() - begin))
+        low, high, point = fit.low, fit.high, fit.estimate.point[: fit.d]
+        errors.append(point - bench.truth)
         inside.append((low <= bench.truth) & (bench.truth <= high))
         half.append(0.5 * (high - low) / bench.truth)
-        printed.append(np.full(len(low), one.estimate.settled and not one.draws.refusal))
-        pinned.append([j.verdict is ParameterVerdict.DETERMINED for j in one.verdicts])
-        right.append(np.abs(point - bench.truth) <= [j.half for j in one.verdicts])
-        alarms.append(any(test.detected for test in one.tests))
-    held, shown, called = np.array(inside), np.array(printed), np.array(pinned)
-    relative = np.std(found, axis=0, ddof=1) / benches.bench(0).truth
+        printed.append(np.full(len(low), fit.estimate.settled and not fit.draws.refusal))
+        determined.append([j.verdict is ParameterVerdict.DETERMINED for j in fit.verdicts])
+        right.append(np.abs(point - bench.truth) <= [j.half for j in fit.verdicts])
+        alarms.append(any(test.detected for test in fit.tests))
+    covered, shown, called = np.array(inside), np.array(printed), np.array(determined)
+    relative = np.std(errors, axis=0, ddof=1) / benches.bench(0).truth
     mean = np.array([np.mean(h[s]) if s.any() else np.nan for h, s in zip(np.array(half).T, shown.T, strict=True)])
     return Row(
         many,
-        np.array([_percent(h[s]) for h, s in zip(held.T, shown.T, strict=True)]),
-        _percent(held[shown]),
+        np.array([_percent(h[s]) for h, s in zip(covered.T, shown.T, strict=True)]),
+        _percent(covered[shown]),
         mean / (1.96 * relative),
         100.0 * mean,
         _percent(shown),
@@ -310,7 +310,7 @@ def _percent(flags: Floats) -> float:
     return float(100.0 * np.mean(flags)) if np.size(flags) else float("nan")
 
 
-def misses(found: Row, promise: Promise) -> list[str]:
+def misses(figures: Row, promise: Promise) -> list[str]:
     """Promises that the figures of a bed do not keep, in words."""
 
     def outside(values: Floats | float, limits: tuple[float, float] | None) -> bool:
@@ -321,11 +321,11 @@ def misses(found: Row, promise: Promise) -> list[str]:
     return [
         f"{what} outside {limits[0]:g} to {limits[1]:g}"
         for what, values, limits in (
-            ("coverage", found.every, promise.every),
-            ("coverage of a parameter", found.each, promise.each),
-            ("width", found.widths, promise.width),
-            ("wrongly determined", found.wrong, None if promise.wrong is None else (0.0, promise.wrong)),
-            ("alarms", found.alarms, promise.alarms),
+            ("coverage", figures.every, promise.every),
+            ("coverage of a parameter", figures.each, promise.each),
+            ("width", figures.widths, promise.width),
+            ("wrongly determined", figures.wrong, None if promise.wrong is None else (0.0, promise.wrong)),
+            ("alarms", figures.alarms, promise.alarms),
         )
         if limits is not None and outside(values, limits)
     ]
@@ -345,7 +345,7 @@ def line(name: str, r: Row) -> str:
     effort = f"{r.simulations:.0f}, {r.seconds:.2f}"
     return (
         f"| {name} | {r.benches} | {each} | {r.every:.1f} ± {error:.1f} | {widths} | {halves} | {r.printed:.0f} | "
-        f"{r.pinned:.0f} | {r.wrong:.1f} | {r.alarms:.1f} | {effort} |"
+        f"{r.determined:.0f} | {r.wrong:.1f} | {r.alarms:.1f} | {effort} |"
     )
 
 
@@ -354,16 +354,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("bed", nargs="*", metavar="BED", help=f"of {', '.join(BEDS)}; all by default")
     parser.add_argument("-n", type=int, default=400, help="benches of each bed [default: 400]")
-    own = parser.parse_args(arguments)
-    if unknown := [name for name in own.bed if name not in BEDS]:
+    args = parser.parse_args(arguments)
+    if unknown := [name for name in args.bed if name not in BEDS]:
         parser.error(f"there is no bed {unknown[0]}")
     print(HEAD)
     missed = 0
-    for name in own.bed or BEDS:
-        found = row(BEDS[name], own.n)
-        lacking = misses(found, BEDS[name].promise)
+    for name in args.bed or BEDS:
+        figures = measure_bed(BEDS[name], args.n)
+        lacking = misses(figures, BEDS[name].promise)
         missed += bool(lacking)
-        print(line(name, found), *(f"\n    {name}: {words}" for words in lacking), flush=True)
+        print(line(name, figures), *(f"\n    {name}: {words}" for words in lacking), flush=True)
     return int(missed > 0)
 
 

@@ -4,11 +4,10 @@
     python -m studies.coverage_written proportional filtered --bed cri2-16 -n 60 --json found.json
 
 A bench is a simulation of a hidden truth at a finer step than the fit's, with noise of a fixed seed (`noises.py`). It
-is fitted as `calibrate` does at its end: from one start near the truth. Coverage is the percentage
-of the 95 % intervals that hold the truth, withdrawn verdicts or not; infinite intervals are refused ones and do not
-count. Its error is that of the benches, whose parameters err together. Width is the mean half width over 1.96 standard
-deviations of the estimates. "Wrong" is the percentage of the parameters called determined whose truth lies farther away
-than the verdict says.
+is fitted as `calibrate` does at its end: from one start near the truth. Coverage is the share in % of 95 % intervals
+that hold the truth, with verdicts confirmed or not; infinite intervals do not count. Its error is over benches, since
+parameters of a bench err together. Width is the mean half width over 1.96 standard deviations of the estimates. "Wrong"
+is the percentage of the determined parameters whose truth lies farther away than the verdict says.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ NEAR = 0.05  # largest distance of the start from the values of the injector, as
 
 @dataclass(frozen=True)
 class Bed:
-    """An injector at one point, and what is fitted.
+    """An injector at one point, and its free parameters.
 
     Attributes
     ----------
@@ -68,9 +67,9 @@ class Bed:
 def _solenoid() -> Bed:
     """The injector of a car at a middle pressure, chopped current: its likelihood ripples."""
     injector = cr.load_injector("cri2-16")
-    off = {"nozzle.hole_diameter": 1.01, "control_chamber.z_hole_diameter": 0.985, "valve.spring_preload": 1.03}
-    middle = {name: injector.values[name] for name in off}
-    truth = {name: value * off[name] for name, value in middle.items()}
+    factors = {"nozzle.hole_diameter": 1.01, "control_chamber.z_hole_diameter": 0.985, "valve.spring_preload": 1.03}
+    middle = {name: injector.values[name] for name in factors}
+    truth = {name: value * factors[name] for name, value in middle.items()}
     point = cr.OperatingPoint(120e6, 600e-6, horizon=1.9e-3)
     return Bed(injector, point, truth, middle, 0.2, 5e-6, 1e-6)
 
@@ -133,7 +132,7 @@ class Benches:
 
 
 @dataclass(frozen=True)
-class Found:
+class Coverage:
     """Figures of a bed under a noise; percentages, and simulations and processor time [s] of a fit."""
 
     bed: str
@@ -143,7 +142,7 @@ class Found:
     every: float
     error: float
     widths: list[float]
-    pinned: float
+    determined: float
     wrong: float
     withdrawn: float
     refused: float
@@ -152,7 +151,7 @@ class Found:
     seconds: float
 
 
-def measured(bed: str, noise: str, many: int, limit: float = np.inf) -> Found:
+def measure_coverage(bed: str, noise: str, many: int, limit: float = np.inf) -> Coverage:
     """Figures of the first benches of a bed under a noise.
 
     Parameters
@@ -171,23 +170,23 @@ def measured(bed: str, noise: str, many: int, limit: float = np.inf) -> Found:
             break
         study, start = benches.study(NOISES[noise], seed)
         try:
-            one = cr.certainty(study, start, threads=1)
+            certainty = cr.certainty(study, start, threads=1)
         except cr.errors.SimulationError:
             failed += 1
             continue
-        withdrawn += bool(one.withdrawn)
-        simulations += one.estimate.simulated
-        pinned = np.array([v.verdict is ParameterVerdict.DETERMINED for v in one.verdicts])
-        half = np.array([v.half for v in one.verdicts])
-        rows.append((one.estimate.point[: one.d], one.low, one.high, pinned, half))
-    point, low, high, pinned, half = (np.array(column) for column in zip(*rows, strict=True))
-    return Found(
+        withdrawn += bool(certainty.withdrawn)
+        simulations += certainty.estimate.simulated
+        determined = np.array([v.verdict is ParameterVerdict.DETERMINED for v in certainty.verdicts])
+        half = np.array([v.half for v in certainty.verdicts])
+        rows.append((certainty.estimate.point[: certainty.d], certainty.low, certainty.high, determined, half))
+    point, low, high, determined, half = (np.array(column) for column in zip(*rows, strict=True))
+    return Coverage(
         bed,
         noise,
         len(rows),
         **_coverage(truth, point, low, high),
-        pinned=_percent(pinned),
-        wrong=_percent((np.abs(point - truth) > half)[pinned]) if pinned.any() else 0.0,
+        determined=_percent(determined),
+        wrong=_percent((np.abs(point - truth) > half)[determined]) if determined.any() else 0.0,
         withdrawn=100.0 * withdrawn / len(rows),
         failed=failed,
         simulations=simulations / len(rows),
@@ -198,11 +197,11 @@ def measured(bed: str, noise: str, many: int, limit: float = np.inf) -> Found:
 def _coverage(truth: Floats, point: Floats, low: Floats, high: Floats) -> dict[str, object]:
     """Coverage of each parameter and of all with its error, widths, and the share of infinite intervals."""
     finite = np.isfinite(high) & np.isfinite(low)
-    held = np.where(finite, (low <= truth) & (truth <= high), np.nan)
-    every = float(np.nanmean(held))
+    covered = np.where(finite, (low <= truth) & (truth <= high), np.nan)
+    every = float(np.nanmean(covered))
     half = np.nanmean(np.where(finite, 0.5 * (high - low), np.nan), axis=0)
     return {
-        "each": (100.0 * np.nanmean(held, axis=0)).tolist(),
+        "each": (100.0 * np.nanmean(covered, axis=0)).tolist(),
         "every": 100.0 * every,
         "error": 100.0 * float(np.sqrt(every * (1.0 - every) / len(point))),
         "widths": (half / (1.96 * np.std(point, axis=0, ddof=1))).tolist(),
@@ -220,12 +219,13 @@ refused, % | failed | simulations, s a fit |
 |---|---|---|---|---|---|---|---|---|---|---|---|"""
 
 
-def line(r: Found) -> str:
+def line(r: Coverage) -> str:
     """Figures as a line of the table."""
     each, widths = " ".join(f"{v:.0f}" for v in r.each), " ".join(f"{v:.2f}" for v in r.widths)
     return (
-        f"| {r.bed} | {r.noise} | {r.benches} | {each} | {r.every:.1f} ± {r.error:.1f} | {widths} | {r.pinned:.0f} | "
-        f"{r.wrong:.1f} | {r.withdrawn:.0f} | {r.refused:.0f} | {r.failed} | {r.simulations:.0f}, {r.seconds:.2f} |"
+        f"| {r.bed} | {r.noise} | {r.benches} | {each} | {r.every:.1f} ± {r.error:.1f} | {widths} | "
+        f"{r.determined:.0f} | {r.wrong:.1f} | {r.withdrawn:.0f} | {r.refused:.0f} | {r.failed} | "
+        f"{r.simulations:.0f}, {r.seconds:.2f} |"
     )
 
 
@@ -237,17 +237,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("-n", type=int, default=100, help="benches of each noise [default: 100]")
     parser.add_argument("--limit", type=float, default=np.inf, help="processor time of each noise [s]")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there too")
-    own = parser.parse_args(arguments)
-    if unknown := [name for name in own.noise if name not in NOISES]:
+    args = parser.parse_args(arguments)
+    if unknown := [name for name in args.noise if name not in NOISES]:
         parser.error(f"there is no noise {unknown[0]}; there are {', '.join(NOISES)}")
     print(HEAD)
     rows = []
-    for bed in [own.bed] if own.bed else BEDS:
-        for noise in own.noise or NOISES:
-            rows.append(measured(bed, noise, own.n, own.limit))
+    for bed in [args.bed] if args.bed else BEDS:
+        for noise in args.noise or NOISES:
+            rows.append(measure_coverage(bed, noise, args.n, args.limit))
             print(line(rows[-1]), flush=True)
-            if own.json:
-                own.json.write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n", encoding="utf-8")
+            if args.json:
+                args.json.write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n", encoding="utf-8")
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Diagnose virtual parts with known faults, and count what is found. All of its data are SYNTHETIC.
+"""Diagnose virtual parts with known faults, and count the faults that are found. All data are SYNTHETIC.
 
     python -m studies.diagnose_trial                 # a thousand parts of a CRI2-16; half a minute
     python -m studies.diagnose_trial --parts 200 --seed 7
@@ -86,112 +86,116 @@ def plan(injector: cr.Injector, deliveries: bool) -> TestPlan:
     )
 
 
-def drawn(injector: cr.Injector, known: FaultTable, faults: Sequence[Fault], count: int, seed: int) -> list[Any]:
+def draw_specimens(
+    injector: cr.Injector, table: FaultTable, faults: Sequence[Fault], count: int, seed: int
+) -> list[Any]:
     """Parts (fault or None, size, values by name)."""
-    random, scatter = np.random.default_rng([seed, 77]), known.deviations(injector)
-    made = []
+    random, scatter = np.random.default_rng([seed, 77]), table.deviations(injector)
+    specimens = []
     for i in range(count):
         values = {n: injector.values[n] + s * random.standard_normal() for n, s in scatter.items()}
         which, third, within = int(random.integers(len(faults))), int(random.integers(len(SIZES))), random.random()
-        made.append((faults[which] if i % 2 else None, (third + within) / len(SIZES), values))
-    return made
+        specimens.append((faults[which] if i % 2 else None, (third + within) / len(SIZES), values))
+    return specimens
 
 
-def measured(bench: PlanBench, made: list[Any], noise: BenchNoise, seed: int) -> tuple[Floats, Floats]:
+def measure_specimens(bench: PlanBench, specimens: list[Any], noise: BenchNoise, seed: int) -> tuple[Floats, Floats]:
     """Measured quantities (parts, tests) [m³], and how far the fault moved each without noise."""
     random = np.random.default_rng([seed, 78])
-    shape = len(made), len(bench.data.tests)
-    found, moved = np.full(shape, np.nan), np.zeros(shape)
-    for item in {id(f): f for f, *_ in made}.values():
-        rows = [i for i, (f, *_) in enumerate(made) if f is item]
-        parts = Parts(tuple(made[0][2]), np.array([[*made[i][2].values()] for i in rows]))
-        sizes = np.array([made[i][1] for i in rows])
-        found[rows] = bench(parts if item is None else parts.with_fault(bench.injector, item, sizes))
+    shape = len(specimens), len(bench.data.tests)
+    quantities, moved = np.full(shape, np.nan), np.zeros(shape)
+    for item in {id(f): f for f, *_ in specimens}.values():
+        rows = [i for i, (f, *_) in enumerate(specimens) if f is item]
+        parts = Parts(tuple(specimens[0][2]), np.array([[*specimens[i][2].values()] for i in rows]))
+        sizes = np.array([specimens[i][1] for i in rows])
+        quantities[rows] = bench(parts if item is None else parts.with_fault(bench.injector, item, sizes))
         if item is not None:
-            moved[rows] = found[rows] - bench(parts)
-    return found + noise.deviation(found) * random.standard_normal(shape), moved
+            moved[rows] = quantities[rows] - bench(parts)
+    return quantities + noise.deviation(quantities) * random.standard_normal(shape), moved
 
 
-def outside(data: PlanData, row: Floats) -> list[bool]:
+def fails_plan(data: PlanData, row: Floats) -> list[bool]:
     """Tests (tests,) whose quantities lie outside their bands."""
     return [test.state(q) is not State.INSIDE for test, q in zip(data.tests, row.tolist(), strict=True)]
 
 
-def contrary(data: PlanData, found: Sequence[Response], row: Floats, j: Judged) -> bool:
+def moves_against_result(data: PlanData, answers: Sequence[Response], row: Floats, j: Judged) -> bool:
     """Return whether the fault named first moves a test that fails the plan away from its result."""
-    first, sound = j.order[0], found[0].mean[0]
-    shift = j.weights[first] @ (found[first].mean - sound)
-    return found[first].fault is not None and bool(np.any(outside(data, row) & ((row - sound) * shift < 0.0)))
+    first, sound = j.order[0], answers[0].mean[0]
+    shift = j.weights[first] @ (answers[first].mean - sound)
+    return answers[first].fault is not None and bool(np.any(fails_plan(data, row) & ((row - sound) * shift < 0.0)))
 
 
 def main() -> None:
-    """Print what is found."""
+    """Print the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--parts", type=int, default=1000, help="number of parts, half of them sound")
     parser.add_argument("--seed", type=int, default=2, help="seed of the parts")
     parser.add_argument("--injector", default=INJECTOR, help="model of the parts, cri2-16 by default")
     parser.add_argument("--deliveries", action="store_true", help="leave the returns out")
     parser.add_argument("--noise", type=float, help="noise of the bench as a share of a quantity")
-    parser.add_argument("--stated", type=float, help="noise that the diagnosis is told, by default that of the bench")
+    parser.add_argument("--stated", type=float, help="noise stated to the diagnosis, by default the bench's")
     parser.add_argument("--svg", type=Path, help="file for the picture of the calibration")
     args = parser.parse_args()
-    injector, known = cr.load_injector(args.injector), load_shipped_faults()
+    injector, table = cr.load_injector(args.injector), load_shipped_faults()
     data = PlanData.of(plan(injector, args.deliveries), injector, PRESSURES, "trial")
-    faults = visible_faults(injector, data, known)
-    parts, centre = sound_parts(injector, known, DRAWS)
-    found = responses(injector, parts, centre, faults, PlanBench(injector, data, 1e-6, 1))
-    made = drawn(injector, known, faults, args.parts, args.seed)
+    faults = visible_faults(injector, data, table)
+    parts, centre = sound_parts(injector, table, DRAWS)
+    answers = responses(injector, parts, centre, faults, PlanBench(injector, data, 1e-6, 1))
+    specimens = draw_specimens(injector, table, faults, args.parts, args.seed)
     noise = bench_noise(data.tests, args.noise or WORKSHOP)
-    quantities, moved = measured(PlanBench(injector, data, 0.5e-6, 1), made, noise, args.seed)
-    there = [bool(np.isfinite(row).all()) for row in quantities]
-    print(f"{there.count(False)} of {len(made)} parts could not be simulated")
-    told = bench_noise(data.tests, args.stated) if args.stated else noise
+    quantities, moved = measure_specimens(PlanBench(injector, data, 0.5e-6, 1), specimens, noise, args.seed)
+    simulated = [bool(np.isfinite(row).all()) for row in quantities]
+    print(f"{simulated.count(False)} of {len(specimens)} parts could not be simulated")
+    stated_noise = bench_noise(data.tests, args.stated) if args.stated else noise
     judged = [
-        judge(found, row, told, SOUND, fails=outside(data, row)) if ok else None
-        for row, ok in zip(quantities, there, strict=True)
+        judge(answers, row, stated_noise, SOUND, fails=fails_plan(data, row)) if ok else None
+        for row, ok in zip(quantities, simulated, strict=True)
     ]
-    names = [r.name for r in found]
-    deviation = np.hypot(np.sqrt(np.diag(found[0].scatter[0])), noise.deviation(found[0].mean[0]))
+    names = [r.name for r in answers]
+    deviation = np.hypot(np.sqrt(np.diag(answers[0].scatter[0])), noise.deviation(answers[0].mean[0]))
     effect = np.abs(moved / deviation).max(axis=1)
-    wrong = sum(contrary(data, found, row, j) for row, j in zip(quantities, judged, strict=True) if j is not None)
+    pairs = [(row, j) for row, j in zip(quantities, judged, strict=True) if j is not None]
+    wrong = sum(moves_against_result(data, answers, row, j) for row, j in pairs)
     print(f"the fault named first moves a test that fails the plan the other way: {wrong}")
     strange = sum(j.fit[j.order[0]] < LEAST_FIT for j in judged if j is not None)
     print(f"unexplained: {strange}")
-    sys.exit(not report(made, judged, names, effect, args.svg, FIRST_RIGHT[(args.noise or 1.0) > GOOD]) or wrong > 0)
+    least = FIRST_RIGHT[(args.noise or 1.0) > GOOD]
+    sys.exit(not report(specimens, judged, names, effect, args.svg, least) or wrong > 0)
 
 
 def report(
-    made: list[Any], judged: list[Judged | None], names: list[str], effect: Floats, svg: Path | None, least: float
+    specimens: list[Any], judged: list[Judged | None], names: list[str], effect: Floats, svg: Path | None, least: float
 ) -> bool:
     """Print the counts; True if all promises are kept."""
     rows = [
         ("sound" if f is None else f.name, int(min(size, 0.999) * len(SIZES)), j, e)
-        for (f, size, _), j, e in zip(made, judged, effect, strict=True)
+        for (f, size, _), j, e in zip(specimens, judged, effect, strict=True)
         if j is not None
     ]
     sound = [j for name, _, j, _ in rows if name == "sound"]
     alarms = [names[j.order[0]] for j in sound if j.order[0] != 0]
     stated = sum(j.order[0] != 0 and j.probabilities[j.order[0]] >= STATED for j in sound)
-    print(f"sound parts: {len(sound)}; a fault is first in {len(alarms)}, stated as told in {stated}: {sorted(alarms)}")
-    print(f"{'fault':22}{'parts':>6}{'exceed':>8}{'first':>7}{'told':>6}{'wrongly told':>14}   first instead")
-    kept = total = 0
+    print(f"sound parts: {len(sound)}; a fault is first in {len(alarms)}, stated in {stated}: {sorted(alarms)}")
+    print(f"{'fault':22}{'parts':>6}{'exceed':>8}{'first':>7}{'stated':>7}{'wrongly stated':>15}   first instead")
+    correct = total = 0
     for name in names[1:]:
         for third in range(len(SIZES)):
             of = [(j, e) for n, t, j, e in rows if (n, t) == (name, third)]
             large = [j for j, e in of if e > EXCEEDS]
             right = sum(names[j.order[0]] == name for j in large)
-            told = [names[j.order[0]] for j, _ in of if j.probabilities[j.order[0]] >= STATED]
+            stated_faults = [names[j.order[0]] for j, _ in of if j.probabilities[j.order[0]] >= STATED]
             wrong = [names[j.order[0]] for j in large if names[j.order[0]] != name]
-            kept, total = kept + right, total + len(large)
+            correct, total = correct + right, total + len(large)
             text = ", ".join(sorted(f"{w} {wrong.count(w)}" for w in set(wrong)))
             print(
                 f"{name + ' ' + SIZES[third]:22}{len(of):6}{len(large):8}{right:7}"
-                f"{told.count(name):6}{len(told) - told.count(name):14}   {text}"
+                f"{stated_faults.count(name):7}{len(stated_faults) - stated_faults.count(name):15}   {text}"
             )
-    share = kept / max(total, 1)
-    print(f"right fault first where its effect exceeds sound scatter twice: {kept} of {total} ({share:.1%})")
+    share = correct / max(total, 1)
+    print(f"right fault first where its effect exceeds sound scatter twice: {correct} of {total} ({share:.1%})")
     calibrated = calibration(rows, names, svg)
-    return kept >= least * total and len(alarms) <= FALSE_ALARMS * len(sound) and calibrated
+    return correct >= least * total and len(alarms) <= FALSE_ALARMS * len(sound) and calibrated
 
 
 def calibration(rows: list[Any], names: list[str], svg: Path | None) -> bool:
@@ -218,8 +222,8 @@ def calibration(rows: list[Any], names: list[str], svg: Path | None) -> bool:
     if svg is not None:
         ideal = Series("as stated, with two standard errors", "level", (0.0, 100.0), (0.0, 100.0), LINES)
         low, high = (points(max(0.0, min(100.0, a + s * c)) for a, c in zip(x, chance, strict=True)) for s in (-1, 1))
-        found = Series("diagnoses of the trial", "best", points(x), points(y), BOTH)
-        panel = Panel("came true, %", (ideal, found), bands=(Band("level", points(x), low, high),))
+        trial = Series("diagnoses of the trial", "best", points(x), points(y), BOTH)
+        panel = Panel("came true, %", (ideal, trial), bands=(Band("level", points(x), low, high),))
         svg.write_text(figure_svg(Figure("", "", "stated probability, %", (panel,)), 560, 360), encoding="utf-8")
     return bool(abs(first.mean() - right.mean()) <= 3.0 * spread)
 

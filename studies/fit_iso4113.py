@@ -22,7 +22,7 @@ VISCOSITY_40 = 2.6  # mm2/s
 TREND_PRESSURE = 160e6  # Pa, where the trends with pressure are compared: the usual rail pressure
 
 
-def anchored(values: Floats, degree: int, first: float, also: tuple[float, float] | None) -> Floats:
+def fit_anchored(values: Floats, degree: int, first: float, also: tuple[float, float] | None) -> Floats:
     """Fit a polynomial that equals `first` at 80 °C and, if given, also (temperature, value)."""
     tau = fuel.scaled_temperature(TEMPERATURES)
     powers = tau[:, None] ** np.arange(1, degree + 1)
@@ -33,24 +33,24 @@ def anchored(values: Floats, degree: int, first: float, also: tuple[float, float
     # eliminate the linear coefficient by the second condition
     slope = (also[1] - first) / at
     higher = powers[:, 1:] - tau[:, None] * at ** np.arange(1, degree)
-    wanted = 1.0 - (first + slope * tau) / values
-    rest = np.linalg.lstsq(higher / values[:, None], wanted, rcond=None)[0]
+    target = 1.0 - (first + slope * tau) / values
+    rest = np.linalg.lstsq(higher / values[:, None], target, rcond=None)[0]
     return np.concatenate(([first, slope - rest @ at ** np.arange(1, degree)], rest))
 
 
 def walther() -> Floats:
     """Return the viscosity [mm2/s] on lg lg(nu + 0.7) = A - B lg T through 40 and 80 °C."""
-    known = np.log10(np.log10(np.array([VISCOSITY_40, VISCOSITY[0]]) + 0.7))
+    ordinates = np.log10(np.log10(np.array([VISCOSITY_40, VISCOSITY[0]]) + 0.7))
     ends = np.log10([313.15, 353.15])
-    steepness = (known[1] - known[0]) / (ends[1] - ends[0])
-    line = known[0] + steepness * (np.log10(TEMPERATURES) - ends[0])
+    steepness = (ordinates[1] - ordinates[0]) / (ends[1] - ends[0])
+    line = ordinates[0] + steepness * (np.log10(TEMPERATURES) - ends[0])
     return np.asarray(10.0 ** (10.0**line) - 0.7)
 
 
-def show(name: str, polynomial: Floats, wanted: Floats) -> None:
+def show(name: str, polynomial: Floats, target: Floats) -> None:
     """Print a polynomial and its largest relative deviation."""
     rounded = np.array([float(f"{value:.7g}") for value in polynomial])
-    deviation = np.abs(fuel.coefficient(rounded, TEMPERATURES) / wanted - 1.0).max()
+    deviation = np.abs(fuel.coefficient(rounded, TEMPERATURES) / target - 1.0).max()
     print(f"{name} = [{', '.join(repr(float(c)) for c in rounded)}]  # within {deviation:.1e}")
 
 
@@ -64,22 +64,22 @@ def main() -> None:
     hot = fuel.TEMPERATURE_ORIGIN
     at_zero = model.isentropic_bulk_modulus(0.0, TEMPERATURES)
     trend = at_zero / model.isentropic_bulk_modulus(0.0, hot)
-    show("bulk_modulus k1", anchored(MODULUS[0] * trend, 3, MODULUS[0], None), MODULUS[0] * trend)
+    show("bulk_modulus k1", fit_anchored(MODULUS[0] * trend, 3, MODULUS[0], None), MODULUS[0] * trend)
     rise = model.isentropic_bulk_modulus(TREND_PRESSURE, TEMPERATURES) - at_zero
     trend = rise / np.interp(hot, TEMPERATURES, rise)
-    show("bulk_modulus k3", anchored(MODULUS[1] * trend, 2, MODULUS[1], None), MODULUS[1] * trend)
+    show("bulk_modulus k3", fit_anchored(MODULUS[1] * trend, 2, MODULUS[1], None), MODULUS[1] * trend)
 
     base = walther()
-    show("viscosity k1", anchored(base, 5, VISCOSITY[0], (313.15, VISCOSITY_40)), base)
+    show("viscosity k1", fit_anchored(base, 5, VISCOSITY[0], (313.15, VISCOSITY_40)), base)
     thin = model.kinematic_viscosity(0.0, TEMPERATURES)
     thickening = model.kinematic_viscosity(TREND_PRESSURE, TEMPERATURES) / thin - 1.0
     trend = thickening / np.interp(hot, TEMPERATURES, thickening)
     rise = VISCOSITY[1] * base / VISCOSITY[0] * trend
-    show("viscosity k2", anchored(rise, 4, VISCOSITY[1], None), rise)
+    show("viscosity k2", fit_anchored(rise, 4, VISCOSITY[1], None), rise)
 
     # Cragoe 1929, NBS Miscellaneous Publication 97, for petroleum products; water has 999 kg/m3 at 15 °C
     cragoe = (1685.0 + 3.40 * (TEMPERATURES - 273.15)) / np.sqrt(round(DENSITY_15 / 999.0, 3))
-    show("heat_capacity isobaric", anchored(cragoe, 1, float(np.interp(hot, TEMPERATURES, cragoe)), None), cragoe)
+    show("heat_capacity isobaric", fit_anchored(cragoe, 1, float(np.interp(hot, TEMPERATURES, cragoe)), None), cragoe)
 
 
 if __name__ == "__main__":

@@ -45,8 +45,8 @@ def reference() -> dict[str, Floats]:
 
 def vapour_pressures() -> Floats:
     """Return CoolProp's saturation pressure [Pa] at each temperature."""
-    found = [CoolProp.PropsSI("P", "T", t, "Q", 0, "n-Dodecane") for t in TEMPERATURES]
-    return np.array(found)
+    pressures = [CoolProp.PropsSI("P", "T", t, "Q", 0, "n-Dodecane") for t in TEMPERATURES]
+    return np.array(pressures)
 
 
 def split(packed: Floats, degrees: Sequence[int]) -> list[Floats]:
@@ -59,36 +59,36 @@ def at_temperatures(polynomials: Sequence[Floats]) -> list[Floats]:
     return [fuel.coefficient(polynomial, TEMPERATURES)[:, None] for polynomial in polynomials]
 
 
-def fit(law: Law, wanted: Floats, degrees: Sequence[int], start: Sequence[float]) -> list[Floats]:
-    """Return the polynomials that minimise the relative deviation of `law` from `wanted`.
+def fit(law: Law, target: Floats, degrees: Sequence[int], start: Sequence[float]) -> list[Floats]:
+    """Return the polynomials that minimise the relative deviation of `law` from `target`.
 
     Each temperature is fitted alone first; polynomials through those K start the joint fit.
     """
     rows, guess = [], np.asarray(start, dtype=float)
-    for row in wanted:
+    for row in target:
         guess = _minimise(lambda k, row=row: law(list(k)) / row - 1.0, guess)
         rows.append(guess)
     tau = fuel.scaled_temperature(TEMPERATURES)
     columns = np.array(rows).T
     packed = np.concatenate([polyfit(tau, k, d) for k, d in zip(columns, degrees, strict=True)])
-    packed = _minimise(lambda c: (law(at_temperatures(split(c, degrees))) / wanted - 1.0).ravel(), packed)
-    return [_rounded(polynomial) for polynomial in split(packed, degrees)]
+    packed = _minimise(lambda c: (law(at_temperatures(split(c, degrees))) / target - 1.0).ravel(), packed)
+    return [_round(polynomial) for polynomial in split(packed, degrees)]
 
 
 def _minimise(residual: Callable[[Floats], Floats], start: Floats) -> Floats:
     scale = np.maximum(np.abs(start), 1e-3)
-    found = least_squares(residual, start, x_scale=scale, ftol=1e-14, xtol=1e-14, max_nfev=5000)
-    return np.asarray(found.x)
+    solution = least_squares(residual, start, x_scale=scale, ftol=1e-14, xtol=1e-14, max_nfev=5000)
+    return np.asarray(solution.x)
 
 
-def _rounded(polynomial: Floats) -> Floats:
+def _round(polynomial: Floats) -> Floats:
     return np.array([float(f"{value:.{DIGITS}g}") for value in polynomial])
 
 
 def modulus_law(k: list[Floats]) -> Floats:
     """Eq. (2) for a bulk modulus in the limit K_B2 -> 0.
 
-    A free K_B2 halves the deviation but is degenerate (some 4 GPa, with K_B4 < 0).
+    A free K_B2 halves the deviation but is degenerate (about 4 GPa, with K_B4 < 0).
     """
     return fuel.saturating_law(PRESSURES, k[0], np.zeros_like(k[0]), k[1], k[2])
 
@@ -122,7 +122,7 @@ def main() -> None:
 
     k1, k3, k4 = at_temperatures(modulus["isothermal"])
     growth = np.exp(fuel.log_compression(PRESSURES, k1, np.zeros_like(k1), k3, k4))
-    anchor = _rounded(polyfit(fuel.scaled_temperature(TEMPERATURES), (table["density"] / growth).mean(axis=1), 3))
+    anchor = _round(polyfit(fuel.scaled_temperature(TEMPERATURES), (table["density"] / growth).mean(axis=1), 3))
     integrated = fuel.coefficient(anchor, TEMPERATURES)[:, None] * growth
     report("integrated density", "at_zero_pressure", [anchor], integrated / table["density"] - 1.0)
 
@@ -130,19 +130,19 @@ def main() -> None:
     deviation = explicit_density(at_temperatures(explicit)) / table["density"] - 1.0
     report("explicit density", "k1 k2 k3 k4", explicit, deviation)
 
-    wanted = table["viscosity"][:, PRESSURES <= VISCOSITY_LIMIT]
-    viscosity = fit(viscosity_law, wanted, (4, 3, 2), (1.98, 0.01, 1.3))
-    deviation = viscosity_law(at_temperatures(viscosity)) / wanted - 1.0
+    target = table["viscosity"][:, PRESSURES <= VISCOSITY_LIMIT]
+    viscosity = fit(viscosity_law, target, (4, 3, 2), (1.98, 0.01, 1.3))
+    deviation = viscosity_law(at_temperatures(viscosity)) / target - 1.0
     report("kinematic viscosity", "k1 k2 k3", viscosity, deviation)
 
     logarithm = np.log(vapour_pressures())
-    line = _rounded(polyfit(fuel.scaled_temperature(TEMPERATURES), logarithm, 4))
+    line = _round(polyfit(fuel.scaled_temperature(TEMPERATURES), logarithm, 4))
     deviation = np.exp(fuel.coefficient(line, TEMPERATURES) - logarithm) - 1.0
     report("vapour pressure", "ln_pressure", [line], deviation[:, None])
 
     capacity = table["capacity"]  # the middle of what pressure makes of it
     middle = 0.5 * (capacity.max(axis=1) + capacity.min(axis=1))
-    line = _rounded(polyfit(fuel.scaled_temperature(TEMPERATURES), middle, 2))
+    line = _round(polyfit(fuel.scaled_temperature(TEMPERATURES), middle, 2))
     deviation = fuel.coefficient(line, TEMPERATURES)[:, None] / capacity - 1.0
     report("heat capacity", "isobaric", [line], deviation)
 

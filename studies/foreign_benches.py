@@ -2,7 +2,7 @@
 
 The models are NumPy alone and share no law with `commonrail.physics`. `trapezoid` has ramps of constant speed and a
 nozzle that saturates with the lift; its meter comes late by 0.31 ms. `delayed` is a needle that follows its valve as
-an oscillator of second order, behind an orifice whose discharge coefficient depends on cavitation and a feed pipe whose
+an oscillator of second order, after an orifice whose discharge coefficient depends on cavitation and a feed pipe whose
 waves lower the pressure after the opening. `wiebe` is an empirical rate: Wiebe ramps, a closing delay that grows with
 the energising time, and a wave of the return pipe on the quantity. All of their data are SYNTHETIC.
 """
@@ -137,7 +137,7 @@ def write_bench(bench: ForeignBench, folder: Path, seed: int) -> tuple[list[Path
     Returns
     -------
     files : list of Path
-        For `commonrail new --from`; injector.toml is beside them.
+        For `commonrail new --from`; injector.toml is in the same folder.
     unseen : dict
         Quantities [mm³] with noise, by rail pressure [bar] and energising time [us], that no file has.
     """

@@ -2,7 +2,7 @@
 
     python -m studies.judge_trial foreign DIR            # three injectors that no model of commonrail made
     python -m studies.judge_trial studies DIR -n 130     # right studies, and such that are wrong in one law or constant
-    python -m studies.judge_trial table DIR              # tables of what is there
+    python -m studies.judge_trial table DIR              # tables of the rows so far
 
 `foreign` takes the way of a new user: `commonrail new`, `calibrate`, then up to four of the steps that the verdict
 advises, as they are printed. Each step has a row: errors of what was fitted and of quantities that
@@ -42,7 +42,7 @@ Record = dict[str, Any]
 SEED = 4711
 LARGE = 3.0  # quantity above which an error counts in percent [mm³]
 GOOD, USABLE = 3.0, 10.0  # limits of an engineer [%]
-STEPS, STARTS = 4, 32  # followed after the first fit; of a search that is still run, minutes
+STEPS, STARTS = 4, 32  # commands followed after the first fit; of a search that is still run, minutes
 ERRORS, PERCENT = 3.0, 3.0  # stated standard errors, and error of an unseen quantity, from which a study is harmful
 LEVELS = ("good", "care", "bad")
 MM3 = 1e9  # of 1 m³
@@ -81,13 +81,13 @@ def judge_foreign(name: str, folder: Path) -> Iterator[Record]:
         run = place / f"run{number}"
         if line[0] == "calibrate":
             command([*(line if number else ["calibrate", str(study)]), "--out", str(run), "--no-live", *ONE], place)
-        else:  # the command changes its run folder: it gets a copy, so that each row stays to be read
+        else:  # the command changes its run folder: it gets a copy, to keep each row
             shutil.copytree(place / f"run{number - 1}", run)
             command([str(run) if word == str(place / f"run{number - 1}") else word for word in line] + ONE, place)
         record = json.loads((run / "result.json").read_text(encoding="utf-8"))
         row, steps = row_of(name, " ".join(line), record, run, unseen)
         yield row
-        line = next((words for _, text in steps if (words := followed(text, done))), [])
+        line = next((words for _, text in steps if (words := words_to_follow(text, done))), [])
         if not line:
             return
 
@@ -95,8 +95,8 @@ def judge_foreign(name: str, folder: Path) -> Iterator[Record]:
 ONE = ["--threads", "1"]
 
 
-def followed(text: str, done: set[str]) -> list[str]:
-    """Words of an advised command behind "commonrail" that is followed and was not before, else none."""
+def words_to_follow(text: str, done: set[str]) -> list[str]:
+    """Words of an advised command after "commonrail" that was not followed before; empty if there is none."""
     words = shlex.split(text)[1:]
     kind = re.sub(r"\S*/", "", " ".join(words))
     many = re.search(r"--starts (\d+)", text)
@@ -170,9 +170,9 @@ def judge_study(seed: int, folder: Path) -> Record:
     record = json.loads((run / "result.json").read_text(encoding="utf-8"))
     level, title, reasons, _ = verdict_of(record, "run")
     injector = cr.load_injector(str(run / "calibrated.toml"))
-    apart = quantities(injector, UNSEEN, STEP) / bench.unseen - 1.0
+    errors = quantities(injector, UNSEEN, STEP) / bench.unseen - 1.0
     certainty = record["certainty"]
-    off = {
+    deviations = {
         p["name"]: abs(p["value"] - bench.truth[p["name"]]) / p["standard_error"]
         for p in certainty["parameters"]
         if p["standard_error"]
@@ -194,8 +194,8 @@ def judge_study(seed: int, folder: Path) -> Record:
         "tests": [{key: t.get(key) for key in ("name", "suspect", "score", "found")} for t in certainty["tests"]],
         "verdicts": [p["verdict"] for p in certainty["parameters"]],
         "fit": fit,
-        "errors": max(off.values(), default=None),
-        "unseen": float(100.0 * np.abs(apart).max()),
+        "errors": max(deviations.values(), default=None),
+        "unseen": float(100.0 * np.abs(errors).max()),
     }
 
 
@@ -261,7 +261,7 @@ def _all(rows: Sequence[Record], key: str) -> list[str]:
 
 
 def read_rows(path: Path) -> list[Record]:
-    """Rows of a file, none if there is no file."""
+    """Rows of a file; empty without it."""
     rows: list[Record] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else []
     return rows
 
@@ -273,26 +273,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("-n", type=int, default=130, help="studies [default: 130]")
     parser.add_argument("--bench", action="append", choices=list(FOREIGN), help="foreign benches [default: all]")
-    own = parser.parse_args(arguments)
-    own.folder.mkdir(parents=True, exist_ok=True)
-    paths = {part: own.folder / f"{part}.json" for part in ("foreign", "studies")}
+    args = parser.parse_args(arguments)
+    args.folder.mkdir(parents=True, exist_ok=True)
+    paths = {trial: args.folder / f"{trial}.json" for trial in ("foreign", "studies")}
     rows: list[Record] = []
-    for row in _run(own.part, own.folder, own.n, own.bench or list(FOREIGN)):
+    for row in _run(args.part, args.folder, args.n, args.bench or list(FOREIGN)):
         rows.append(row)
-        paths[own.part].write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    if found := read_rows(paths["foreign"]):
-        print(foreign_table(found))
-    if found := read_rows(paths["studies"]):
-        print(studies_table(found))
+        paths[args.part].write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    if trial_rows := read_rows(paths["foreign"]):
+        print(foreign_table(trial_rows))
+    if trial_rows := read_rows(paths["studies"]):
+        print(studies_table(trial_rows))
     return 0
 
 
-def _run(part: str, folder: Path, many: int, benches: Sequence[str]) -> Iterator[Record]:
-    if part == "foreign":
+def _run(trial: str, folder: Path, many: int, benches: Sequence[str]) -> Iterator[Record]:
+    if trial == "foreign":
         for name in benches:
             shutil.rmtree(folder / name, ignore_errors=True)
             yield from judge_foreign(name, folder)
-    elif part == "studies":
+    elif trial == "studies":
         for seed in range(many):
             yield judge_study(seed, folder)
 

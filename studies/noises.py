@@ -43,22 +43,22 @@ def _student(rng: np.random.Generator, rate: Floats, interval: float, sigma: flo
 
 
 def _autoregressive(rng: np.random.Generator, rate: Floats, interval: float, sigma: float) -> Floats:
-    found = rng.standard_normal(len(rate))
-    for i in range(1, len(found)):
-        found[i] = 0.9 * found[i - 1] + np.sqrt(1.0 - 0.81) * found[i]
-    return sigma * found
+    noise = rng.standard_normal(len(rate))
+    for i in range(1, len(noise)):
+        noise[i] = 0.9 * noise[i - 1] + np.sqrt(1.0 - 0.81) * noise[i]
+    return sigma * noise
 
 
 def _filtered(rng: np.random.Generator, rate: Floats, interval: float, sigma: float) -> Floats:
     """White noise after two filters of first order, scaled to the standard deviation that they leave of it."""
     past = np.exp(-2.0 * np.pi * CUTOFF * interval)
-    found = rng.standard_normal(len(rate) + WARM)
+    noise = rng.standard_normal(len(rate) + WARM)
     for _ in range(2):
-        for i in range(1, len(found)):
-            found[i] = past * found[i - 1] + (1.0 - past) * found[i]
+        for i in range(1, len(noise)):
+            noise[i] = past * noise[i - 1] + (1.0 - past) * noise[i]
     # variance of the sum of (k + 1) past^k (1 - past)² times independent samples
     left = (1.0 - past) ** 4 * (1.0 + past**2) / (1.0 - past**2) ** 3
-    return sigma * found[WARM:] / np.sqrt(left)
+    return sigma * noise[WARM:] / np.sqrt(left)
 
 
 def _proportional(rng: np.random.Generator, rate: Floats, interval: float, sigma: float) -> Floats:

@@ -39,7 +39,7 @@ from commonrail.plugins.observer.run import observe
 from commonrail.plugins.observer.study import ObserverSettings
 
 MODEL = "cri2-16"
-RATE, CYCLE = 100e3, 40e-3  # samples a second; time from shot to shot [s]: that of 3,000 revolutions a minute
+RATE, CYCLE = 100e3, 40e-3  # samples a second; time from shot to shot at 3,000 revolutions a minute [s]
 CYLINDER, RETURN = 5e6, 0.5e6
 AFTER = 2.1e-3  # simulated beyond the last energising [s]
 STILL = 0.2e-3  # simulated without an energising, for the guides' leak over the rest of a cycle [s]
@@ -47,7 +47,7 @@ FULL_SCALE = 220e6  # of the sensor [Pa]
 # Of further sensors [E]: noise of the current, 1 % of its peak, and its full scale [A]; noise of a shot's return
 # quantity; gains of both.
 CURRENT_NOISE, CURRENT_SCALE, RETURN_NOISE, METER = 0.19, 40.0, 0.02, 0.01
-MARGIN = 0.1e-3  # beside an injection in which its rate is judged too [s]
+MARGIN = 0.1e-3  # around an injection in which its rate is judged too [s]
 
 # Relative standard deviations of the truths [E], in the size of the tolerances of cases/tolerance; the first are the
 # observer's states too, the others it does not know.
@@ -100,7 +100,7 @@ SOFT = (
 class AeratedFuel(Fuel):
     """Homogeneous mixture of a fuel with bubbles that feel its pressure at once and move with it (Wood 1930).
 
-    Their volume follows p V^1.4 = const, so that 2 % at 0.1 MPa are 0.02 % at 60 MPa; none of them dissolves, and their
+    Their volume follows p V^1.4 = const: 2 % at 0.1 MPa are 0.02 % at 60 MPa. They do not dissolve, and their
     mass is neglected. Below `SOFT` the mixture is less soft than it would be: with 2 % of air the modulus at 5 MPa is
     5 % lower than without, in place of 20 %.
 
@@ -115,15 +115,15 @@ class AeratedFuel(Fuel):
     @classmethod
     def of(cls, fuel: Fuel, air: float) -> AeratedFuel:
         """Mixture of a fuel with a share of air."""
-        return cls(**{one.name: getattr(fuel, one.name) for one in fields(fuel)}, air=air)
+        return cls(**{field.name: getattr(fuel, field.name) for field in fields(fuel)}, air=air)
 
     def bubbles(self, p: ArrayLike) -> tuple[Floats, Floats]:
         """Volume of the air per volume of the liquid at 0.1 MPa, and minus its slope by the pressure [1/Pa]."""
-        held, k = np.maximum(p, SOFT), 1.0 / POLYTROPIC
-        volume = self.air / (1.0 - self.air) * (ATMOSPHERE / held) ** k
+        softened, k = np.maximum(p, SOFT), 1.0 / POLYTROPIC
+        volume = self.air / (1.0 - self.air) * (ATMOSPHERE / softened) ** k
         below = np.minimum(np.asarray(p) / SOFT - 1.0, 0.0)
         parabola = 1.0 - k * below + 0.5 * k * (k + 1.0) * below**2
-        return volume * parabola, volume * k * (1.0 - (k + 1.0) * below) / held
+        return volume * parabola, volume * k * (1.0 - (k + 1.0) * below) / softened
 
     def density(self, p: ArrayLike, temperature: ArrayLike) -> Floats:
         """Return the density of the mixture [kg/m3]."""
@@ -137,8 +137,8 @@ class AeratedFuel(Fuel):
 
     def isentropic_bulk_modulus(self, p: ArrayLike, temperature: ArrayLike) -> Floats:
         """Return the isentropic modulus of the mixture [Pa], of Wood's sound speed."""
-        own = super().isentropic_bulk_modulus(p, temperature)  # that of `bulk_modulus` where the fuel has none
-        return own if self.isentropic_law is None else self._softened(p, temperature, own)
+        modulus = super().isentropic_bulk_modulus(p, temperature)  # `bulk_modulus` of a fuel without this law
+        return modulus if self.isentropic_law is None else self._softened(p, temperature, modulus)
 
     def _per_mass(self, temperature: ArrayLike) -> Floats:
         return 1.0 / super().density(ATMOSPHERE, temperature)
@@ -149,7 +149,7 @@ class AeratedFuel(Fuel):
         return np.asarray((liquid + volume) / (liquid / modulus + slope))
 
 
-def drawn(rng: np.random.Generator, air: float = 0.0) -> tuple[cr.Injector, np.ndarray]:
+def draw_part(rng: np.random.Generator, air: float = 0.0) -> tuple[cr.Injector, np.ndarray]:
     """Injector and friction (9, 2) of a truth; `air`: share of the fuel's volume at 0.1 MPa."""
     model = cr.load_injector(MODEL)
     if air:
@@ -179,14 +179,15 @@ def truths(path: Path, injectors: int, shots: int, seed: int, drift: float, air:
     for k in range(injectors):
         rng = np.random.default_rng([seed, k])
         while True:
-            injector, friction = drawn(rng, air)
+            injector, friction = draw_part(rng, air)
             worn = injector.with_values(
                 {"nozzle.hole_diameter": injector.values["nozzle.hole_diameter"] * (1.0 + drift) ** 0.5}
             )
-            made = [true_shot(worn if i >= shots // 2 else injector, friction, *schedule(rng)) for i in range(shots)]
-            if all(made):  # a part that does not work at some point would not pass the end of its line
+            states = [worn if i >= shots // 2 else injector for i in range(shots)]
+            shot_records = [true_shot(state, friction, *schedule(rng)) for state in states]
+            if all(shot_records):  # a part that does not work at some point would not pass the end of its line
                 break
-        rows.append({"values": injector.values["nozzle.hole_diameter"], "shots": made})
+        rows.append({"values": injector.values["nozzle.hole_diameter"], "shots": shot_records})
         print(f"{k + 1}/{injectors} {time.perf_counter() - begin:.0f} s", flush=True)
     np.savez_compressed(path, rows=np.array(rows, object), seed=seed, drift=drift)
 
@@ -195,21 +196,21 @@ def true_shot(injector: cr.Injector, friction: np.ndarray, rail: float, pulses: 
     end = pulses[-1][0] + pulses[-1][1]
     point = cr.OperatingPoint(rail, pulses, CYLINDER, RETURN, horizon=end + AFTER)
     coarse = Resolution((90, 40), method="explicit", step=1e-7)
-    found = simulate_reference(injector, point, 2e-6, coarse, friction)
-    if found.status != OK:
+    solution = simulate_reference(injector, point, 2e-6, coarse, friction)
+    if solution.status != OK:
         return None
-    time, injected = np.asarray(found.time), np.asarray(found.injected)
+    time, injected = np.asarray(solution.time), np.asarray(solution.injected)
     figures = find_figures(time, injected, find_cuts(time, injected, point.pulses))  # defined as the observer's
-    figures[0] /= found.reference_density
+    figures[0] /= solution.reference_density
     still = simulate_reference(injector, cr.OperatingPoint(rail, 0.0, CYLINDER, RETURN, horizon=STILL), 2e-6, coarse)
     return {
         "rail": rail,
         "pulses": pulses,
-        "pressure": np.asarray(found.channels["rail_pressure"])[::5],
-        "line": np.asarray(found.channels["accumulation_pressure"])[::5],
-        "injected": injected[::5] / found.reference_density,  # every RATE_STEP
-        "current": np.asarray(found.channels["coil_current"]),  # every 2 us
-        "returned": found.returned_mass + still.returned_mass / STILL * (CYCLE - point.duration),  # in a cycle [kg]
+        "pressure": np.asarray(solution.channels["rail_pressure"])[::5],
+        "line": np.asarray(solution.channels["accumulation_pressure"])[::5],
+        "injected": injected[::5] / solution.reference_density,  # every RATE_STEP
+        "current": np.asarray(solution.channels["coil_current"]),  # every 2 us
+        "returned": solution.returned_mass + still.returned_mass / STILL * (CYCLE - point.duration),  # in a cycle [kg]
         "figures": figures,
     }
 
@@ -247,26 +248,26 @@ def log_of(
     return clock, np.round(shown / (FULL_SCALE / 4096)) * (FULL_SCALE / 4096), pulses
 
 
-def further_of(
+def measure_further(
     shots: list[dict[str, Any]], log: tuple[Any, ...], rng: np.random.Generator, names: Sequence[str]
 ) -> dict[str, np.ndarray]:
     """Samples of further sensors in a log: current of the coil [A], and return flow, each cycle's mean [kg/s]."""
     clock, _, pulses = log
-    made = {name: np.zeros(len(clock)) for name in names}
+    channels = {name: np.zeros(len(clock)) for name in names}
     gains = METER * rng.standard_normal(2)
     firsts = np.cumsum([0, *(len(shot["pulses"]) for shot in shots)])[:-1]
     starts = [pulses[i][0] - shot["pulses"][0][0] for i, shot in zip(firsts, shots, strict=True)]
     for start, end, shot in zip(starts, [*starts[1:], starts[-1] + CYCLE], shots, strict=True):
-        if "current" in made:
+        if "current" in channels:
             grid = start + 2e-6 * np.arange(len(shot["current"]))
-            made["current"] += (1.0 + gains[0]) * np.interp(clock, grid, shot["current"], left=0.0, right=0.0)
-        if "return" in made:
-            own = (1.0 + gains[1]) * shot["returned"] * (1.0 + RETURN_NOISE * rng.standard_normal())
-            made["return"][(clock >= start) & (clock < end)] = own / (end - start)
-    if "current" in made:
-        shown = made["current"] + CURRENT_NOISE * rng.standard_normal(len(clock))
-        made["current"] = np.round(shown / (CURRENT_SCALE / 4096)) * (CURRENT_SCALE / 4096)
-    return made
+            channels["current"] += (1.0 + gains[0]) * np.interp(clock, grid, shot["current"], left=0.0, right=0.0)
+        if "return" in channels:
+            returned = (1.0 + gains[1]) * shot["returned"] * (1.0 + RETURN_NOISE * rng.standard_normal())
+            channels["return"][(clock >= start) & (clock < end)] = returned / (end - start)
+    if "current" in channels:
+        shown = channels["current"] + CURRENT_NOISE * rng.standard_normal(len(clock))
+        channels["current"] = np.round(shown / (CURRENT_SCALE / 4096)) * (CURRENT_SCALE / 4096)
+    return channels
 
 
 def _disturbance(
@@ -280,12 +281,12 @@ def _disturbance(
     frequency, decay = rng.uniform(1.2e3, 2.5e3), rng.uniform(0.5e-3, 2e-3)
     depth = rng.uniform(2e6, 5e6)
     for start in starts:
-        for part in parts:
-            since = clock - start - CYCLE * part - rng.uniform(-0.2e-3, 0.2e-3)
+        for share in parts:
+            since = clock - start - CYCLE * share - rng.uniform(-0.2e-3, 0.2e-3)
             after = np.maximum(since, 0.0)
-            own = depth * rng.uniform(0.9, 1.1)
-            drop += own * np.clip(since / 0.8e-3, 0.0, 1.0)
-            drop -= 0.06 * own * np.exp(-after / decay) * np.sin(2.0 * np.pi * frequency * after)
+            own_drop = depth * rng.uniform(0.9, 1.1)
+            drop += own_drop * np.clip(since / 0.8e-3, 0.0, 1.0)
+            drop -= 0.06 * own_drop * np.exp(-after / decay) * np.sin(2.0 * np.pi * frequency * after)
     turn = 2.0 * np.pi * (1.5 * clock / (CYCLE * rng.uniform(0.98, 1.02)) + rng.random())  # asynchronous to the engine
     delivered = np.cumsum(np.abs(np.sin(turn)))
     return np.asarray(delivered * drop[-1] / delivered[-1] - drop)
@@ -296,7 +297,7 @@ def judge(
     out: Path | None,
     sensor: str,
     others: str,
-    chosen: slice,
+    injectors: slice,
     *,
     horizon: int = 10,
     further: Sequence[str] = (),
@@ -305,17 +306,17 @@ def judge(
     data = np.load(path, allow_pickle=True)
     model = cr.load_injector(MODEL)
     rows, alarms, begin = [], [], time.perf_counter()
-    for k, truth in list(enumerate(data["rows"]))[chosen]:
+    for k, truth in list(enumerate(data["rows"]))[injectors]:
         rng = np.random.default_rng([int(data["seed"]), k, 7])
         log = log_of(truth["shots"], rng, sensor, others)
-        more = further_of(truth["shots"], log, np.random.default_rng([int(data["seed"]), k, 8]), further)
+        more = measure_further(truth["shots"], log, np.random.default_rng([int(data["seed"]), k, 8]), further)
         settings = ObserverSettings(horizon=horizon, sensor=sensor, cylinder_pressure=CYLINDER, return_pressure=RETURN)
-        found = observe(model, log[0], log[1], log[2], settings, further=more, threads=1)
+        observation = observe(model, log[0], log[1], log[2], settings, further=more, threads=1)
         drops = _drops(model, log, truth["shots"])
-        raised = [(i, shot.alarm.state) for i, shot in enumerate(found.shots) if shot.alarm is not None]
+        raised = [(i, shot.alarm.state) for i, shot in enumerate(observation.shots) if shot.alarm is not None]
         alarms.append((next((i for i, state in raised if state == "nozzle flow"), -1), [i for i, _ in raised]))
         print(k, raised, flush=True)
-        for i, (shot, true) in enumerate(zip(found.shots, truth["shots"], strict=True)):
+        for i, (shot, true) in enumerate(zip(observation.shots, truth["shots"], strict=True)):
             if shot.figures is None or shot.deviations is None or shot.open_loop is None:
                 print(f"injector {k}, shot {i}: not simulated")
                 continue
@@ -337,7 +338,7 @@ def judge(
 
 
 def _fit(true: dict[str, Any], j: int, rate: np.ndarray | None) -> float:
-    """R² of a rate of injection from 0.1 ms before the true opening to as long behind the true closing; NaN without."""
+    """R² of a rate of injection from 0.1 ms before the true opening to 0.1 ms after the true closing; NaN without."""
     if rate is None or "injected" not in true:
         return np.nan
     ends = (true["figures"][1:, j] + [-MARGIN, MARGIN]) / RATE_STEP
@@ -355,7 +356,7 @@ def _drops(model: cr.Injector, log: tuple[Any, ...], shots: list[dict[str, Any]]
     First V Δp/K, then the same times the share that is injected of what the model's rail loses at that point.
     """
     clock, pressure, pulses = log
-    found, volume, at = [], model.values["rail.volume"], 0
+    drops, volume, at = [], model.values["rail.volume"], 0
     warmth = model.values["fuel.temperature"]
     for shot in shots:
         start, end = pulses[at][0], pulses[at + len(shot["pulses"]) - 1][0] + pulses[at][1]
@@ -373,10 +374,10 @@ def _drops(model: cr.Injector, log: tuple[Any, ...], shots: list[dict[str, Any]]
         )
         raw = volume * drop / modulus * ratio
         point = cr.OperatingPoint(shot["rail"], shot["pulses"], CYLINDER, RETURN, horizon=end - start + 2e-3)
-        own = cr.simulate(model, point)
-        taken = float(own.channels["rail_pressure"][0] - own.channels["rail_pressure"][-400:].mean())
-        found.append((raw, own.injected_volume * drop / taken if taken > 0.0 else np.nan))
-    return found
+        simulated = cr.simulate(model, point)
+        taken = float(simulated.channels["rail_pressure"][0] - simulated.channels["rail_pressure"][-400:].mean())
+        drops.append((raw, simulated.injected_volume * drop / taken if taken > 0.0 else np.nan))
+    return drops
 
 
 def currents(shots: int, seed: int) -> None:
@@ -385,27 +386,27 @@ def currents(shots: int, seed: int) -> None:
     durations, gaps = rng.uniform(200e-6, 600e-6, shots), rng.uniform(0.0, 100e-6, shots)
     starts = 5e-3 + 8e-3 * np.arange(shots) + gaps
     model = cr.load_injector("cri2-16@pwm")
-    points = [cr.OperatingPoint(rng.uniform(40e6, 160e6), float(one), horizon=2e-3) for one in durations]
+    points = [cr.OperatingPoint(rng.uniform(40e6, 160e6), float(item), horizon=2e-3) for item in durations]
     solved = [cr.simulate(model, point) for point in points]
-    drives = {"model's PWM": [(found.time, found.channels["coil_current"]) for found in solved]}
+    drives = {"model's PWM": [(solution.time, solution.channels["coil_current"]) for solution in solved]}
     for fall in (15e-6, 30e-6, 60e-6):
         for bent in (False, True):
             name = f"18 A, 12 A, {'bent' if bent else 'straight'} fall of {fall * 1e6:.0f} us"
-            drives[name] = [(FINE, _peak_and_hold(FINE, one, fall, bent)) for one in durations]
+            drives[name] = [(FINE, _peak_and_hold(FINE, item, fall, bent)) for item in durations]
     for name, courses in drives.items():
         for rate in (10e3, 20e3, 50e3, 100e3, 200e3, 1e6):
             clock = np.arange(0.0, starts[-1] + 8e-3, 1.0 / rate)
             value = 0.4 + 0.15 * rng.standard_normal(len(clock))
             for start, (at, amperes) in zip(starts, courses, strict=True):
-                own = slice(*np.searchsorted(clock, [start, start + at[-1]]))
-                value[own] += np.interp(clock[own] - start, at, amperes)
+                window = slice(*np.searchsorted(clock, [start, start + at[-1]]))
+                value[window] += np.interp(clock[window] - start, at, amperes)
             read = read_energisings(clock, value)
             if len(read) != shots:
                 print(f"{name:32s} {rate / 1e3:5.0f} kHz: {len(read)} energisings of {shots}")
                 continue
-            off = np.array([one.duration for one in read]) - durations
-            sure = np.isfinite([one.error for one in read])
-            largest = f"largest error {1e6 * np.abs(off[sure]).max():4.1f} us" if sure.any() else ""
+            deviations = np.array([item.duration for item in read]) - durations
+            sure = np.isfinite([item.error for item in read])
+            largest = f"largest error {1e6 * np.abs(deviations[sure]).max():4.1f} us" if sure.any() else ""
             print(f"{name:32s} {rate / 1e3:5.0f} kHz: {(~sure).sum():3d} of {shots} refused  {largest}")
 
 
@@ -431,10 +432,11 @@ BASELINES = (
 
 def _print(rows: list[dict[str, Any]], alarms: list[Any], onset: int) -> None:
     for kind in ("main", "pilot"):
-        chosen = [row for row in rows if row["kind"] == kind]
-        if not chosen:
+        selected = [row for row in rows if row["kind"] == kind]
+        if not selected:
             continue
-        table = {key: np.array([row[key] for row in chosen], float) for key in ("true", "found", "sd", "open", "drop")}
+        keys = ("true", "found", "sd", "open", "drop")
+        table = {key: np.array([row[key] for row in selected], float) for key in keys}
         true = table["true"][:, 0]
         low, high = np.quantile(true, (0.05, 0.95)) * 1e9
         print(f"{kind}: {len(true)} injections, {low:.1f} to {high:.1f} mm3")
@@ -450,15 +452,16 @@ def _print(rows: list[dict[str, Any]], alarms: list[Any], onset: int) -> None:
                 )
         for j, name in enumerate(("quantity", "opening", "closing")):
             ratio = (table["found"][:, j] - table["true"][:, j]) / table["sd"][:, j]
-            held, size = np.mean(np.abs(ratio) < 1.96), np.sqrt(np.mean(ratio**2))
-            print(f"  {name}: the stated 95 % hold {100.0 * held:.1f} %, rms of error over deviation {size:.2f}")
+            share_inside, size = np.mean(np.abs(ratio) < 1.96), np.sqrt(np.mean(ratio**2))
+            inside = f"the stated 95 % hold {100.0 * share_inside:.1f} %"
+            print(f"  {name}: {inside}, rms of error over deviation {size:.2f}")
             for label, key in (("observer", "found"), ("model alone", "open")):
                 if j:
                     error = np.abs(table[key][:, j] - table["true"][:, j]) * 1e6
                     middle, end = np.nanquantile(error, (0.5, 0.95))
                     print(f"    {label:12s} median {middle:6.2f} us, 95 % {end:6.2f} us")
         for i, label in enumerate(("observer", "model alone")):
-            fit = np.array([row["fit"][i] for row in chosen], float)
+            fit = np.array([row["fit"][i] for row in selected], float)
             if np.isfinite(fit).any():
                 low, middle = np.nanquantile(fit, (0.05, 0.5))
                 good = 100.0 * np.mean(fit[np.isfinite(fit)] >= 0.98)
@@ -485,20 +488,20 @@ def main() -> None:
     parser.add_argument("--air", type=float, default=0.0, help="truths: share of the fuel's volume at 0.1 MPa")
     parser.add_argument("--sensor", choices=("rail", "line"), default="rail")
     parser.add_argument("--others", choices=("apart", "at once", "none"), default="apart", help="neighbours and pump")
-    parser.add_argument("--horizon", type=int, default=10, help="judge: as that of `observe`")
+    parser.add_argument("--horizon", type=int, default=10, help="judge: as in `observe`")
     parser.add_argument("--with", dest="further", default="", help="judge: further sensors, of current,return")
     parser.add_argument("--out", type=Path)
-    given = parser.parse_args()
-    if given.what == "currents":
-        currents(given.shots, given.seed)
-    elif given.file is None:
+    args = parser.parse_args()
+    if args.what == "currents":
+        currents(args.shots, args.seed)
+    elif args.file is None:
         parser.error("name the FILE.npz")
-    elif given.what == "truths":
-        truths(given.file, given.injectors, given.shots, given.seed, given.drift, given.air)
+    elif args.what == "truths":
+        truths(args.file, args.injectors, args.shots, args.seed, args.drift, args.air)
     else:
-        chosen = slice(given.first, given.first + given.injectors)
-        further = [name for name in given.further.split(",") if name]
-        judge(given.file, given.out, given.sensor, given.others, chosen, horizon=given.horizon, further=further)
+        injectors = slice(args.first, args.first + args.injectors)
+        further = [name for name in args.further.split(",") if name]
+        judge(args.file, args.out, args.sensor, args.others, injectors, horizon=args.horizon, further=further)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ and not kept. Its source is github.com/SergeyTomp/DieselTestGUI at dcaa0c8, whic
 fetched it writes this table from its tables of injectors and test plans.
 
 A part is an injector of its kind with its own lifts, gap and drive, hydraulics that all parts of its family share, and
-two freedoms: the diameter of its nozzle holes, which meets its nominal full load, and that of its Z-hole, which the
+two freedoms: the diameter of its nozzle holes, which meets its nominal full load, and its Z-hole's, which the
 idle quantity draws away from the family's. A part has 5 to 7 tests; two of them set its freedoms. The shared hydraulics
 are fitted to every second part with all its tests and judged on the others, and the reverse. Rows of a family: before
 the fit; parts of the other half by their flow alone, idle being judged; by both freedoms, idle being used, so that mid
@@ -67,7 +67,7 @@ GUIDES = dict.fromkeys(("plunger_needle.plunger_gap", "plunger_needle.needle_gap
 SPECIAL = {
     # returns of some 40 mm3 at 180 MPa
     "CRIN3": dict.fromkeys(("plunger_needle.plunger_gap", "plunger_needle.needle_gap"), "2.2 um"),
-    # pilots of 160 us ask for a valve as fast as that of CRI2-16 and a stiff control chamber
+    # pilots of 160 us need a valve as fast as CRI2-16's and a stiff control chamber
     "CRIN1": {
         "valve.spring_preload": "60 N",
         "valve.mass": "4.2 g",
@@ -76,7 +76,7 @@ SPECIAL = {
     },
 }
 # Parameters that the parts of a family share, and the standard deviation of the logarithm about the prior's value [E]:
-# seats and holes to some percent, springs and volumes to some ten, what no drawing states to a third and more.
+# seats and holes to some percent, springs and volumes to about ten, values that no drawing states to a third and more.
 SHARED = {
     "control_chamber.a_hole_diameter": 0.1,
     "control_chamber.z_hole_diameter": 0.1,
@@ -96,7 +96,7 @@ SHARED = {
     "nozzle.lift_transition_offset": 0.2,
     "nozzle.lift_maximum_offset": 0.14,
 }
-GAPS = ("plunger_needle.plunger_gap", "plunger_needle.needle_gap")  # of both guides alike
+GAPS = ("plunger_needle.plunger_gap", "plunger_needle.needle_gap")  # of both guides
 STOP = "plunger_needle.stop_lift"
 FLOW, OPENING = "nozzle.hole_diameter", "control_chamber.z_hole_diameter"
 NAMES = (*SHARED, GAPS[1], FLOW)
@@ -109,7 +109,7 @@ FLOW_SPREAD = 0.5
 TOLERANCES = {FULL: 0.02, RETURN: 0.2, IDLE: 0.15, PILOT: 0.3} | dict.fromkeys(MID, 0.08)
 OTHERS = 0.3  # of second pilots and emission points
 STEP = 0.02  # of the logarithm, for differences: below it bounces of needle and valve show
-LARGEST = 12.0  # residual that counts at most, and that of a failed simulation
+LARGEST = 12.0  # largest residual that counts, also for a failed simulation
 FLOW_STEPS = 4  # secant steps to the flow; the last moves the full load by less than 1 %
 LATER = 60e-6  # a pilot that injects nothing is judged by a line through the quantities so much, and twice, later [s]
 NOTHING = 0.01  # share of the nominal quantity
@@ -152,19 +152,19 @@ def read_parts(path: Path, *, types: bool = False) -> dict[str, list[Part]]:
         rows = list(csv.DictReader(stream))
     families: dict[str, list[Part]] = {}
     for name in dict.fromkeys(row["part"] for row in rows):
-        own = [row for row in rows if row["part"] == name]
-        stated = {q: float(own[0][k]) * factor for k, (q, factor) in OWN.items() if own[0][k]}
+        part_rows = [row for row in rows if row["part"] == name]
+        stated = {q: float(part_rows[0][k]) * factor for k, (q, factor) in OWN.items() if part_rows[0][k]}
         misprints = {STOP: 10.0 * stated[STOP]} if stated[STOP] < 100e-6 else {}
-        family = own[0]["family"]
+        family = part_rows[0]["family"]
         injector = cr.load_injector(label_of(family)) if types else prior_of(family)[0].with_values(stated | misprints)
-        tests = [_test(row) for row in own]
+        tests = [_test(row) for row in part_rows]
 
         def data(
             tests: Sequence[cr.parts.PlanTest], name: str = name, injector: cr.Injector = injector
         ) -> cr.parts.PlanData:
             return cr.parts.PlanData.of(cr.parts.TestPlan(name, tuple(tests)), injector, ("0.5 MPa", "0.1 MPa"), name)
 
-        part = Part(
+        specimen = Part(
             data(tests),
             data([t for t in tests if t.name == FULL]),
             data([t for t in tests if t.name in (FULL, IDLE)]),
@@ -172,7 +172,7 @@ def read_parts(path: Path, *, types: bool = False) -> dict[str, list[Part]]:
             Simulator(injector, NAMES, 1e-6, 1),
             tuple(name for name in stated if name not in misprints),
         )
-        families.setdefault(own[0]["family"], []).append(part)
+        families.setdefault(part_rows[0]["family"], []).append(specimen)
     return families
 
 
@@ -194,49 +194,49 @@ def _later(test: cr.parts.PlanTest, time: float) -> cr.parts.PlanTest:
     return replace(test, energisings=(cr.Energising(0.0, test.energisings[0].duration + time),))
 
 
-def values_of(part: Part, shifts: Floats, flow: ArrayLike, opening: ArrayLike = 0.0) -> Floats:
+def values_of(specimen: Part, shifts: Floats, flow: ArrayLike, opening: ArrayLike = 0.0) -> Floats:
     """Values (candidates, names) of shifts of `SHARED`, of the flow and of the Z-hole, all in logarithms."""
-    own = np.array([part.simulator.injector.values[name] for name in NAMES])
-    found = np.column_stack([shifts, shifts[:, list(SHARED).index(GAPS[0])], np.broadcast_to(flow, len(shifts))])
-    found[:, NAMES.index(OPENING)] += opening
-    return np.asarray(own * np.exp(found))
+    nominal = np.array([specimen.simulator.injector.values[name] for name in NAMES])
+    logarithms = np.column_stack([shifts, shifts[:, list(SHARED).index(GAPS[0])], np.broadcast_to(flow, len(shifts))])
+    logarithms[:, NAMES.index(OPENING)] += opening
+    return np.asarray(nominal * np.exp(logarithms))
 
 
-def flow_of(part: Part, shifts: Floats) -> Floats:
+def flow_of(specimen: Part, shifts: Floats) -> Floats:
     """Flow (candidates,) that meets the full load."""
     flow, slope = np.zeros(len(shifts)), np.full(len(shifts), 2.0)  # a quantity grows with the holes' section
     before = flow, np.full(len(shifts), np.nan)
     for _ in range(FLOW_STEPS):
-        found = part.full.simulated(part.simulator, values_of(part, shifts, flow))[:, 0]
-        off = np.log(np.maximum(found, 1e-12) / part.full.measured[0])
+        full_load = specimen.full.simulated(specimen.simulator, values_of(specimen, shifts, flow))[:, 0]
+        error = np.log(np.maximum(full_load, 1e-12) / specimen.full.measured[0])
         moved = flow - before[0]
-        steep = (off - before[1]) / np.where(np.abs(moved) > 1e-6, moved, np.nan)
+        steep = (error - before[1]) / np.where(np.abs(moved) > 1e-6, moved, np.nan)
         slope = np.where((steep > 0.3) & (steep < 4.0), steep, slope)
-        before = flow, off
-        flow = np.clip(flow - np.nan_to_num(off) / slope, -1.0, 1.0)
+        before = flow, error
+        flow = np.clip(flow - np.nan_to_num(error) / slope, -1.0, 1.0)
     return flow
 
 
-def quantities(part: Part, shifts: Floats, flow: ArrayLike, opening: ArrayLike = 0.0) -> Floats:
+def quantities(specimen: Part, shifts: Floats, flow: ArrayLike, opening: ArrayLike = 0.0) -> Floats:
     """Quantities of the tests (candidates, tests) [m³]."""
-    return part.data.simulated(part.simulator, values_of(part, shifts, flow, opening))
+    return specimen.data.simulated(specimen.simulator, values_of(specimen, shifts, flow, opening))
 
 
-def residuals(part: Part, shifts: Floats, flow: ArrayLike, opening: ArrayLike = 0.0) -> Floats:
+def residuals(specimen: Part, shifts: Floats, flow: ArrayLike, opening: ArrayLike = 0.0) -> Floats:
     """Deviations (candidates, tests) in `TOLERANCES`."""
-    values = values_of(part, shifts, flow, opening)
-    found = part.data.simulated(part.simulator, values)
-    pilot = part.rows(PILOT)[0]
-    first, second = (data.simulated(part.simulator, values)[:, 0] for data in part.later)
-    nothing = found[:, pilot] < NOTHING * part.data.measured[pilot]
-    found[:, pilot] = np.where(nothing, np.minimum(found[:, pilot], 2.0 * first - second), found[:, pilot])
-    return _deviations(part.data, found)
+    values = values_of(specimen, shifts, flow, opening)
+    simulated = specimen.data.simulated(specimen.simulator, values)
+    pilot = specimen.rows(PILOT)[0]
+    first, second = (data.simulated(specimen.simulator, values)[:, 0] for data in specimen.later)
+    nothing = simulated[:, pilot] < NOTHING * specimen.data.measured[pilot]
+    simulated[:, pilot] = np.where(nothing, np.minimum(simulated[:, pilot], 2.0 * first - second), simulated[:, pilot])
+    return _deviations(specimen.data, simulated)
 
 
-def _deviations(data: cr.parts.PlanData, found: Floats) -> Floats:
+def _deviations(data: cr.parts.PlanData, simulated: Floats) -> Floats:
     tolerances = np.array([TOLERANCES.get(test.name, OTHERS) for test in data.tests])
-    off = np.nan_to_num((found / data.measured - 1.0) / tolerances, nan=LARGEST)
-    return np.asarray(np.clip(off, -LARGEST, LARGEST))
+    deviations = np.nan_to_num((simulated / data.measured - 1.0) / tolerances, nan=LARGEST)
+    return np.asarray(np.clip(deviations, -LARGEST, LARGEST))
 
 
 def fit(parts: Sequence[Part], draws: int, steps: int, spread: float = SPREAD) -> Floats:
@@ -244,8 +244,8 @@ def fit(parts: Sequence[Part], draws: int, steps: int, spread: float = SPREAD) -
 
     The better of two descents: from the prior's middle, and from the best of draws from the prior.
     """
-    own = np.tile([FLOW_SPREAD, spread], len(parts))
-    wide = np.concatenate([SIGMA, own])
+    individual = np.tile([FLOW_SPREAD, spread], len(parts))
+    wide = np.concatenate([SIGMA, individual])
 
     def fun(x: Floats) -> Floats:
         of_parts = zip(parts, x[COUNT:].reshape(-1, 2), strict=True)
@@ -255,10 +255,10 @@ def fit(parts: Sequence[Part], draws: int, steps: int, spread: float = SPREAD) -
         steps_ = STEP * np.eye(COUNT + 2)
         steps_ = np.vstack([steps_, -steps_])
         blocks = np.zeros((0, len(x)))
-        for i, part in enumerate(parts):
+        for i, specimen in enumerate(parts):
             columns = [*range(COUNT), COUNT + 2 * i, COUNT + 2 * i + 1]
             at = x[columns] + steps_
-            ends = residuals(part, at[:, :COUNT], at[:, COUNT], at[:, COUNT + 1])
+            ends = residuals(specimen, at[:, :COUNT], at[:, COUNT], at[:, COUNT + 1])
             block = np.zeros((ends.shape[1], len(x)))
             block[:, columns] = (ends[: COUNT + 2] - ends[COUNT + 2 :]).T / (2.0 * STEP)
             blocks = np.vstack([blocks, block])
@@ -266,9 +266,9 @@ def fit(parts: Sequence[Part], draws: int, steps: int, spread: float = SPREAD) -
 
     drawn = 0.7 * SIGMA * np.random.default_rng(0).standard_normal((draws, COUNT))
     starts = np.vstack([np.zeros(COUNT), drawn])
-    flows = np.column_stack([flow_of(part, starts) for part in parts])
-    off = np.hstack([residuals(part, starts, flows[:, i]) for i, part in enumerate(parts)])
-    costs = np.sum(np.sqrt(1.0 + np.hstack([off, starts / SIGMA]) ** 2), axis=1)
+    flows = np.column_stack([flow_of(specimen, starts) for specimen in parts])
+    deviations = np.hstack([residuals(specimen, starts, flows[:, i]) for i, specimen in enumerate(parts)])
+    costs = np.sum(np.sqrt(1.0 + np.hstack([deviations, starts / SIGMA]) ** 2), axis=1)
     ends = []
     for i in dict.fromkeys((0, int(np.argmin(costs)))):
         x = np.concatenate([starts[i], np.column_stack([flows[i], np.zeros(len(parts))]).ravel()])
@@ -276,17 +276,17 @@ def fit(parts: Sequence[Part], draws: int, steps: int, spread: float = SPREAD) -
     return np.asarray(min(ends, key=lambda end: end.cost).x[:COUNT])
 
 
-def placed(part: Part, shifts: Floats) -> Floats:
+def fit_to_full_load_and_idle(specimen: Part, shifts: Floats) -> Floats:
     """Flow and Z-hole (2,) of a part of which full load and idle alone are known."""
 
     def fun(x: Floats) -> Floats:
-        found = part.set_by.simulated(part.simulator, values_of(part, shifts[None], x[0], x[1]))[0]
-        return np.append(_deviations(part.set_by, found), x[1] / SPREAD)
+        simulated = specimen.set_by.simulated(specimen.simulator, values_of(specimen, shifts[None], x[0], x[1]))[0]
+        return np.append(_deviations(specimen.set_by, simulated), x[1] / SPREAD)
 
     def jacobian(x: Floats) -> Floats:
         return np.column_stack([(fun(x + h) - fun(x - h)) / STEP for h in 0.5 * STEP * np.eye(2)])
 
-    start = np.array([flow_of(part, shifts[None])[0], 0.0])
+    start = np.array([flow_of(specimen, shifts[None])[0], 0.0])
     return np.asarray(least_squares(fun, start, jacobian, max_nfev=8).x)
 
 
@@ -295,11 +295,11 @@ def regression(train: Sequence[Part], judged: Sequence[Part], *, idle: bool) -> 
 
     def table(parts: Sequence[Part]) -> Floats:
         rows = []
-        for part in parts:
-            full, *low = part.set_by.tests if part.set_by.tests[0].name == FULL else part.set_by.tests[::-1]
+        for specimen in parts:
+            full, *low = specimen.set_by.tests if specimen.set_by.tests[0].name == FULL else specimen.set_by.tests[::-1]
             if idle and not low:
                 continue
-            for test in (part.data.tests[i] for i in part.rows(*MID)):
+            for test in (specimen.data.tests[i] for i in specimen.rows(*MID)):
                 ratios = [_rate(test, full), test.rail_pressure / full.rail_pressure, test.middle / full.middle]
                 if idle:
                     root = (low[0].rail_pressure / full.rail_pressure) ** 0.5
@@ -307,9 +307,9 @@ def regression(train: Sequence[Part], judged: Sequence[Part], *, idle: bool) -> 
                 rows.append((1.0, *np.log(ratios)))
         return np.array(rows)
 
-    known, wanted = table(train), table(judged)
-    coefficients = np.linalg.lstsq(known[:, :-1], known[:, -1], rcond=None)[0]
-    return [float(error) for error in np.expm1(wanted[:, :-1] @ coefficients - wanted[:, -1])]
+    train_table, judged_table = table(train), table(judged)
+    coefficients = np.linalg.lstsq(train_table[:, :-1], train_table[:, -1], rcond=None)[0]
+    return [float(error) for error in np.expm1(judged_table[:, :-1] @ coefficients - judged_table[:, -1])]
 
 
 def _rate(test: cr.parts.PlanTest, full: cr.parts.PlanTest) -> float:
@@ -351,16 +351,17 @@ def halves(family: str, parts: Sequence[Part], draws: int, steps: int, *, each: 
         shifts = fit(train, draws, steps)
         changes = zip(SHARED, 100.0 * np.expm1(shifts), strict=True)
         print("# fitted, %:", ", ".join(f"{name} {change:+.0f}" for name, change in changes), flush=True)
-        for part in others:
+        for specimen in others:
             zero = np.zeros((1, COUNT))
-            two = placed(part, shifts)
-            rows["before the fit"].append((part, quantities(part, zero, flow_of(part, zero))[0]))
-            rows["flow alone"].append((part, quantities(part, shifts[None], flow_of(part, shifts[None]))[0]))
-            rows["flow and Z-hole"].append((part, quantities(part, shifts[None], *two)[0]))
+            two = fit_to_full_load_and_idle(specimen, shifts)
+            rows["before the fit"].append((specimen, quantities(specimen, zero, flow_of(specimen, zero))[0]))
+            by_flow = quantities(specimen, shifts[None], flow_of(specimen, shifts[None]))[0]
+            rows["flow alone"].append((specimen, by_flow))
+            rows["flow and Z-hole"].append((specimen, quantities(specimen, shifts[None], *two)[0]))
             if each:
-                off = 100.0 * (rows["flow and Z-hole"][-1][1] / part.data.measured - 1.0)
-                tests = zip(part.data.tests, off, strict=True)
-                print(f"# {part.data.name}:", ", ".join(f"{test.name} {error:+.0f}" for test, error in tests))
+                errors = 100.0 * (rows["flow and Z-hole"][-1][1] / specimen.data.measured - 1.0)
+                tests = zip(specimen.data.tests, errors, strict=True)
+                print(f"# {specimen.data.name}:", ", ".join(f"{test.name} {error:+.0f}" for test, error in tests))
     for name, judged in rows.items():
         print(line(f"{family}, {name}", judged), flush=True)
     of_both = [100.0 * np.sqrt(np.mean(np.square(errors))) for errors in (plain, with_idle)]
@@ -378,11 +379,11 @@ def judge_types(family: str, parts: Sequence[Part], steps: int, folder: Path | N
         of_flow = [(p, quantities(p, s[None], flow_of(p, s[None]))[0]) for p, s in judged]
         print(line(f"{family}, {name}", of_flow), flush=True)
 
-    row("catalogue", [(part, np.zeros(COUNT)) for part in parts])
+    row("catalogue", [(specimen, np.zeros(COUNT)) for specimen in parts])
     halves_of = ((parts[::2], parts[1::2]), (parts[1::2], parts[::2]))
     row("other half", [(p, s) for train, others in halves_of for s in [fit(train, 0, steps, ONE_FLOW)] for p in others])
     shifts = fit(parts, 0, steps, ONE_FLOW)
-    row("all parts", [(part, shifts) for part in parts])
+    row("all parts", [(specimen, shifts) for specimen in parts])
     if folder is not None:
         write_type(folder, family, parts, shifts)
 
@@ -393,10 +394,11 @@ def write_type(folder: Path, family: str, parts: Sequence[Part], shifts: Floats)
 
     source = resources.files("commonrail.physics.catalogue.injectors") / f"{label_of(family)}.toml"
     document = tomlkit.parse(source.read_text(encoding="utf-8"))
-    part = next(part for part in parts if part.data.name in document["title"])
-    for name, value in zip(NAMES, values_of(part, shifts[None], flow_of(part, shifts[None]))[0].tolist(), strict=True):
+    specimen = next(specimen for specimen in parts if specimen.data.name in document["title"])
+    values = values_of(specimen, shifts[None], flow_of(specimen, shifts[None]))[0].tolist()
+    for name, value in zip(NAMES, values, strict=True):
         table, _, key = name.partition(".")
-        unit = part.simulator.injector.quantities[name].unit
+        unit = specimen.simulator.injector.quantities[name].unit
         document[table][key] = float(f"{value:.4g}") if unit == "1" else to_text(float(f"{value:.4g}"), unit)
     text = tomlkit.dumps(document).replace("12 parts, half", "12 parts, the last time by their flow alone, half")
     (folder / f"{label_of(family)}.toml").write_text(text, encoding="utf-8")
@@ -412,16 +414,18 @@ SOURCE = "DieselTestGUI at dcaa0c8"
 
 def write(folder: Path, family: str, parts: Sequence[Part], shifts: Floats) -> None:
     """Write an injector file that states what differs from the catalogue's injector of its kind."""
-    known = sorted((p for p in parts if STOP in p.stated), key=lambda p: float(p.full.measured[0]))
-    part = known[len(known) // 2]
-    (prior, sources), stated = prior_of(family), part.simulator.injector.values
-    found = dict(zip(NAMES, values_of(part, shifts[None], *placed(part, shifts))[0].tolist(), strict=True))
+    candidates = sorted((p for p in parts if STOP in p.stated), key=lambda p: float(p.full.measured[0]))
+    specimen = candidates[len(candidates) // 2]
+    (prior, sources), stated = prior_of(family), specimen.simulator.injector.values
+    freedoms = fit_to_full_load_and_idle(specimen, shifts)
+    values = dict(zip(NAMES, values_of(specimen, shifts[None], *freedoms)[0].tolist(), strict=True))
     entries = {name: (prior.values[name], "E", source) for name, source in sources.items()}
-    entries |= {name: (stated[name], "M", f"specification of part {part.data.name}, {SOURCE}") for name in part.stated}
+    specified = f"specification of part {specimen.data.name}, {SOURCE}"
+    entries |= {name: (stated[name], "M", specified) for name in specimen.stated}
     fitted = (
         f"estimated from test plans of {len(parts)} parts, half bands of mid loads {half_band(parts):.0f} %, {SOURCE}"
     )
-    entries |= {name: (value, "E", fitted) for name, value in found.items()}
+    entries |= {name: (value, "E", fitted) for name, value in values.items()}
     title = f"CRIN{family[4]}" if family.startswith("CRIN") else f"CRI{family[3]}.{family[4]}"
     label = label_of(family)
     numbers = ", ".join(sorted(p.data.name for p in parts))
@@ -431,7 +435,7 @@ def write(folder: Path, family: str, parts: Sequence[Part], shifts: Floats) -> N
         'format = "commonrail-injector/1"',
         f'base = "{base_of(family)}"',
     ]
-    lines += [f'name = "{label}"', f'title = "Bosch {title}, part {part.data.name}, estimated hydraulics"']
+    lines += [f'name = "{label}"', f'title = "Bosch {title}, part {specimen.data.name}, estimated hydraulics"']
     for table in dict.fromkeys(name.partition(".")[0] for name in prior.quantities):
         within = {name: entries[name] for name in prior.quantities if name in entries and name.startswith(f"{table}.")}
         if not within:
@@ -441,8 +445,8 @@ def write(folder: Path, family: str, parts: Sequence[Part], shifts: Floats) -> N
         for name, (value, *origin) in within.items():
             unit = prior.quantities[name].unit
             text = f"{value:.4g}" if unit == "1" else f'"{to_text(float(f"{value:.4g}"), unit)}"'
-            own = f'{{ value = {text}, mark = "{origin[0]}", source = "{origin[1]}" }}'
-            lines.append(f"{name.partition('.')[2]} = {text if origin == [mark, source] else own}")
+            inline_table = f'{{ value = {text}, mark = "{origin[0]}", source = "{origin[1]}" }}'
+            lines.append(f"{name.partition('.')[2]} = {text if origin == [mark, source] else inline_table}")
     (folder / f"{label}.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -472,7 +476,7 @@ def main() -> None:
             continue
         if args.write:
             shifts = fit(parts, args.draws, args.steps)
-            all_parts = [(p, quantities(p, shifts[None], *placed(p, shifts))[0]) for p in parts]
+            all_parts = [(p, quantities(p, shifts[None], *fit_to_full_load_and_idle(p, shifts))[0]) for p in parts]
             print(HEAD, line(f"{family}, fitted to all", all_parts), sep="\n", flush=True)
             write(args.write, family, parts, shifts)
         else:

@@ -2,7 +2,7 @@
 
     python -m studies.walk_bench files DIR --seed 3      # map.xlsx, record.mf4, the study that fits them, truth.json
     python -m studies.walk_bench seeds DIR --count 40    # files, fit and verdict of forty benches, and a table
-    python -m studies.walk_bench table DIR               # the table of what is there
+    python -m studies.walk_bench table DIR               # the table of the benches so far
 
 A bench has a CRI2-16 of which nine values are drawn about those of the catalogue, simulated at a finer step than the
 fit's: a quantity map in mg per stroke as text with decimal commas, and a record of 120 shots on four rasters whose
@@ -56,18 +56,18 @@ SCALE = 1e9  # mm³ of a m³
 
 def true_values(seed: int) -> dict[str, float]:
     """Hidden values [SI] of a bench."""
-    random, own = np.random.default_rng([seed, 1]), cr.load_injector(INJECTOR).values
-    return {name: own[name] * (1.0 + spread * random.standard_normal()) for name, spread in SPREAD.items()} | {
-        LIFT: own[LIFT] * (1.0 + 0.03 * random.standard_normal())
+    random, nominal = np.random.default_rng([seed, 1]), cr.load_injector(INJECTOR).values
+    return {name: nominal[name] * (1.0 + spread * random.standard_normal()) for name, spread in SPREAD.items()} | {
+        LIFT: nominal[LIFT] * (1.0 + 0.03 * random.standard_normal())
     }
 
 
-def seen_rate(injector: cr.Injector, rail: int, time: int) -> Floats:
+def metered_rate(injector: cr.Injector, rail: int, time: int) -> Floats:
     """Rates [mm³/ms] that the meter shows at 0, 5 us … after the trigger."""
     point = cr.OperatingPoint(1e5 * rail, 1e-6 * time, CYLINDER, RETURN, horizon=LASTING - EARLY)
-    found = cr.simulate(injector, point, time_step=FINE)
+    solution = cr.simulate(injector, point, time_step=FINE)
     moments = np.arange(0.0, LASTING, 1e-6)  # from the trigger
-    volume = SCALE * np.interp(moments - EARLY - DELAY, found.time, found.injected / found.reference_density)
+    volume = SCALE * np.interp(moments - EARLY - DELAY, solution.time, solution.injected / solution.reference_density)
     lag = butter(1, POLE, fs=1e6)
     slow = lfilter(*lag, lfilter(*lag, volume))
     bounds = np.arange(0.0, LASTING, RASTERS["rate"])
@@ -106,7 +106,7 @@ def write_record(path: Path, injector: cr.Injector, random: np.random.Generator)
     length = SPACING * len(order)
     time = {name: np.arange(0.0, length, step) for name, step in RASTERS.items()}
     flow, trigger = random.normal(0.0, RATE_NOISE, len(time["rate"])), np.zeros(len(time["rate"]))
-    shapes, starts = [seen_rate(injector, *point) for point in SHOT_POINTS], SPACING * (np.arange(len(order)) + 0.2)
+    shapes, starts = [metered_rate(injector, *point) for point in SHOT_POINTS], SPACING * (np.arange(len(order)) + 0.2)
     current, pressure = np.zeros(len(time["current"])), np.zeros(len(time["pressure"]))
     for start, k in zip(starts, order, strict=True):
         first = round(start / RASTERS["rate"])
@@ -140,10 +140,10 @@ def write_bench(folder: Path, seed: int, wrong: float) -> None:
     injector = cr.load_injector(INJECTOR).with_values(truth)
     write_map(folder / "map.xlsx", injector, random)
     write_record(folder / "record.mf4", injector, random)
-    own = [f"--free={name}" for name in SPREAD]
-    given = [f"--from={folder / name}" for name in ("map.xlsx", "record.mf4")]
+    free = [f"--free={name}" for name in SPREAD]
+    sources = [f"--from={folder / name}" for name in ("map.xlsx", "record.mf4")]
     bench = [f"--cylinder-pressure={CYLINDER}", f"--return-pressure={RETURN}", f"--injector={INJECTOR}"]
-    command(["new", str(folder / "fit"), *bench, *given, *own])
+    command(["new", str(folder / "fit"), *bench, *sources, *free])
     write_study(folder / "fit" / "study.toml", truth, wrong)
     (folder / "truth.json").write_text(
         json.dumps(truth | {"meter.tube.delay": DELAY + HALF_SAMPLE}, indent=1), encoding="utf-8"
@@ -183,12 +183,12 @@ source = "measured on the part"
 def command(words: list[str]) -> None:
     """Run a command of commonrail as a user does."""
     done = subprocess.run([sys.executable, "-m", "commonrail", *words], capture_output=True, text=True, check=False)
-    if done.returncode not in (0, 2):  # 2: `new` names what is to be stated
+    if done.returncode not in (0, 2):  # 2: `new` lists what the study must state
         raise SystemExit(done.stderr)
 
 
 def fit_bench(bench: Path) -> None:
-    """Calibrate, and where verdicts are withdrawn search from more starts, as the report then asks for."""
+    """Calibrate; if verdicts are not confirmed search from more starts, as the report then advises."""
     run = bench / "run"
     command(["calibrate", str(bench / "fit" / "study.toml"), "--no-live", "--threads", "1", "--out", str(run)])
     record = json.loads((run / "result.json").read_text(encoding="utf-8"))
@@ -204,29 +204,29 @@ def fits(folder: Path) -> Iterator[tuple[dict[str, float], dict[str, Any]]]:
 
 
 def print_table(folder: Path) -> None:
-    """Print the share of truths inside the stated intervals, of the verdicts, and why parameters are not pinned."""
+    """Print shares of truths inside the stated intervals and of verdicts, and why parameters are not determined."""
     from commonrail.report.fit.verdict import verdict
 
     titles: dict[str, int] = {}
     reasons: dict[str, int] = {}
-    inside = pinned = wrongly = known = benches = 0
+    inside = determined = wrong = intervals = benches = 0
     for truth, record in fits(folder):
         benches += 1
-        reason = record["certainty"]["withdrawn"].split(":")[0] or "nothing withdrawn"
+        reason = record["certainty"]["withdrawn"].split(":")[0] or "confirmed"
         reasons[reason] = reasons.get(reason, 0) + 1
         title = verdict(record, "run").title
         titles[title] = titles.get(title, 0) + 1
-        for one in record["certainty"]["parameters"]:
-            low, high = one["lower"], one["upper"]
+        for parameter in record["certainty"]["parameters"]:
+            low, high = parameter["lower"], parameter["upper"]
             if low is None or high is None:
                 continue
-            known += 1
-            holds = low <= truth[one["name"]] <= high
+            intervals += 1
+            holds = low <= truth[parameter["name"]] <= high
             inside += holds
-            pinned += one["verdict"] == "pinned"
-            wrongly += one["verdict"] == "pinned" and not holds
-    print(f"{benches} benches; truths inside their intervals: {inside} of {known}")
-    print(f"pinned: {pinned}; of these the interval misses the truth: {wrongly}")
+            determined += parameter["verdict"] == "determined"
+            wrong += parameter["verdict"] == "determined" and not holds
+    print(f"{benches} benches; truths inside their intervals: {inside} of {intervals}")
+    print(f"determined: {determined}; of these the interval misses the truth: {wrong}")
     for title, count in [*sorted(titles.items()), *sorted(reasons.items())]:
         print(f"{count:4d}  {title}")
 
@@ -239,18 +239,18 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1, help="the first one")
     parser.add_argument("--count", type=int, default=40)
     parser.add_argument("--wrong", type=float, default=0.0, metavar="SHARE")
-    given = parser.parse_args()
-    if given.what == "files":
-        write_bench(given.folder, given.seed, given.wrong)
-    elif given.what == "seeds":
-        for seed in range(given.seed, given.seed + given.count):
-            bench = given.folder / f"{seed:03d}"
+    args = parser.parse_args()
+    if args.what == "files":
+        write_bench(args.folder, args.seed, args.wrong)
+    elif args.what == "seeds":
+        for seed in range(args.seed, args.seed + args.count):
+            bench = args.folder / f"{seed:03d}"
             if not bench.exists():
-                write_bench(bench, seed, given.wrong)
+                write_bench(bench, seed, args.wrong)
             if not (bench / "run" / "result.json").exists():
                 fit_bench(bench)
-    if given.what != "files":
-        print_table(given.folder)
+    if args.what != "files":
+        print_table(args.folder)
 
 
 if __name__ == "__main__":

@@ -47,7 +47,7 @@ NOISES_USED = ("white", "autoregressive", "outliers", "delay")
 class Wrong(NamedTuple):
     """Change of the truth that a study does not know: factors and sums on the injector's values, and on the bench.
 
-    `rail` is a factor on the rail pressure, `delay` of the meter [s], `gain` a factor on what is measured.
+    `rail` is a factor on the rail pressure, `delay` of the meter [s], `gain` a factor on the measured values.
     """
 
     factors: Mapping[str, float] = {}
@@ -77,7 +77,7 @@ WRONGS: Mapping[str, Wrong] = {
 
 @dataclass(frozen=True)
 class Bench:
-    """A study, what is wrong with it (empty for a right one), and the truth.
+    """A study, its mistake (empty for a right one), and the truth.
 
     Attributes
     ----------
@@ -116,13 +116,13 @@ def draw_bench(seed: int) -> Bench:
     injector = cr.load_injector(INJECTORS[seed % 2])
     injector = replace(injector, variant=injector.variant._replace(drive=Drive.REGULATED))
     free = FREE[int(rng.integers(len(FREE)))]
-    possible = [name for name, one in WRONGS.items() if not set(one.factors) & set(free)]
+    possible = [name for name, mistake in WRONGS.items() if not set(mistake.factors) & set(free)]
     name = "" if rng.random() < RIGHT else possible[int(rng.integers(len(possible)))]
     noise = NOISES_USED[int(rng.integers(len(NOISES_USED)))]
     wrong = WRONGS[name] if name else Wrong()
-    truth = {one: injector.values[one] * (1.0 + OFF * rng.uniform(-1.0, 1.0)) for one in free}
-    changed = {one: injector.values[one] * factor for one, factor in wrong.factors.items()}
-    changed |= {one: injector.values[one] + more for one, more in wrong.sums.items()}
+    truth = {path: injector.values[path] * (1.0 + OFF * rng.uniform(-1.0, 1.0)) for path in free}
+    changed = {path: injector.values[path] * factor for path, factor in wrong.factors.items()}
+    changed |= {path: injector.values[path] + more for path, more in wrong.sums.items()}
     true = injector.with_values(truth | changed)
     late = wrong.delay + NOISES[noise].delay * rng.standard_normal()
     curves = [
@@ -133,8 +133,8 @@ def draw_bench(seed: int) -> Bench:
     maps += [_map(true, HELD_BACK, wrong, cr.data.Role.VALIDATION, rng)] if with_unseen else []
     units = injector.quantities
     parameters = [
-        cr.Parameter(one, value, value * (1.0 - SPREAD), value * (1.0 + SPREAD), units[one].unit, mark="E", source="")
-        for one, value in ((one, injector.values[one]) for one in free)
+        cr.Parameter(path, value, value * (1.0 - SPREAD), value * (1.0 + SPREAD), units[path].unit, mark="E", source="")
+        for path, value in ((path, injector.values[path]) for path in free)
     ]
     method = cr.fit.Method(cr.fit.StagedSettings(members=128, generations=40, inversions=8), polish=3)
     study = cr.Study(f"bench {seed}", injector, (*curves, *maps), cr.fit.Space(parameters), method, 1, STEP)
@@ -174,5 +174,5 @@ def _map(
     quantity = quantity + (ABSOLUTE + RELATIVE * quantity) * rng.standard_normal(len(quantity))
     seen = tuple(point_at(*at) for at in points)
     none = np.zeros(len(quantity), bool)
-    weight = 100.0  # as `commonrail new` gives a map beside curves
+    weight = 100.0  # as `commonrail new` gives a map in addition to curves
     return cr.QuantityData(f"map {role.value}", role, seen, quantity, ABSOLUTE, RELATIVE, none, weight, "bench", "")

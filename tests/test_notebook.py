@@ -14,7 +14,7 @@ nbclient = pytest.importorskip("nbclient", reason="nbclient comes with the extra
 pytest.importorskip("ipykernel", reason="ipykernel comes with the extra dev")
 
 from tests.docs.pages import environment  # noqa: E402
-from tools.notebooks import DOCS, NOTEBOOKS, executed  # noqa: E402
+from tools.notebooks import DOCS, NOTEBOOKS, run_notebook  # noqa: E402
 
 NOTEBOOK = DOCS / "notebooks" / "injector.ipynb"
 TUTORIALS = [path for path in NOTEBOOKS if path != NOTEBOOK]
@@ -27,7 +27,7 @@ LARGEST = 150_000  # bytes of a notebook with its outputs: a clone and the site 
 @pytest.fixture(scope="module")
 def outputs() -> list[list[Any]]:
     """Outputs of each code cell, after the notebook has been run."""
-    notebook = executed(NOTEBOOK)
+    notebook = run_notebook(NOTEBOOK)
     return [cell.outputs for cell in notebook.cells if cell.cell_type == "code"]
 
 
@@ -89,6 +89,6 @@ def test_a_notebook_is_kept_with_its_outputs_and_is_small(path: Path) -> None:
 def test_a_tutorial_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in environment(tmp_path / "bin").items():
         monkeypatch.setenv(name, value)  # `!commonrail` is this tree's
-    printed = "".join(contents(output) for cell in executed(path).cells for output in cell.get("outputs", []))
+    printed = "".join(contents(output) for cell in run_notebook(path).cells for output in cell.get("outputs", []))
     assert "Traceback" not in printed
     assert "commonrail: " not in printed  # an error of a command line

@@ -3,7 +3,7 @@
     python -m tools.bench_files DIR
 
     map_january.csv   quantity map as a matrix, as a German spreadsheet saves it: semicolons, decimal commas, cp1252
-    rates.csv         twelve injection rates beside each other, named 500bar_300us and so on
+    rates.csv         twelve injection rates in columns, named 500bar_300us and so on
     shots.mf4         MDF4 record of 100 shots at 4 operating points, found by a trigger 35 us before energising
     map_march.xlsx    quantity map as a matrix the other way round, by mass, in a workbook
 
@@ -72,7 +72,7 @@ def write_german_map(path: Path, quantity: Floats) -> None:
 
 
 def write_wide_rates(path: Path, injector: cr.Injector, random: np.random.Generator) -> None:
-    """Write twelve rates beside each other, one column each."""
+    """Write twelve rates, one column each."""
     names = [f"{p}bar_{t}us" for p in RATE_RAIL for t in RATE_TIME]
     rates = np.column_stack([rate(injector, p, t) for p in RATE_RAIL for t in RATE_TIME])
     rates += random.normal(0.0, RATE_NOISE, rates.shape)

@@ -18,7 +18,7 @@ from typing import Any
 __all__ = ["CHROMIUM", "Browser", "browsing"]
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
-LONGEST = 60.0  # for an answer of the browser [s]; it decides over no result, only when a hung browser is given up
+LONGEST = 60.0  # for an answer of the browser [s]; it only limits the wait for a hung browser
 _FLAGS = (
     "--headless=new",
     "--no-sandbox",
@@ -94,7 +94,7 @@ class Browser:
         )
 
     def press(self, key: str, code: str = "", number: int = 0) -> None:
-        """Press and release a key as in events of JavaScript; `number` is that of Windows, which moves a slider."""
+        """Press and release a key as in events of JavaScript; `number`: Windows' code, which sliders need."""
         text = {"text": key} if len(key) == 1 else {}
         for kind in ("keyDown", "keyUp"):
             extra = text if kind == "keyDown" else {}

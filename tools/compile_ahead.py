@@ -1,7 +1,7 @@
 """Compile what tests wait for, modules and kernels: ``PYTHONPATH=src python -m tools.compile_ahead f64``, or f32.
 
-`make test` does it on a fresh machine while pip, which waits for network and disk, installs what tests need beside what
-simulates. A kernel that is in the cache is left as it is; a test whose kernel is being compiled here waits for it.
+`make test` does it on a fresh machine while pip, which waits for network and disk, installs what only the tests need. A
+kernel in the cache is left as it is; a test whose kernel is being compiled here waits for it.
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ _GALLERY = {
     ),
     "catalogue": ("commonrail catalogue injectors --report injectors.html", "injectors.html"),
 }
-# One wave of a slider about its middle, there and back, so that the picture can be repeated without a jump.
+# One wave of a slider about its middle, and back: the picture repeats without a jump.
 _MOVE = """(() => {{ const range = document.getElementById({slider!r});
     range.value = +range.min + (range.max - range.min) * {place};
     range.dispatchEvent(new Event("input")); }})()"""
@@ -64,7 +64,7 @@ _SLIDERS = "[...document.querySelectorAll('#point-sliders input[type=range]')].m
 
 
 def make_files(folder: Path) -> None:
-    """Run the commands whose files are pictured."""
+    """Run the commands that write the pictured files."""
     (folder / "cases").symlink_to(Path(__file__).resolve().parents[1] / "cases")
     for line in [*_CASE.strip().splitlines(), *(command for command, _ in _GALLERY.values())]:
         print(line, flush=True)
@@ -73,7 +73,7 @@ def make_files(folder: Path) -> None:
 
 
 def picture(page: Browser, file: Path, size: tuple[int, int] = WINDOW, place: str = "") -> bytes:
-    """PNG of the window on a file, scrolled to an element of a selector if one is named."""
+    """PNG of the window with a file, scrolled to an element if one is selected."""
     page.resize(*size)
     page.call("Emulation.setScrollbarsHidden", hidden=True)
     page.open(file.as_uri())
@@ -90,7 +90,7 @@ def screenshot(page: Browser) -> bytes:
 
 
 def save_webp(shots: list[bytes], width: int, path: Path, quality: int = 75) -> None:
-    """Write pictures as WebP of a width [px], moving if there are several."""
+    """Write pictures as WebP of a width [px]; several become an animation."""
     from PIL import Image
 
     images = [Image.open(io.BytesIO(shot)).convert("RGB") for shot in shots]
@@ -102,7 +102,7 @@ def save_webp(shots: list[bytes], width: int, path: Path, quality: int = 75) -> 
     print(f"{path}: {path.stat().st_size / 1e3:.0f} kB", flush=True)
 
 
-def moving(page: Browser, file: Path) -> list[bytes]:
+def record_live_page(page: Browser, file: Path) -> list[bytes]:
     """Pictures of the live page while its first slider, the rail pressure, goes down and up again."""
     page.resize(*MOVING)
     page.call("Emulation.setScrollbarsHidden", hidden=True)
@@ -129,7 +129,7 @@ def main() -> None:
         save_webp([picture(page, report)], CARD, out / "card-calibrate.webp")
         trust = "[...document.querySelectorAll('h2,h3')].find((h) => /profile|Trust/i.test(h.textContent))"
         save_webp([picture(page, report, place=trust)], CARD, out / "card-trust.webp")
-        save_webp(moving(page, folder / "live.html"), WIDE, out / "live.webp", quality=60)
+        save_webp(record_live_page(page, folder / "live.html"), WIDE, out / "live.webp", quality=60)
         for label, (_, file) in _GALLERY.items():
             save_webp([picture(page, folder / file)], WIDE, out / f"gallery-{label}.webp", quality=60)
     size = (out / "live.webp").stat().st_size

@@ -16,12 +16,12 @@ import commonrail as cr
 
 POINT = cr.OperatingPoint("160 MPa", [("0 us", "200 us"), ("900 us", "500 us")], horizon="3 ms")
 STYLE: Any = {"svg.hashsalt": "commonrail", "svg.fonttype": "none", "font.size": 8}
-NARROW = 300.0  # duration below which the text stands above the curve [us]
+NARROW = 300.0  # duration below which the text is above the curve [us]
 RATE, MARK, LEVEL = "#1b5e8c", "#c1272d", "#6b7785"
 
 
 def draw(path: Path) -> None:
-    """Simulate both injections and draw their rate with what is found in it."""
+    """Simulate both injections and draw their rates with the detected features."""
     trace = cr.simulate(cr.load_injector("virtual-lino-2016"), POINT)
     features = cr.features.find_features(trace, POINT)
     with plt.rc_context(STYLE):

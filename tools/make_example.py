@@ -1,10 +1,10 @@
 """Make the example curve of `commonrail new`: a declared truth on the slow reference engine, seen with noise.
 
     python -m tools.make_example                # write it where the templates are
-    python -m tools.make_example --coverage 50  # fit fifty such curves with other noise, and say how far off they end
+    python -m tools.make_example --coverage 50  # fit fifty such curves with other noise, and print the errors
 
-The truth is the example's injector with three values changed, those that its study fits. Reference engine and fit share
-the equations but neither discretisation nor noise, so the example shows what a fit finds where the model is right.
+The truth is the example's injector with three values changed, which its study fits. Reference engine and fit share
+the equations but neither discretisation nor noise: the example shows the result of a fit if the model is right.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ HEAD = """\
 class Fit(NamedTuple):
     """One fit of the example's study.
 
-    `error` is found − true value of each parameter, in standard errors of the found one; `start_j`, `truth_j` and
+    `error` is estimate − true value of each parameter, in standard errors; `start_j`, `truth_j` and
     `best_j` are J at the start values, at the truth and at the best [mm³/ms].
     """
 

@@ -4,8 +4,8 @@
     commonrail fleet /somewhere/fleet/fleet.toml --out runs/fleet
 
 Two layouts: "files", one file for each injection curve, and "rows", one table with the quantities of all injectors. The
-curves come from the same model and time step that the fit uses, so a fit can meet them to the noise; what is measured
-here is the work, not the model. All is synthetic, and says so in each file.
+curves come from the same model and time step that the fit uses, so a fit can meet them to the noise: the fleet measures
+the work, not the model. All files are synthetic and say so.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ seed = 1
 """
 
 
-def scattered(injector: Injector, count: int, rng: np.random.Generator) -> Floats:
+def draw_true_values(injector: Injector, count: int, rng: np.random.Generator) -> Floats:
     """True values of each injector (count, parameters), SI."""
     nominal = np.array([injector.values[name] for name in SCATTER])
     deviations = np.clip(rng.standard_normal((count, len(nominal))), -WIDEST, WIDEST)
@@ -131,7 +131,7 @@ def write_table(path: Path, header: Sequence[str], rows: Iterable[Sequence[str]]
 
 def write_curves(folder: Path, table: str, injector: Injector, values: Floats, rng: np.random.Generator) -> None:
     """A file for each curve, and the table that names them."""
-    names = names_of(len(values))
+    names = serial_numbers(len(values))
     for text in PRESSURES:
         pressure = 1e6 * float(text.partition(" ")[0])
         for name, rate in zip(names, curves(injector, values, pressure, rng), strict=True):
@@ -146,14 +146,14 @@ def write_map(folder: Path, table: str, injector: Injector, values: Floats, rng:
     points = [(pressure, time) for pressure in MAP_PRESSURES for time in MAP_TIMES]
     rows = [
         [name, f"{pressure * 1e-6:g}", f"{time * 1e6:g}", f"{quantity * 1e9:.6g}"]
-        for name, quantities in zip(names_of(len(values)), maps(injector, values, rng), strict=True)
+        for name, quantities in zip(serial_numbers(len(values)), maps(injector, values, rng), strict=True)
         for (pressure, time), quantity in zip(points, quantities, strict=True)
     ]
     header = ["injector", "rail_pressure [MPa]", "energising_time [us]", "quantity [mm3]"]
     write_table(folder / table, header, rows)
 
 
-def names_of(count: int) -> list[str]:
+def serial_numbers(count: int) -> list[str]:
     """Serial numbers."""
     return [f"SN{i:06d}" for i in range(1, count + 1)]
 
@@ -165,13 +165,13 @@ def make_fleet(folder: Path, count: int, layout: str = "files", table: str = "",
     `members` and `generations` of each search, and `seed` of scatter and noise.
     """
     injector, rng = load_injector(INJECTOR), np.random.default_rng(search.get("seed", 1))
-    values = scattered(injector, count, rng)
+    values = draw_true_values(injector, count, rng)
     files = layout == "files"
     table = table or ("injectors.csv" if files else "measurements.csv")
     (write_curves if files else write_map)(folder, table, injector, values, rng)
     units = parameter_quantities()
     heads = [f"{name} [{units[name].unit}]" for name in SCATTER]
-    rows = [[name, *map(repr, row)] for name, row in zip(names_of(count), values.tolist(), strict=True)]
+    rows = [[name, *map(repr, row)] for name, row in zip(serial_numbers(count), values.tolist(), strict=True)]
     write_table(folder / "truth.csv", ["injector", *heads], rows)
     curve, maps = {"kind": "rate", "what": "injection curves"}, {"kind": "quantities", "what": "quantities"}
     sets = [{"name": name, "role": role, "own": CURVE.format(name=name)} | curve for name, role in PRESSURES.items()]

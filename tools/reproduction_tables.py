@@ -133,9 +133,7 @@ def make_blocks(record: Record, ideal: Record) -> dict[str, str]:
         "table1": format_table(tables.table1(record), IN_THE_REPORT),
         "table3": format_table(tables.table3(record), medians_only=True),
         "models": format_table(tables.j_table(record), medians_only=True),
-        "overfitting": format_table(tables.overfitting_table(record), medians_only=True),
         "meter": format_table(tables.meter_table(record), medians_only=True),
-        "treatments": format_table(tables.treatments_table(record), ("slots",), medians_only=True),
         "ideal": describe_ideal(ideal),
         "friction": tabulate_friction(),
     }

@@ -27,13 +27,15 @@ def find_equations(markdown: str) -> list[tuple[str, bool]]:
 
 def to_mathml(latex: str, display: bool) -> str:
     """Return an equation as MathML."""
-    # the library knows `split`, which aligns as `aligned` does; GitHub wants the latter
+    # the library knows `split`, which aligns as `aligned` does; GitHub needs the latter
     text = re.sub(r"\{aligned\}", "{split}", latex.strip())
-    return convert(text, display="block" if display else "inline")
+    mathml = convert(text, display="block" if display else "inline")
+    # bars of magnitudes stay as high as the line: the closing one, which has the exponent, would alone grow
+    return mathml.replace("<mo>&#x0007C;</mo>", '<mo stretchy="false">&#x0007C;</mo>')
 
 
 def mark_equations(markdown: str, name: str) -> tuple[str, dict[str, str]]:
-    """Replace the equations of a page by words that Markdown leaves alone; return the text and MathML of each word."""
+    """Replace the equations of a page by placeholders; return the text and the MathML of each placeholder."""
     equations: dict[str, str] = {}
     label = re.sub(r"\W|_", "", name)
 

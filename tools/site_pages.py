@@ -1,6 +1,6 @@
-"""Hook of mkdocs (`mkdocs.yml`): pages that are generated from the code, and those that stand outside docs/.
+"""Hook of mkdocs (`mkdocs.yml`): pages that are generated from the code, and pages outside docs/.
 
-Pages of `cases`, CHANGELOG and CONTRIBUTING are taken into the site, and links that lead to them are turned there.
+Pages of `cases`, CHANGELOG and CONTRIBUTING are taken into the site, and links to them are rewritten.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from tools.reference_pages import GENERATED  # noqa: E402
 from tools.site_math import insert_equations, mark_equations  # noqa: E402
 
 CASES = [f"cases/{path.parent.name}/README.md" for path in sorted(ROOT.glob("cases/*/README.md"))]
-EQUATIONS: dict[str, dict[str, str]] = {}  # MathML by page and by the word that holds its place
+EQUATIONS: dict[str, dict[str, str]] = {}  # MathML by page and placeholder
 SHIM = "assets/iframe-worker-shim.js"
 SHIM_ON_THE_NETWORK = "https://unpkg.com/iframe-worker/shim"  # which the theme names
 TAKEN_IN = ["CHANGELOG.md", "CONTRIBUTING.md", *CASES]
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add what is generated or taken in."""
+    """Add generated pages and pages outside docs/."""
     for name, make in GENERATED.items():
         files.append(File.generated(config, f"reference/{name}.md", content=make()))
     for name in TAKEN_IN:
@@ -38,12 +38,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Turn links that leave docs/ to the page that was taken in and back, and set words in place of the equations."""
+    """Rewrite links between docs/ and pages outside it, and replace equations by placeholders."""
     uri = page.file.src_uri
     outside = uri in TAKEN_IN
     base = posixpath.dirname(uri if outside else f"docs/{uri}")
 
-    def turned(match: re.Match[str]) -> str:
+    def rewrite_link(match: re.Match[str]) -> str:
         target, anchor = match[1], match[2] or ""
         if "://" in target or target.startswith("mailto:"):
             return match[0]
@@ -55,20 +55,20 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
             return f"]({posixpath.relpath(inside, posixpath.dirname(uri) or '.')}{anchor})"
         return match[0]
 
-    linked = re.sub(r"\]\(([^)#\s]+)(#[^)]*)?\)", turned, markdown)
+    linked = re.sub(r"\]\(([^)#\s]+)(#[^)]*)?\)", rewrite_link, markdown)
     text, EQUATIONS[uri] = mark_equations(linked, uri)
     return text
 
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Put the equations in, and keep the text of figures out of the search."""
+    """Insert the equations, and exclude the text of figures from the search."""
     return re.sub(
         r"<svg(?=[\s>])", "<svg data-search-exclude", insert_equations(html, EQUATIONS.get(page.file.src_uri, {}))
     )
 
 
 def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
-    """Load what the search needs without a server from the site, not from the network."""
+    """Load the search's shim for pages without a server from the site, not from the network."""
     return output.replace(SHIM_ON_THE_NETWORK, posixpath.relpath(SHIM, posixpath.dirname(page.file.dest_uri) or "."))
 
 

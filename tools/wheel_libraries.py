@@ -106,21 +106,21 @@ def _processors(precision: Precision, levels: Sequence[Processor]) -> tuple[Proc
 
 def _write_objects(place: Path, tasks: Sequence[_Task], processes: int) -> None:
     """Write object files of all loops, those of a level into a folder of its name."""
-    for objects in _beside_each_other(tasks, processes) if processes > 1 else map(_compiled, tasks):
+    for objects in _compile_in_processes(tasks, processes) if processes > 1 else map(_compile_task, tasks):
         for (level, symbol), content in objects.items():
             (place / level).mkdir(exist_ok=True)
             (place / level / f"{symbol}.o").write_bytes(content)
 
 
-def _beside_each_other(tasks: Sequence[_Task], processes: int) -> Iterator[_Objects]:
-    """Results of tasks in processes, which are ended with whatever ends this.
+def _compile_in_processes(tasks: Sequence[_Task], processes: int) -> Iterator[_Objects]:
+    """Results of tasks in processes, which end with this one.
 
-    Each task has a fresh process, since LLVM gives nothing back. More than one task for each can deadlock before Python
-    3.12.3.
+    Each task has a fresh process, since LLVM does not release memory. More than one task for each can deadlock
+    before Python 3.12.3.
     """
     others, pool = active_children(), ProcessPoolExecutor(processes, get_context("spawn"), max_tasks_per_child=1)
     try:
-        yield from pool.map(_compiled, tasks)
+        yield from pool.map(_compile_task, tasks)
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
         for child in set(active_children()).difference(others):
@@ -132,7 +132,7 @@ def _beside_each_other(tasks: Sequence[_Task], processes: int) -> Iterator[_Obje
 _Objects = dict[tuple[str, str], bytes]
 
 
-def _compiled(task: _Task) -> _Objects:
+def _compile_task(task: _Task) -> _Objects:
     """Object files of a task's loops by level and symbol."""
     vector = VECTORS[task.precision]
     return {
@@ -143,7 +143,7 @@ def _compiled(task: _Task) -> _Objects:
 
 
 def _most_processes() -> int:
-    """As many as there are processors, and as the memory has room for."""
+    """Number of processes that processors and memory allow."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return max(1, min(usable_threads(), memory // MEMORY))
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from benchmarks.case import paper_study
-from benchmarks.contest import PAPER, Problem, Trace, contest, entries, search_once, standing
+from benchmarks.contest import PAPER, Problem, Trace, contest, entries, rank_optimisers, search_once
 from commonrail.calibration.run import calibrate
 
 
@@ -43,14 +43,14 @@ def row(name: str, seed: int, best: list[float]) -> dict[str, Any]:
     return {"problem": "p", "optimiser": name, "seed": seed} | trace._asdict()
 
 
-def test_the_standing_is_that_of_the_medians_and_shares() -> None:
+def test_the_ranking_goes_by_medians_and_shares() -> None:
     rows = [
         row(PAPER, 1, [9.0, 8.0, 7.0, 6.0]),
         row(PAPER, 2, [9.0, 8.5, 7.5, 4.0]),
         row("other", 1, [8.0, 4.5, 3.0, 3.0]),
         row("other", 2, [8.0, 7.0, 4.0, 3.02]),
     ]
-    paper, other = standing(rows, 100)
+    paper, other = rank_optimisers(rows, 100)
     assert paper["best_known"] == 3.0
     assert (paper["end"], paper["near"], paper["near_evaluations"]) == (5.0, 0.0, None)
     assert (other["end"], other["near"]) == (pytest.approx(3.01), 1.0)

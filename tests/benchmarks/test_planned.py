@@ -7,20 +7,20 @@ from typing import Any
 
 import pytest
 
-from benchmarks import __main__ as whole
+from benchmarks import __main__ as verbs
 from benchmarks.methods import own_methods, peer_methods
 from benchmarks.run import SEEDS, Stage, grids
 from commonrail.runs.folder import read_record
 
 
 def test_a_missing_peer_is_named_with_its_cure() -> None:
-    missing = whole.missing_peers(lambda module: None if module == "cma" else object())
+    missing = verbs.missing_peers(lambda module: None if module == "cma" else object())
     assert missing == [{"peer": "pycma", "install": "pip install 'commonrail[bench]'"}]
 
 
 def test_what_is_not_installed_is_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(whole, "find_spec", lambda module: None)
-    planned = {stage.key: stage.rows for stage in whole.planned(False)}
+    monkeypatch.setattr(verbs, "find_spec", lambda module: None)
+    planned = {stage.key: stage.rows for stage in verbs.plan_stages(False)}
     assert planned["methods"] == len(own_methods(False)) + len(peer_methods()) - 2  # CVODE twice
     assert planned["searches"] == 2 * len(SEEDS)  # commonrail's and SciPy's
 
@@ -36,7 +36,7 @@ def test_curves_and_extrapolations_have_tables() -> None:
             {"candidates": 9, "seconds": 0.5, "per_second": 18.0, "peak_bytes": None},
         ],
     }
-    extrapolated, horizon, candidates = grids(record, whole.ALL_TABLES)
+    extrapolated, horizon, candidates = grids(record, verbs.ALL_TABLES)
     assert "EXTRAPOLATED" in extrapolated.title
     assert extrapolated.rows == [("slow", "8", "3550", "7,887")]
     assert horizon.rows == [("3", "0.5", "2,000", "2")]
@@ -49,10 +49,10 @@ def test_curves_and_extrapolations_have_tables() -> None:
 
 def test_the_record_is_written_where_figures_are_drawn_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     row = {"cells": 60.0, "compiled_seconds": 1e-6, "from_python_seconds": 2e-6}
-    monkeypatch.setattr(whole, "planned", lambda quick: [Stage("right_hand_side", "", 1, lambda: iter([row]))])
+    monkeypatch.setattr(verbs, "plan_stages", lambda quick: [Stage("right_hand_side", "", 1, lambda: iter([row]))])
     path = tmp_path / "record.json"
-    assert whole.main(["speed", "--peers", "--quick", "--out", str(path)]) == 0
+    assert verbs.main(["speed", "--peers", "--quick", "--out", str(path)]) == 0
     record = read_record(path, "python -m benchmarks speed")
     assert record["options"] == {"peers": True, "curves": True, "quick": True}
     assert record["right_hand_side"] == [row]
-    assert {m["peer"] for m in record["missing"]} == {m["peer"] for m in whole.missing_peers()}
+    assert {m["peer"] for m in record["missing"]} == {m["peer"] for m in verbs.missing_peers()}

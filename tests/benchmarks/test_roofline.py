@@ -41,7 +41,7 @@ def test_what_is_measured_can_be_assembled() -> None:
     llvm.initialize_native_asmprinter()
     llvm.initialize_native_asmparser()
     machine = llvm.Target.from_default_triple().create_target_machine(cpu="skylake-avx512")
-    made = machine.emit_assembly(llvm.parse_assembly(roofline.repeated(LINES)))
+    made = machine.emit_assembly(llvm.parse_assembly(roofline.repeat_block(LINES)))
     wide = [line.strip().replace("\t", " ") for line in made.splitlines() if "zmm" in line]
     assert wide[2:] == roofline.without_waiting(LINES)
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from studies.coverage import BEDS, Promise, Row, line, misses, row
+from studies.coverage import BEDS, Promise, Row, line, measure_bed, misses
 
 
 @pytest.fixture(scope="module")
 def white() -> Row:
     """Twelve benches with white noise."""
-    return row(BEDS["white"], 12)
+    return measure_bed(BEDS["white"], 12)
 
 
 def check(found: Row) -> None:
@@ -32,7 +32,7 @@ def test_intervals_of_simulated_benches_hold_their_truth(white: Row) -> None:
 
 
 def test_intervals_under_autoregressive_noise_hold_the_truth() -> None:
-    check(row(BEDS["autoregressive"], 12))
+    check(measure_bed(BEDS["autoregressive"], 12))
 
 
 def test_a_promise_that_is_not_kept_is_told(white: Row) -> None:
@@ -44,6 +44,6 @@ def test_a_promise_that_is_not_kept_is_told(white: Row) -> None:
 
 
 def test_a_delay_that_is_not_stated_raises_an_alarm() -> None:
-    found = row(BEDS["unstated delay 5 us, known white"], 3)
+    found = measure_bed(BEDS["unstated delay 5 us, known white"], 3)
     assert found.alarms == 100.0
-    assert found.pinned == 0.0
+    assert found.determined == 0.0
