@@ -369,8 +369,7 @@ def _note_edges(data: PlanData, sound: Response) -> None:
     if names:
         note(
             f"{data.name}: sound parts scatter by more than {100.0 * EDGE:.0f} % at {join_words(names)}, since some "
-            "hardly "
-            "inject there; the probabilities are too certain: take longer energising times."
+            "hardly inject there; the probabilities are too certain: take longer energising times."
         )
 
 

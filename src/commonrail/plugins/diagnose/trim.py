@@ -116,8 +116,7 @@ class PartTrim(Shown):
             if correction + test.energisings[0].duration <= 0.0:
                 raise InputError(
                     f"{self.data.name}: at {test.name} the correction of {to_signed(1e6 * correction, 0)} µs would "
-                    "leave "
-                    "no energising time; check the column bench, or find the fault with `commonrail diagnose`."
+                    "leave no energising time; check the column bench, or find the fault with `commonrail diagnose`."
                 )
 
     def record(self) -> dict[str, Any]:
@@ -209,9 +208,8 @@ def trim(
     far = [f"{t.name} ({to_signed(d, 1)})" for t, d in zip(data.tests, distances.tolist(), strict=True) if abs(d) > FAR]
     if far:
         note(
-            f"{data.name}: {join_words(far)} {'is' if len(far) == 1 else 'are'} more than {FAR:g} standard "
-            "deviations off "
-            "a sound part; check the results, or find the fault with `commonrail diagnose` before you trim."
+            f"{data.name}: {join_words(far)} {'is' if len(far) == 1 else 'are'} more than {FAR:g} standard deviations "
+            "off a sound part; check the results, or find the fault with `commonrail diagnose` before you trim."
         )
     return PartTrim(
         injector=injector,
