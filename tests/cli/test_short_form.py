@@ -6,7 +6,7 @@ from typing import Annotated
 
 import pytest
 
-from commonrail.base.table import tabulated
+from commonrail.base.table import table_from_columns
 from commonrail.cli.console import print_json, print_pairs, print_rows, print_text
 from commonrail.cli.grammar import Option, table_verb, verb
 from commonrail.cli.grid import LINES
@@ -39,7 +39,9 @@ def shown(
         print_pairs(rows(first), "title")
     else:
         note = "A legend that explains the table. " * 20
-        first_table = tabulated("First", rows(first), [("name", lambda r: r[0]), ("value", lambda r: r[1])], note)
+        first_table = table_from_columns(
+            "First", rows(first), [("name", lambda r: r[0]), ("value", lambda r: r[1])], note
+        )
         print_text(["The verdict."], [first_table])
         if second:
             print_rows(HEADS, rows(second, "other"), "Second")
