@@ -17,10 +17,6 @@ ALLOWED = {
     ("plugins/family/injector_type.py", "part"),  # a key of the type file
     ("plugins/family/study.py", "part"),  # a key of the family file
     ("plugins/observer/verb.py", "wanted"),  # the option --wanted
-    ("plugins/plans/verb.py", "part"),
-    ("plugins/plans/study.py", "chosen"),
-    ("plugins/tolerance/trim.py", "held"),
-    ("plugins/tolerance/page.py", "held"),
     ("plugins/fleet/page.py", "apart"),
 }
 

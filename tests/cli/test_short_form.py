@@ -7,8 +7,9 @@ from typing import Annotated
 import pytest
 
 from commonrail.base.table import table_from_columns
-from commonrail.cli.console import LINES, print_json, print_pairs, print_rows, print_text
+from commonrail.cli.console import print_json, print_pairs, print_rows, print_text
 from commonrail.cli.grammar import Option, table_verb, verb
+from commonrail.cli.grid import LINES
 from commonrail.cli.options import Json
 from tests.cli.conftest import Command, invoke
 

@@ -28,7 +28,7 @@ def test_a_run_becomes_a_type_a_study_and_a_model(command: Command, study: Path,
     for again in (run, tmp_path / "copy"):
         done = command("type", run, again, "--out", file)
         assert (done.status, done.sentence) == (2, f"{again}: this is the same run as {run}; name each part once.")
-    done = command("type", run, "--out", file, "--part-spread", "3%")
+    done = command("type", run, "--out", file, "--part-spread", "3%", "--full")
     assert done.status == 0
     assert "SYNTHETIC" in done.out
     assert "90 % of parts" in done.out
