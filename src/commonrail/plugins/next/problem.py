@@ -98,7 +98,7 @@ def _curve(candidate: Candidate, data: DataSet, noise: FittedNoise, values: Floa
     noise = noise.at(data.residual_scale * mean)
     slopes = regress(unit[sound], data.residuals(values[sound]))
     tangents = _decorrelate(noise.whiten(slopes), block_of(data, 0), noise)
-    # the rows of R of a QR decomposition hold the information of all samples
+    # the rows of R of a QR decomposition tell as much as all samples
     value = float(np.sum(mean * value_widths(data))) if isinstance(data, RateData) else math.nan
     rows = np.asarray(np.linalg.qr(tangents.T, mode="r"), float)
     return Response(candidate, value, math.nan, rows, np.zeros(unit.shape[1]), failed)

@@ -181,7 +181,7 @@ class ToleranceResult(Shown):
         return rows
 
     def record(self) -> dict[str, Any]:
-        """JSON-able form [SI]; absent values are None."""
+        """JSON-able form, SI; what does not exist is None."""
         return make_record("tolerance", self)
 
 

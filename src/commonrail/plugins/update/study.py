@@ -129,8 +129,7 @@ def make_updated_study(
             append(document, "data", block)
         complete(document, [parameter["name"] for parameter in parameters])
         for i, parameter in enumerate(parameters):
-            table = parameter_table(document, parameter)
-            best, unit = parameter["best"], parameter["unit"]
+            table, best, unit = parameter_table(document, parameter), parameter["best"], parameter["unit"]
             table.pop("reference", None)
             table["start"] = exact(best, unit)
             prior = parameter.get("prior", {}) if "value" not in table.get("prior", {"value": 0}) else {}
