@@ -93,8 +93,8 @@ def table_from_columns(
         return str(row[text]) if isinstance(text, str) else text(row)
 
     heads = [head for head, _ in columns]
-    part = Part(heads, lambda row: (cell(row, text) for _, text in columns))
-    return table_from_parts(title, rows, [part], note, texts, inputs)
+    all_columns = Part(heads, lambda row: (cell(row, text) for _, text in columns))
+    return table_from_parts(title, rows, [all_columns], note, texts, inputs)
 
 
 def judge_size(error: float | None, steps: Sequence[float]) -> str:
