@@ -13,7 +13,7 @@ from scipy.special import chdtrc
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import SimulationError
 from commonrail.base.hooks import quiet
-from commonrail.base.text import listed, signed
+from commonrail.base.text import join_words, to_signed
 from commonrail.calibration.parameter import Parameter, Prior
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.space import Space, sample_priors
@@ -146,7 +146,7 @@ def doubts_of(
             sentences.append(f"chi-squared is {chi2:.3g}, and {freedom} is expected")
         far = [f"{name} by {pull:+.1f}" for name, pull in pulls.items() if abs(pull) > FAR]
         if far:
-            sentences.append(f"standard deviations away from the type: {listed(far)}")
+            sentences.append(f"standard deviations away from the type: {join_words(far)}")
     if shut := stays_shut(points, drawn):
         sentences.append(shut)
     change = one_change(known, part, points, threads, flow_spread) if sentences else ""
@@ -224,7 +224,7 @@ def one_change(
     if found[first].fault is None or judged.fit[first] < RARE:
         return ""
     last = int(np.searchsorted(np.cumsum(judged.probabilities[order]), TOLD))
-    return listed([_change_words(part, found[i], judged.weights[i]) for i in order[: last + 1] if found[i].fault])
+    return join_words([_change_words(part, found[i], judged.weights[i]) for i in order[: last + 1] if found[i].fault])
 
 
 def _change_words(part: Injector, response: Response, weights: Floats) -> str:
@@ -242,10 +242,12 @@ def missed_references(points: QuantityData, adapted: Floats) -> list[str]:
     """Sentence on reference quantities that the adapted model (points,) [m³] misses by more than their tolerance."""
     off = adapted - points.quantity
     texts = [
-        f"{points.quantity[i] * 1e9:.4g} mm³ at {at_point(points.points[i])} by {signed(off[i] * 1e9, 2)} mm³"
+        f"{points.quantity[i] * 1e9:.4g} mm³ at {at_point(points.points[i])} by {to_signed(off[i] * 1e9, 2)} mm³"
         for i in np.flatnonzero(np.abs(off) > points.discrepancy(points.quantity)).tolist()
     ]
-    return [f"the adapted model misses reference quantities beyond their tolerance: {listed(texts)}"] if texts else []
+    return (
+        [f"the adapted model misses reference quantities beyond their tolerance: {join_words(texts)}"] if texts else []
+    )
 
 
 def shut_points(
@@ -260,7 +262,7 @@ def shut_points(
     of_type, injected = batch.injected_volume
     shut = np.flatnonzero((batch.status[1] == OK) & (injected < RESOLUTION)).tolist()
     words = [f"{at_point(points[i])}{' as the type' * bool(of_type[i] < RESOLUTION)}" for i in shut]
-    places = listed(list(dict.fromkeys(words)))
+    places = join_words(list(dict.fromkeys(words)))
     return [f"the adapted model injects nothing at {places}: {_why_shut(adapted, points[shut[0]])}"] if shut else []
 
 

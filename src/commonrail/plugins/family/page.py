@@ -6,8 +6,8 @@ import shlex
 from pathlib import Path
 
 from commonrail.base.chart import MARKERS, Figure, Panel, Series
-from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import command, fixed, listed, quantity, quantity_range, significant
+from commonrail.base.table import Column, Table, table_from_columns
+from commonrail.base.text import command, join_words, quantity, quantity_range, significant, to_fixed
 from commonrail.calibration.record import FitRecord, read_as
 from commonrail.data.records import Record
 from commonrail.plugins.family.file import KIND, TEXTS
@@ -57,9 +57,9 @@ RESULT = ResultKind(RECORD, KIND, "type", _page, KEYS)
 def family_lines(record: Record) -> list[str]:
     """Sentences on the parts, their errors and baselines, and what lies far from the type."""
     names, members = [part["name"] for part in record["parts"]], record["members"]
-    lines = [f"{len(names)} parts were fitted together: {listed(names)}."]
+    lines = [f"{len(names)} parts were fitted together: {join_words(names)}."]
     if len(members) > 1:
-        costs = listed([significant(cost, 3) for cost in members])
+        costs = join_words([significant(cost, 3) for cost in members])
         lines.append(
             f"{len(members)} searches side by side ended with objectives of {costs}. Between the measured points they "
             "differ more than at them: the mean of what they predict is in the tables, the type is that of the best."
@@ -74,7 +74,7 @@ def family_lines(record: Record) -> list[str]:
         if abs(pull) > FAR
     ]
     if far:
-        lines.append(f"Farther than {FAR:g} spreads from the type: {listed(far)}.")
+        lines.append(f"Farther than {FAR:g} spreads from the type: {join_words(far)}.")
     return lines
 
 
@@ -98,11 +98,11 @@ def family_tables(record: Record) -> list[Table]:
         "Spread: standard deviation of the next part's value about the type's, of the error of that value and the "
         "scatter between parts together. Values are lumped values of the model and stand for no drawing."
     )
-    found = [tabulated("The type", record["parameters"], columns, note, 2)]
+    found = [table_from_columns("The type", record["parameters"], columns, note, 2)]
     flows = [part for part in record["parts"] if part["flow_factor"] is not None]
-    flow: list[Column] = [("part", "name"), ("flow factor", lambda part: fixed(part["flow_factor"], 4))]
+    flow: list[Column] = [("part", "name"), ("flow factor", lambda part: to_fixed(part["flow_factor"], 4))]
     text = "Effective area of the nozzle's holes over that of the drawing; it is a part's own, and not the type's."
-    return [*found, tabulated("Flow of the parts", flows, flow, text)] if flows else found
+    return [*found, table_from_columns("Flow of the parts", flows, flow, text)] if flows else found
 
 
 def family_figures(record: Record) -> list[Figure]:

@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Bars, Figure, Panel, Points, Series, points
-from commonrail.base.text import MISSING, fixed
+from commonrail.base.text import MISSING, to_fixed
 from commonrail.data.records import MICROSECOND, MM3, MM3_PER_MS
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.solution import Solution
@@ -175,12 +175,16 @@ def anatomy_tiles(solution: Solution, point: OperatingPoint | None) -> list[Tile
     several = len(injections) > 1
 
     def time(name: str) -> str:
-        texts = [fixed(injection[name], 0, MICROSECOND) for injection in injections]
+        texts = [to_fixed(injection[name], 0, MICROSECOND) for injection in injections]
         return f"{' · '.join(texts)} µs" if texts and set(texts) != {MISSING} else MISSING
 
     largest = solution.channels["needle_lift"].max()
     return [
-        Tile("injected", f"{fixed(solution.injected_volume, 2, MM3)} mm³", f"{mg:.2f} mg{', all together' * several}"),
+        Tile(
+            "injected",
+            f"{to_fixed(solution.injected_volume, 2, MM3)} mm³",
+            f"{mg:.2f} mg{', all together' * several}",
+        ),
         Tile("opening delay", time("opening_delay"), f"of the rate, which rises within {time('rise_time')}"),
         Tile("closing delay", time("closing_delay"), f"falls within {time('fall_time')}"),
         Tile(
@@ -188,7 +192,7 @@ def anatomy_tiles(solution: Solution, point: OperatingPoint | None) -> list[Tile
             f"{np.nanmax(solution.rate) * MM3_PER_MS:.1f} mm³/ms",
             f"needle up to {largest * 1e6:.0f} µm",
         ),
-        Tile("returned", f"{fixed(solution.returned_volume, 2, MM3)} mm³", "with leakage"),
+        Tile("returned", f"{to_fixed(solution.returned_volume, 2, MM3)} mm³", "with leakage"),
     ]
 
 

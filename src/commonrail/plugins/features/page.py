@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from commonrail.base.table import Column, Part, Table, table_of, tabulated
-from commonrail.base.text import MISSING, field_unit, listed, quantity
+from commonrail.base.table import Column, Part, Table, table_from_columns, table_from_parts
+from commonrail.base.text import MISSING, field_unit, join_words, quantity
 from commonrail.plugins.features.file import ComparedFeatures
 from commonrail.plugins.features.rate_trace import RATE_UNITS
 from commonrail.plugins.features.result import Features, Injection, choose_decimals, feature_unit
@@ -32,7 +32,7 @@ def feature_table(name: str, features: Features) -> Table:
     )
     shown = [(name, 0) for name in names if any(math.isfinite(features.value(name, i)) for i in numbers)]
     note = "± one standard error if the noise is independent from sample to sample." if features.noise > 0.0 else ""
-    return table_of(f"Features of {name}", shown, parts, note, 2)
+    return table_from_parts(f"Features of {name}", shown, parts, note, 2)
 
 
 def feature_sentences(name: str, features: Features) -> Iterator[str]:
@@ -45,7 +45,7 @@ def feature_sentences(name: str, features: Features) -> Iterator[str]:
     if not features.injections:
         yield f"{name}: {features.status.value}. {features.status.sentence}"
     elif features.silent:
-        yield f"{name}: no injection after energising {listed([str(i) for i in features.silent])}."
+        yield f"{name}: no injection after energising {join_words([str(i) for i in features.silent])}."
     for number, injection in enumerate(features.injections, start=1):
         for status in injection.statuses:
             yield f"{name}, {_which(injection, number, features)}: {status.value}. {status.sentence}"
@@ -81,7 +81,7 @@ def shot_table(statistics: Sequence[ShotStatistic], shots: int) -> Table:
         "Scatter: standard deviation of one shot. Intervals by Student's t and by chi-squared. Apart: shots beyond 3.5 "
         "robust standard deviations; they count in the other columns."
     )
-    return tabulated(f"Features of {shots} shots", statistics, columns, note, 2)
+    return table_from_columns(f"Features of {shots} shots", statistics, columns, note, 2)
 
 
 def comparison_table(pair: ComparedFeatures) -> Table:
@@ -102,7 +102,7 @@ def comparison_table(pair: ComparedFeatures) -> Table:
         Part(("injection",), lambda row: (str(row[1]),)),
         Part((word, "simulated", "difference"), cells),
     )
-    return table_of(f"Features of {pair.name} ({pair.role})", rows, parts, "", 2)
+    return table_from_parts(f"Features of {pair.name} ({pair.role})", rows, parts, "", 2)
 
 
 def _head(unit: str) -> Part:

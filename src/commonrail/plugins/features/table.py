@@ -66,7 +66,7 @@ class Feature(NamedTuple):
 def known_features() -> dict[str, Feature]:
     """All features by name, shipped ones first; a note reports unusable ones of packages."""
     features = dict(FEATURES)
-    for name in registry.installed("features"):
+    for name in registry.find_installed("features"):
         try:
             features[name] = find_feature(name)
         except PluginError as error:
@@ -81,7 +81,7 @@ def find_feature(name: str) -> Feature:
         return FEATURES[check_name(name, FEATURES)]
     feature = entry.load_as(Feature, "a Feature")
     if feature.name != name:
-        raise entry.refused(f'must be a Feature of this name, but {entry.target} is called "{feature.name}"')
+        raise entry.part_error(f'must be a Feature of this name, but {entry.target} is called "{feature.name}"')
 
     def attribute_errors(function: Callable[..., Any] | None) -> Any:
         return function and partial(_call_with_blame, entry, function)
@@ -92,7 +92,7 @@ def find_feature(name: str) -> Feature:
 
 
 def _call_with_blame(entry: registry.Entry, function: Callable[..., Any], *args: Any) -> Any:
-    with entry.blamed("fails"):
+    with entry.blame("fails"):
         return function(*args)
 
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from commonrail.base.chart import MARKERS, Figure, Panel, Series
-from commonrail.base.table import BEST_LEGEND, SIGNS, Cell, Part, Table, marked, size_of, table_of
-from commonrail.base.text import field_unit, fixed, megapascal, number, pressure, several, signed
+from commonrail.base.table import BEST_LEGEND, SIGNS, Cell, Part, Table, judge_size, mark_least, table_from_parts
+from commonrail.base.text import field_unit, megapascal, number, pressure, several, to_fixed, to_signed
 from commonrail.data.records import JUDGED, MEASURED, Record, Texts, origin_of
 from commonrail.plugins.features.result import choose_decimals
 from commonrail.report.data.view import Merit, Models, Plotted, View, present, start_words
@@ -25,7 +25,7 @@ class FeatureView(View):
 
     def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
         """Root mean square error in tolerances."""
-        best, start = (several([d["rms"].get(key) for d in data], lambda v: fixed(v, 2)) for key in (label, "start"))
+        best, start = (several([d["rms"].get(key) for d in data], lambda v: to_fixed(v, 2)) for key in (label, "start"))
         return Merit(best, f"tolerances rms of the features{start_words(start, '')}".replace(" )", ")"))
 
     def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
@@ -52,7 +52,7 @@ def _name(row: Record) -> str:
 
 
 def _format_value(row: Record, key: str) -> str:
-    return fixed(row.get(key), choose_decimals(row["unit"]), field_unit(row["unit"]).factor)
+    return to_fixed(row.get(key), choose_decimals(row["unit"]), field_unit(row["unit"]).factor)
 
 
 def _error(row: Record, label: str) -> float | None:
@@ -64,9 +64,9 @@ def _error(row: Record, label: str) -> float | None:
 def _values_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
     def errors(row: Record) -> Iterator[str | Cell]:
         factor, value = field_unit(row["unit"]).factor, number(row.get(JUDGED))
-        yield signed(None if value is None else (value - row[MEASURED]) * factor, choose_decimals(row["unit"]))
+        yield to_signed(None if value is None else (value - row[MEASURED]) * factor, choose_decimals(row["unit"]))
         error = _error(row, JUDGED)
-        yield Cell(signed(error, 2), size_of(error, _STEPS))
+        yield Cell(to_signed(error, 2), judge_size(error, _STEPS))
 
     parts = (
         _HEAD,
@@ -77,16 +77,16 @@ def _values_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
         Part(("error", "error, tolerances"), errors),
     )
     title = f"Features of {data['name']} ({data['role']}), {pressure(data['rail_pressure'])}"
-    return table_of(title, data["rows"], parts, f"Errors are {texts[JUDGED]} − {origin_of(data)}. {_LEGEND}", 2)
+    return table_from_parts(title, data["rows"], parts, f"Errors are {texts[JUDGED]} − {origin_of(data)}. {_LEGEND}", 2)
 
 
 def _errors_table(data: Record, labels: Sequence[str]) -> Table:
     def errors(row: Record) -> list[Cell]:
-        return marked([_error(row, label) for label in labels], lambda error: signed(error, 2), _STEPS)
+        return mark_least([_error(row, label) for label in labels], lambda error: to_signed(error, 2), _STEPS)
 
     parts = (_HEAD, Part((origin_of(data),), lambda row: (_format_value(row, MEASURED),)), Part(labels, errors))
     title = f"Errors of the features in tolerances: {data['name']}, {megapascal(data['rail_pressure'])} MPa"
-    return table_of(title, data["rows"], parts, f"{_LEGEND} {BEST_LEGEND}", 2)
+    return table_from_parts(title, data["rows"], parts, f"{_LEGEND} {BEST_LEGEND}", 2)
 
 
 def _figure(data: Record, models: Models) -> Figure:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.base.csv_output import neutralised, write_csv
+from commonrail.base.csv_output import neutralise, write_csv
 from commonrail.base.errors import InputError
 from commonrail.base.output import replacing, write_text
 from commonrail.base.text import number, numbers
@@ -134,14 +134,14 @@ def _write_xlsx(path: Path, tables: Sequence[MapTable]) -> None:
     last.title = "notes"
     for table in tables:
         for line in (f"{table.label}: {table.title}", *table.notes):
-            last.append([neutralised(line)])
+            last.append([neutralise(line)])
         parts = [(table.name, table.unit, numbers(table.values)), ("states", "", table.states)]
         parts += [(layer.name, layer.unit, numbers(layer.values)) for layer in table.layers]
         for what, unit, cells in parts:
             sheet = book.create_sheet(_sheet_name(what, [s.title for s in book.worksheets]))
             title = f"{what} [{unit}]" if unit else what
             notes = filter(None, (*table.notes[:1], "; ".join(table.notes[1:])))
-            sheet.append([title, *map(neutralised, notes)])
+            sheet.append([title, *map(neutralise, notes)])
             sheet.append(
                 [f"{table.y.name} [{table.y.unit}] \\ {table.x.name} [{table.x.unit}]", *table.x.values.tolist()]
             )

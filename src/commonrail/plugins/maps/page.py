@@ -9,8 +9,8 @@ import numpy as np
 
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.chart import BOTH, LINES, MARKERS, Band, Figure, HeatMap, Panel, Series, points
-from commonrail.base.table import Table, tabulated
-from commonrail.base.text import counted, fixed, listed, megapascal, pressure, quantity, significant
+from commonrail.base.table import Table, table_from_columns
+from commonrail.base.text import count_noun, join_words, megapascal, pressure, quantity, significant, to_fixed
 from commonrail.data.records import MICROSECOND, MM3, MPA
 from commonrail.physics.injector import Injector
 from commonrail.plugins.maps.adjust import WORDS
@@ -107,10 +107,10 @@ def _lines(label: str, m: InjectionMap) -> list[str]:
     miss = np.abs(inverse.delivered - m.axes.quantity)[searched]
     opening = f"{label}: " if label else ""
     lines = [
-        f"{opening}{counted(len(m.axes.rail_pressure), 'rail pressure')} × "
-        f"{counted(len(m.axes.quantity), 'quantity', 'quantities')}; {searched.sum()} of "
-        f"{counted(inverse.state.size, 'cell')} have simulated energising times, which deliver their quantity within "
-        f"{fixed(miss.max(initial=0.0), 3, MM3)} mm³ ({m.simulations} injections)."
+        f"{opening}{count_noun(len(m.axes.rail_pressure), 'rail pressure')} × "
+        f"{count_noun(len(m.axes.quantity), 'quantity', 'quantities')}; {searched.sum()} of "
+        f"{count_noun(inverse.state.size, 'cell')} have simulated energising times, which deliver their quantity "
+        f"within {to_fixed(miss.max(initial=0.0), 3, MM3)} mm³ ({m.simulations} injections)."
     ]
     counts = {
         CellState.BEYOND: "hold a quantity that the longest energising time does not deliver",
@@ -124,17 +124,17 @@ def _lines(label: str, m: InjectionMap) -> list[str]:
             f"{int(m.inverse_ballistic.sum())} are ballistic: the needle turns round below its largest lift"
         )
     if exceptions:
-        lines.append(f"Of the cells {listed(exceptions)}.")
+        lines.append(f"Of the cells {join_words(exceptions)}.")
     return [*lines, *_band_sentences(m), _monotonicity(m)]
 
 
 def _monotonicity(m: InjectionMap) -> str:
     if not m.falls:
-        return f"Monotone: the quantity never falls by more than {fixed(FALL, 2, MM3)} mm³ with longer energising."
-    pressures = listed([megapascal(p) for p in sorted({fall.rail_pressure for fall in m.falls})])
+        return f"Monotone: the quantity never falls by more than {to_fixed(FALL, 2, MM3)} mm³ with longer energising."
+    pressures = join_words([megapascal(p) for p in sorted({fall.rail_pressure for fall in m.falls})])
     return (
-        f"Not monotone: the quantity falls with longer energising at {counted(len(m.falls), 'place')}, at {pressures} "
-        "MPa; the table names them."
+        f"Not monotone: the quantity falls with longer energising at {count_noun(len(m.falls), 'place')}, at "
+        f"{pressures} MPa; the table names them."
     )
 
 
@@ -147,7 +147,7 @@ def map_tables(maps: Mapping[str, InjectionMap], compared: Comparison | None = N
 
 
 def _costs_table(maps: Mapping[str, InjectionMap]) -> Table:
-    return tabulated(
+    return table_from_columns(
         "Quantity errors of the adjustments",
         [(label, cost) for label, m in maps.items() for cost in m.costs],
         [
@@ -165,16 +165,16 @@ def _costs_table(maps: Mapping[str, InjectionMap]) -> Table:
 
 
 def _falls_table(maps: Mapping[str, InjectionMap]) -> Table:
-    return tabulated(
+    return table_from_columns(
         "Places where the quantity falls with longer energising",
         [(label, fall) for label, m in maps.items() for fall in m.falls],
         [
             ("model", lambda r: r[0]),
             ("rail pressure, MPa", lambda r: megapascal(r[1].rail_pressure)),
-            ("from, µs", lambda r: fixed(r[1].start, 1, MICROSECOND)),
-            ("to, µs", lambda r: fixed(r[1].end, 1, MICROSECOND)),
-            ("largest, mm³", lambda r: fixed(r[1].high, 2, MM3)),
-            ("smallest, mm³", lambda r: fixed(r[1].low, 2, MM3)),
+            ("from, µs", lambda r: to_fixed(r[1].start, 1, MICROSECOND)),
+            ("to, µs", lambda r: to_fixed(r[1].end, 1, MICROSECOND)),
+            ("largest, mm³", lambda r: to_fixed(r[1].high, 2, MM3)),
+            ("smallest, mm³", lambda r: to_fixed(r[1].low, 2, MM3)),
         ],
         f"Found on all simulated energising times, every 12.5 µs up to 500 µs; falls below {FALL * MM3:g} mm³ are not "
         "listed.",
@@ -187,7 +187,7 @@ def _special_cells_table(maps: Mapping[str, InjectionMap]) -> Table:
         for (i, j), state in np.ndenumerate(m.inverse.state):
             if CellState(int(state)) in MARKS:
                 rows.append((label, m.axes.rail_pressure[i], m.axes.quantity[j], m.inverse, (i, j)))
-    return tabulated(
+    return table_from_columns(
         "Special cells",
         rows,
         [
@@ -195,8 +195,8 @@ def _special_cells_table(maps: Mapping[str, InjectionMap]) -> Table:
             ("meaning", lambda r: CellState(r[3].state[r[4]]).sentence),
             ("rail pressure, MPa", lambda r: megapascal(r[1])),
             ("quantity, mm³", lambda r: significant(r[2], 4, MM3)),
-            ("energising time, µs", lambda r: fixed(r[3].energising_time[r[4]], 1, MICROSECOND)),
-            ("delivered, mm³", lambda r: fixed(r[3].delivered[r[4]], 3, MM3)),
+            ("energising time, µs", lambda r: to_fixed(r[3].energising_time[r[4]], 1, MICROSECOND)),
+            ("delivered, mm³", lambda r: to_fixed(r[3].delivered[r[4]], 3, MM3)),
         ],
         f"All other cells deliver their quantity within {TOLERANCE * MM3:g} mm³"
         + (", before the adjustments." if any(m.costs for m in maps.values()) else "."),
@@ -209,15 +209,15 @@ def _pressure_falls_table(maps: Mapping[str, InjectionMap]) -> Table:
     for label, m in maps.items():
         for i, j in np.argwhere(m.falls_with_pressure):
             rows.append((label, m.axes.rail_pressure[i], m.axes.energising_time[j], m.volume[i - 1, j], m.volume[i, j]))
-    return tabulated(
+    return table_from_columns(
         "Cells whose quantity falls with the rail pressure",
         rows,
         [
             ("model", lambda r: r[0]),
             ("rail pressure, MPa", lambda r: megapascal(r[1])),
-            ("energising time, µs", lambda r: fixed(r[2], 1, MICROSECOND)),
-            ("at the pressure before, mm³", lambda r: fixed(r[3], 2, MM3)),
-            ("here, mm³", lambda r: fixed(r[4], 2, MM3)),
+            ("energising time, µs", lambda r: to_fixed(r[2], 1, MICROSECOND)),
+            ("at the pressure before, mm³", lambda r: to_fixed(r[3], 2, MM3)),
+            ("here, mm³", lambda r: to_fixed(r[4], 2, MM3)),
         ],
         "At a higher rail pressure the valve opens later, and a short energising can inject less.",
     )
@@ -226,15 +226,15 @@ def _pressure_falls_table(maps: Mapping[str, InjectionMap]) -> Table:
 def _comparison_table(compared: Comparison) -> Table:
     measured = compared.measured
     rows = zip(*(v.tolist() for v in (*measured, compared.simulated)), strict=True)
-    return tabulated(
+    return table_from_columns(
         "Measured and simulated quantities",
         list(rows),
         [
             ("rail pressure, MPa", lambda r: megapascal(r[0])),
-            ("energising time, µs", lambda r: fixed(r[1], 1, MICROSECOND)),
-            ("measured, mm³", lambda r: fixed(r[2], 2, MM3)),
-            ("simulated, mm³", lambda r: fixed(r[3], 2, MM3)),
-            ("difference, mm³", lambda r: fixed(r[3] - r[2], 2, MM3)),
+            ("energising time, µs", lambda r: to_fixed(r[1], 1, MICROSECOND)),
+            ("measured, mm³", lambda r: to_fixed(r[2], 2, MM3)),
+            ("simulated, mm³", lambda r: to_fixed(r[3], 2, MM3)),
+            ("difference, mm³", lambda r: to_fixed(r[3] - r[2], 2, MM3)),
         ],
         f"Measured: {compared.source}.",
         0,
@@ -268,7 +268,7 @@ def _heats(m: InjectionMap, label: str) -> Iterator[HeatMap]:
         caption = f"Share of measured quantities that are expected inside. Bands: {m.bands.estimator}."
         sources = (("quantity", "Inverse", m.bands.delivered), (TIME, "Quantity map", m.bands.quantity))
         for over, what, edges in sources:
-            title = f"{what} of {label}: half width of the {fixed(level, 0, 100.0)} % band"
+            title = f"{what} of {label}: half width of the {to_fixed(level, 0, 100.0)} % band"
             yield _heat(m, over, _half_widths(edges[level]), title, caption, None)
 
 
@@ -296,7 +296,7 @@ def _heat(
     def text(value: float, state: int) -> str:
         if decimals is None:
             return significant(value, 2) if np.isfinite(value) else ""
-        return f"{fixed(value, decimals)}{MARKS.get(CellState(state), '')}"
+        return f"{to_fixed(value, decimals)}{MARKS.get(CellState(state), '')}"
 
     return HeatMap(
         f"{title}, {unit}",
@@ -331,7 +331,7 @@ def _band_sentences(m: InjectionMap) -> list[str]:
     i, j = np.unravel_index(int(np.nanargmax(half)), half.shape)
     median, largest = (significant(float(value), 2, MM3) for value in (np.nanmedian(half), half[i, j]))
     return [
-        f"{fixed(level, 0, 100.0)} % of measured quantities are expected within ±{median} mm³ of the inverse's "
+        f"{to_fixed(level, 0, 100.0)} % of measured quantities are expected within ±{median} mm³ of the inverse's "
         f"quantities in the median, within ±{largest} mm³ at most ({significant(m.axes.quantity[j], 4, MM3)} mm³ at "
         f"{megapascal(m.axes.rail_pressure[i])} MPa)."
     ]
@@ -442,8 +442,8 @@ def _tiles(m: InjectionMap, compared: Comparison | None) -> list[Tile]:
         Tile("ballistic", str(int(m.inverse_ballistic.sum())), "cells, the needle below its largest lift"),
         Tile(
             "with longer energising",
-            f"falls at {counted(falls, 'place')}" if falls else "always grows",
-            f"by more than {fixed(FALL, 2, MM3)} mm³",
+            f"falls at {count_noun(falls, 'place')}" if falls else "always grows",
+            f"by more than {to_fixed(FALL, 2, MM3)} mm³",
             CARE if falls else GOOD,
         ),
     ]

@@ -13,7 +13,7 @@ from commonrail.base.arguments import Quantity, array, enum_member, flag, instan
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.text import counted
+from commonrail.base.text import count_noun
 from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector
 from commonrail.plugins.maps import response
@@ -212,15 +212,15 @@ def injection_map(
         return response.respond(injector, axes.rail_pressure[rows], times, conditions)
 
     knots = response.sample_times(axes.energising_time)
-    at = counted(len(axes.rail_pressure), "rail pressure")
-    tell(f"simulating {counted(len(knots), 'energising time')} at {at} ...")
+    at = count_noun(len(axes.rail_pressure), "rail pressure")
+    tell(f"simulating {count_noun(len(knots), 'energising time')} at {at} ...")
     lines = sample_lines(simulate, axes.rail_pressure, knots)
     response.require_some(injector, lines, conditions)
     forward = [line.at(axes.energising_time) for line in lines]
     volume = np.array([line.at(knots).volume for line in lines])
     curves = Curves(np.concatenate([[0.0], knots]), np.pad(volume, ((0, 0), (1, 0))))
     cells = len(axes.rail_pressure) * len(axes.quantity)
-    tell(f"inverting {counted(cells, 'cell')} ...")
+    tell(f"inverting {count_noun(cells, 'cell')} ...")
     inverse, lines = invert(simulate, lines, axes.quantity, rules)
     curves, inverse, costs = adjust(adjustment.check(), axes, curves, inverse, simulate)
     full = np.array([np.nanmax(line.lift, initial=0.0) for line in lines])[:, None]

@@ -8,8 +8,8 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import BOTH, Figure, Panel, Series, points
-from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import counted, fixed, in_print, megapascal, pressure, quantity, significant
+from commonrail.base.table import Column, Table, table_from_columns
+from commonrail.base.text import count_noun, in_print, megapascal, pressure, quantity, significant, to_fixed
 from commonrail.base.units import convert
 from commonrail.data.records import MICROSECOND, MM3
 from commonrail.physics.injector import FUEL_TEMPERATURE
@@ -55,15 +55,15 @@ def sweep_figures(swept: Sweep) -> list[Figure]:
 
 def sweep_lines(swept: Sweep) -> list[str]:
     """Sentences: varied names, range of the quantities, fused and failed injections."""
-    names = [f"{_title(v)} ({counted(len(v.values), 'value')})" for v in swept.variables]
+    names = [f"{_title(v)} ({count_noun(len(v.values), 'value')})" for v in swept.variables]
     sound = swept.volume[np.isfinite(swept.volume)]
-    count = counted(swept.volume.size, "combination")
-    lines = [f"{count} of {', '.join(names)}: {fixed(sound.min(), 2, MM3)} to {fixed(sound.max(), 2, MM3)} mm³."]
+    count = count_noun(swept.volume.size, "combination")
+    lines = [f"{count} of {', '.join(names)}: {to_fixed(sound.min(), 2, MM3)} to {to_fixed(sound.max(), 2, MM3)} mm³."]
     if swept.two:
         second, fused = swept.second[np.isfinite(swept.second)], int(swept.fused.sum())
         lines.append(f"{fused} are fused: the needle does not close between the two injections. {DWELL}")
         if len(second):
-            low, high = fixed(second.min(), 2, MM3), fixed(second.max(), 2, MM3)
+            low, high = to_fixed(second.min(), 2, MM3), to_fixed(second.max(), 2, MM3)
             lines.append(f"The second injection, total less the first alone, has {low} to {high} mm³.")
     for group in without_number(swept):
         first = ", ".join(f"{_title(v)} {_format_value(group.first[v.name], v.unit)}" for v in swept.variables)
@@ -79,10 +79,10 @@ def sweep_tables(swept: Sweep) -> list[Table]:
     """Dwells below which two injections fuse, as far as searched."""
     columns: list[Column] = [
         ("rail pressure, MPa", lambda r: megapascal(r[0])),
-        ("dwell, µs", lambda r: fixed(r[1], 0, MICROSECOND)),
+        ("dwell, µs", lambda r: to_fixed(r[1], 0, MICROSECOND)),
     ]
     note = f"Found to 1 µs; a dash: fused at the longest dwell of the sweep too, or a simulation failed. {DWELL}"
-    table = tabulated("Dwell below which the injections fuse", swept.fusion, columns, note, 0)
+    table = table_from_columns("Dwell below which the injections fuse", swept.fusion, columns, note, 0)
     return [table] if table.rows else []
 
 
@@ -134,7 +134,7 @@ def compensation_html(compensated: Compensation) -> str:
 def _compensation_lines(compensated: Compensation) -> list[str]:
     if compensated.first_energising_time:
         return [
-            f"Energising time of the first injection: {fixed(compensated.first_energising_time, 0, 1e6)} µs. {DWELL}"
+            f"Energising time of the first injection: {to_fixed(compensated.first_energising_time, 0, 1e6)} µs. {DWELL}"
         ]
     return [f"Energising times that deliver each quantity over {_condition(compensated)}."]
 
@@ -165,7 +165,7 @@ def _condition(compensated: Compensation) -> str:
 def compensation_table(compensated: Compensation) -> Table:
     """Energising times, one row per value of the condition, rail pressure and quantity."""
     axes, two = compensated.alone.axes, compensated.first_energising_time > 0.0
-    return tabulated(
+    return table_from_columns(
         f"Energising time of {'the second' if two else 'an'} injection that holds its quantity",
         list(np.ndindex(compensated.energising_time.shape)),
         [
@@ -173,8 +173,8 @@ def compensation_table(compensated: Compensation) -> Table:
             (_condition(compensated), lambda p: f"{compensated.values[p[0]]:.6g}"),
             ("rail pressure, MPa", lambda p: megapascal(float(axes.rail_pressure[p[1]]))),
             ("quantity, mm³", lambda p: significant(float(axes.quantity[p[2]]), 4, MM3)),
-            ("energising time, µs", lambda p: fixed(compensated.energising_time[p], 1, MICROSECOND)),
-            ("alone, µs", lambda p: fixed(compensated.alone.inverse.energising_time[p[1:]], 1, MICROSECOND)),
+            ("energising time, µs", lambda p: to_fixed(compensated.energising_time[p], 1, MICROSECOND)),
+            ("alone, µs", lambda p: to_fixed(compensated.alone.inverse.energising_time[p[1:]], 1, MICROSECOND)),
         ],
         DWELL if two else "Alone: at the model's own value.",
     )

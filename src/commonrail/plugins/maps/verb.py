@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.errors import CommonrailError, InputError
 from commonrail.base.output import write_text
-from commonrail.base.text import counted
+from commonrail.base.text import count_noun
 from commonrail.base.units import fits, parse
 from commonrail.cli import options
 from commonrail.cli.console import print_result, print_text, say
@@ -185,7 +185,7 @@ def map_(
         with _no_bands_if_refused(bands):
             first = maps[sources[0].label] = add_bands(first, *fit)
     if like is not None and not (columns := tables.find_simulated_columns(like, conditions)).all():
-        say(f"at or below the cylinder pressure {counted(int((~columns).sum()), 'column')} of {axes} kept as before")
+        say(f"at or below the cylinder pressure {count_noun(int((~columns).sum()), 'column')} of {axes} kept as before")
     for path in out:
         table = tables.inverse_table(first, label or label_as_read, units[path])
         if like is None or axes is None or not fits(like.unit, "s"):

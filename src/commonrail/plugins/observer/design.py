@@ -12,8 +12,8 @@ from commonrail.base.arguments import instance
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Actuation
 from commonrail.base.errors import SimulationError
-from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import fixed, significant
+from commonrail.base.table import Column, Table, table_from_columns
+from commonrail.base.text import significant, to_fixed
 from commonrail.engine.operating_point import Energising
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.disturbance import Disturbance
@@ -121,12 +121,12 @@ def design_tables(rows: Sequence[DesignRow]) -> list[Table]:
     """Tables of a design: sensors at a usual rate and noise, then all rates and noises."""
     columns: list[Column] = [
         ("sensors", lambda row: row.sensors.replace("return", "return flow")),
-        ("rate, kHz", lambda row: fixed(row.rate, 0, 1e-3)),
+        ("rate, kHz", lambda row: to_fixed(row.rate, 0, 1e-3)),
         ("noise, MPa", lambda row: significant(row.noise, 2, 1e-6)),
-        ("quantity, %", lambda row: fixed(row.quantity, 2, 100.0)),
-        ("opening, µs", lambda row: fixed(row.opening, 1, 1e6)),
-        ("closing, µs", lambda row: fixed(row.closing, 1, 1e6)),
-        ("nozzle flow, %", lambda row: fixed(row.nozzle_flow, 2, 100.0)),
+        ("quantity, %", lambda row: to_fixed(row.quantity, 2, 100.0)),
+        ("opening, µs", lambda row: to_fixed(row.opening, 1, 1e6)),
+        ("closing, µs", lambda row: to_fixed(row.closing, 1, 1e6)),
+        ("nozzle flow, %", lambda row: to_fixed(row.nozzle_flow, 2, 100.0)),
     ]
     note = (
         f"Standard deviations after {SHOTS} shots of {TIME * 1e6:.0f} µs at {RAILS[0] * 1e-6:.0f} to "
@@ -135,4 +135,4 @@ def design_tables(rows: Sequence[DesignRow]) -> list[Table]:
     )
     short = [row for row in rows if (row.rate, row.noise) == USUAL]
     titled = (("Sensors at a usual rate and noise of the pressure", short), ("Accuracy by rate and noise", rows))
-    return [tabulated(title, some, columns, note) for title, some in titled]
+    return [table_from_columns(title, some, columns, note) for title, some in titled]

@@ -9,8 +9,8 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import BOTH, MARKERS, Band, Chart, Figure, HeatMap, Panel, Series, points
-from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import MISSING, counted, fixed, percent, quantity, signed, significant
+from commonrail.base.table import Column, Table, table_from_columns
+from commonrail.base.text import MISSING, count_noun, percent, quantity, significant, to_fixed, to_signed
 from commonrail.data.records import MICROSECOND, MM3, MPA, Record
 from commonrail.engine.operating_point import RAIL_PRESSURES
 from commonrail.plugins.observer.kalman import TRUSTED
@@ -71,11 +71,11 @@ def observer_lines(record: Record) -> list[str]:
     observed = [row for row in rows if row["quantity"] is not None]
     if observed and not any((row["quantity_open_loop"] or 0.0) > 0.0 for row in observed):
         return [
-            f"By the model alone the {counted(len(rows), 'energising')} of the log do not inject, and "
+            f"By the model alone the {count_noun(len(rows), 'energising')} of the log do not inject, and "
             "the pressure moves no quantity; check energising times, command and pressure."
         ]
     lines = [
-        f"{counted(len(record['shots']), 'shot')} with {counted(len(rows), 'injection')}; quantity, opening and "
+        f"{count_noun(len(record['shots']), 'shot')} with {count_noun(len(rows), 'injection')}; quantity, opening and "
         f"closing of {len(observed)} follow from the pressure at the {_place(record)}{further} and the command, "
         f"by the model of {record['injector']['title']}.",
         f"Rail volume {_volume(record)}.",
@@ -87,7 +87,7 @@ def observer_lines(record: Record) -> list[str]:
         )
     if strange := _strange(record):
         lines.append(
-            f"{counted(strange, 'shot')} changed no state, since the pressure{further} contradicts model and "
+            f"{count_noun(strange, 'shot')} changed no state, since the pressure{further} contradicts model and "
             "disturbance (consistency above 3), for example if another injector injects at once; their figures follow "
             "from the states."
         )
@@ -95,11 +95,11 @@ def observer_lines(record: Record) -> list[str]:
         shift = 100.0 * np.nanmedian(_shift_by_pressure(observed))
         lines.append(
             f"Median standard deviation of a quantity {_deviation(observed)}; the pressure moved the model's "
-            f"quantities by {fixed(shift, 1)} % (median). {HELD}"
+            f"quantities by {to_fixed(shift, 1)} % (median). {HELD}"
         )
     if closed := sum(row["quantity_deviation"] is None for row in observed):
         lines.append(
-            f"{counted(closed, 'injection')} did not open in the model with its states: a quantity near zero has "
+            f"{count_noun(closed, 'injection')} did not open in the model with its states: a quantity near zero has "
             "no standard deviation, since the slopes of the model do not show where it begins to open."
         )
     return lines
@@ -152,7 +152,7 @@ def warning_lines(record: Record) -> list[str]:
         counts = [shot["further"][name] for shot in record["shots"] if name in shot.get("further", ())]
         if out := counts.count(False):
             lines.append(
-                f"{words[0].upper()}{words[1:]} was left out of {out} of {counted(len(counts), 'shot')}, since it "
+                f"{words[0].upper()}{words[1:]} was left out of {out} of {count_noun(len(counts), 'shot')}, since it "
                 f"contradicts the pressure and the model; check its column, unit and zero ({option})."
             )
     return lines
@@ -200,7 +200,7 @@ def _with_unit(value: float | None, unit: str, with_sign: bool = False) -> str:
     if value is None:
         return MISSING
     if unit == "1":
-        return f"{signed(100.0 * value, 1) if with_sign else significant(100.0 * value, 2)} %"
+        return f"{to_signed(100.0 * value, 1) if with_sign else significant(100.0 * value, 2)} %"
     text = quantity(value, unit, 2)
     return f"+{text}" if with_sign and value > 0.0 else text
 
@@ -210,7 +210,7 @@ def _tiles(record: Record) -> list[Tile]:
     names = list(dict.fromkeys(alarm["state"] for _, alarm in _alarms(record)))
     tested = len(record["shots"]) > record["learning"]
     words = ", ".join(names) or ("no state has changed" if tested else "too few shots for a test")
-    tiles = [Tile("Drift", counted(len(names), "alarm"), words, BAD if names else GOOD if tested else "")]
+    tiles = [Tile("Drift", count_noun(len(names), "alarm"), words, BAD if names else GOOD if tested else "")]
     if warnings := warning_lines(record):
         tiles[0] = tiles[0]._replace(level=BAD if names else "")
         tiles.insert(0, Tile("Check", "warning", f"{warnings[0].partition('. ')[0]}", BAD))
@@ -221,7 +221,7 @@ def _tiles(record: Record) -> list[Tile]:
     for key in ("opening", "closing"):
         deviations = [row[f"{key}_deviation"] for row in rows if row[key] is not None]
         if deviations:
-            tiles.append(Tile(key.title(), f"{fixed(np.median(deviations), 1, MICROSECOND)} µs", same))
+            tiles.append(Tile(key.title(), f"{to_fixed(np.median(deviations), 1, MICROSECOND)} µs", same))
     middle = float(np.median([s["consistency"] for s in record["shots"] if s["consistency"] is not None]))
     level = "" if warnings else GOOD if CONSISTENT[0] < middle < CONSISTENT[1] else CARE
     words = "squared innovation over its expectation; 1 if model and noise are as assumed"
@@ -256,7 +256,7 @@ def _compensation(record: Record) -> Figure:
             x = points(1e3 * (train["dwells"] or [0.0])[0] for train in rows)
             for key, words, look in (("plain_quantities", "without", "dash"), ("quantities", "with", "solid")):
                 shares = [train[key][i] and 100.0 * (train[key][i] / train["wanted"][i] - 1.0) for train in rows]
-                lines.append(Series(f"{fixed(rail, 0, MPA)} MPa, {words}", look, x, tuple(shares), BOTH, k))
+                lines.append(Series(f"{to_fixed(rail, 0, MPA)} MPa, {words}", look, x, tuple(shares), BOTH, k))
         panels.append(Panel(f"injection {i + 1}, % off", tuple(lines), zero_line=True, has_legend=i == 0))
     caption = (
         "Deviation from the target quantities by the model with its states: with the energising times of single "
@@ -267,11 +267,11 @@ def _compensation(record: Record) -> Figure:
 
 def _compensation_table(record: Record) -> Table:
     def each(key: str, scale: float, decimals: int) -> Any:
-        return lambda row: ", ".join(fixed(value, decimals, scale) for value in row[key])
+        return lambda row: ", ".join(to_fixed(value, decimals, scale) for value in row[key])
 
     columns: list[Column] = [
-        ("p, MPa", lambda row: fixed(row["rail_pressure"], 1, MPA)),
-        ("dwell, ms", lambda row: fixed((row["dwells"] or [None])[0], 2, 1e3)),
+        ("p, MPa", lambda row: to_fixed(row["rail_pressure"], 1, MPA)),
+        ("dwell, ms", lambda row: to_fixed((row["dwells"] or [None])[0], 2, 1e3)),
         ("wanted, mm³", each("wanted", MM3, 2)),
         ("ET, µs", each("energising_times", MICROSECOND, 1)),
         ("without, µs", each("plain_times", MICROSECOND, 1)),
@@ -279,7 +279,7 @@ def _compensation_table(record: Record) -> Table:
         ("met", lambda row: "yes" if row["met"] else f"no: {each('quantities', MM3, 2)(row)} mm³"),
     ]
     note = "Energising times by the states after the last shot; without: times of single injections by the model alone."
-    return tabulated("Compensated energising times", _trains(record), columns, note)
+    return table_from_columns("Compensated energising times", _trains(record), columns, note)
 
 
 def _quantities(record: Record) -> Figure:
@@ -326,7 +326,7 @@ def _drift_map(record: Record) -> HeatMap:
         tuple(str(k + 1) for k in columns),
         tuple(state["name"] for state in states),
         tuple(map(points, rows)),
-        tuple(tuple(fixed(round(value, 1) + 0.0, 1) for value in row) for row in rows),
+        tuple(tuple(to_fixed(round(value, 1) + 0.0, 1) for value in row) for row in rows),
         "st. dev.",
         diverging=True,
     )
@@ -388,7 +388,7 @@ def _state_table(record: Record) -> Table:
         f"An alarm needs a step beyond the limit and beyond {record['significance']:g} standard deviations. "
         "The pressure does not determine states whose standard deviation has not shrunk."
     )
-    return tabulated("States after the last shot", list(enumerate(record["states"])), columns, note)
+    return table_from_columns("States after the last shot", list(enumerate(record["states"])), columns, note)
 
 
 def _shot_table(record: Record) -> Table:
@@ -402,23 +402,23 @@ def _shot_table(record: Record) -> Table:
             if row[key] is None:
                 return MISSING
             if row[f"{key}_deviation"] is None:
-                return f"{fixed(abs(row[key]), decimals, scale)} ± {MISSING} (does not open)"
-            return f"{fixed(row[key], decimals, scale)} ± {fixed(row[f'{key}_deviation'], decimals, scale)}"
+                return f"{to_fixed(abs(row[key]), decimals, scale)} ± {MISSING} (does not open)"
+            return f"{to_fixed(row[key], decimals, scale)} ± {to_fixed(row[f'{key}_deviation'], decimals, scale)}"
 
         return text
 
     columns: list[Column] = [
         ("shot", lambda item: f"{item[0]}" if len(item[2]["injections"]) == 1 else f"{item[0]}, injection {item[1]}"),
-        ("p, MPa", lambda item: fixed(item[2]["rail_pressure"], 1, MPA)),
-        ("ET, µs", lambda item: fixed(item[3]["energising_time"], 0, MICROSECOND)),
+        ("p, MPa", lambda item: to_fixed(item[2]["rail_pressure"], 1, MPA)),
+        ("ET, µs", lambda item: to_fixed(item[3]["energising_time"], 0, MICROSECOND)),
         ("quantity, mm³", both("quantity", MM3, 2)),
-        ("model alone, mm³", lambda item: fixed(item[3]["quantity_open_loop"], 2, MM3)),
+        ("model alone, mm³", lambda item: to_fixed(item[3]["quantity_open_loop"], 2, MM3)),
         ("opening, µs", both("opening", MICROSECOND, 1)),
         ("closing, µs", both("closing", MICROSECOND, 1)),
     ]
     more = f" The first {SHOWN} of {len(rows)} injections; all are in observer.csv." if len(rows) > SHOWN else ""
     note = f"± one standard deviation; times from the start of the shot.{more}"
-    return tabulated("Injections", rows[:SHOWN], columns, note)
+    return table_from_columns("Injections", rows[:SHOWN], columns, note)
 
 
 def _facts(record: Record) -> list[tuple[str, str]]:

@@ -15,7 +15,7 @@ from scipy.linalg import toeplitz
 from commonrail.base.arguments import array, function, instance, mapping, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.hooks import held_interrupts, note
+from commonrail.base.hooks import hold_interrupts, note
 from commonrail.base.text import quantity
 from commonrail.data.currents import LIMIT
 from commonrail.engine.operating_point import RAIL_PRESSURES, Energising, read_pulses
@@ -234,7 +234,7 @@ class _Run:
         states, observed_shots = self.settings.states, list[ObservedShot]()
         belief, test, earlier, self.alone = self.memory
         horizon = Horizon(states, self.settings.horizon, self.settings.iterations)
-        with held_interrupts() as request:
+        with hold_interrupts() as request:
             for k, shot in enumerate(self.shots):
                 if request.asked:
                     break

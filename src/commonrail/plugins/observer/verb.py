@@ -121,7 +121,7 @@ def observe(
     from dataclasses import replace
     from functools import partial
 
-    from commonrail.base.hooks import held_interrupts
+    from commonrail.base.hooks import hold_interrupts
     from commonrail.base.text import quantity
     from commonrail.cli.model_name import read_model_name
     from commonrail.physics.injector import FUEL_TEMPERATURE
@@ -230,7 +230,7 @@ def observe(
             refused.append(str(error))
             return observation
 
-    with held_interrupts():  # finish writing despite further Ctrl-C
+    with hold_interrupts():  # finish writing despite further Ctrl-C
         observation = run_into(out, "observer.csv", run_and_compensate)
     record = observation.record()
     if json:

@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from commonrail.base.chart import Bars, Figure, Panel, Points, Series
-from commonrail.base.declare import facts_of
+from commonrail.base.declare import list_facts
 from commonrail.base.record import Interval, from_record
-from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import counted, field_unit, percent, quantity, significant
+from commonrail.base.table import Column, Table, table_from_columns
+from commonrail.base.text import count_noun, field_unit, percent, quantity, significant
 from commonrail.data.records import Record
 from commonrail.plugins.sensitivity.file import Effect, OutputSensitivity, Sensitivity
 from commonrail.plugins.sensitivity.settings import Design, OnFailure, SensitivitySettings
@@ -42,7 +42,7 @@ def sensitivity_html(record: Record, folder: Path = Path("DIR")) -> str:
         tiles=_tiles(result),
         first=first and (replace(first[0], title=f"{first[0].title}: {_heading(result.outputs[0])}"), first[1]),
         sections=sections,
-        ranges=tabulated("Ranges of the parameters", result.parameters, RANGES, MARKS),
+        ranges=table_from_columns("Ranges of the parameters", result.parameters, RANGES, MARKS),
     )
 
 
@@ -51,15 +51,15 @@ def sensitivity_lines(result: Sensitivity) -> list[str]:
     sobol = result.settings.design is Design.SOBOL
     kind, base = ("Sobol' indices", "base points") if sobol else ("Elementary effects (Morris)", "trajectories")
     lines = [
-        f"{kind} of {counted(len(result.parameters), 'parameter')} on {counted(len(result.outputs), 'output')}, from "
-        f"{result.settings.samples:,} {base}: {result.injections:,} simulations. Each parameter varies evenly over its "
-        "range, independently of the others.",
+        f"{kind} of {count_noun(len(result.parameters), 'parameter')} on {count_noun(len(result.outputs), 'output')}, "
+        f"from {result.settings.samples:,} {base}: {result.injections:,} simulations. Each parameter varies evenly "
+        "over its range, independently of the others.",
         *result.notes,
     ]
     failed = [output for output in result.outputs if output.failed.number]
     if failed:
         lines.append(
-            f"Some simulations failed for {counted(len(failed), 'output')} (listed below). Effects that involve one "
+            f"Some simulations failed for {count_noun(len(failed), 'output')} (listed below). Effects that involve one "
             "are omitted, and the figures apply to the part of the ranges in which the simulation succeeds."
         )
     return lines
@@ -122,7 +122,7 @@ def _table(result: Sensitivity, output: OutputSensitivity) -> Table:
     ]
     more = len(output.parameters) - SHOWN
     note = f"{more} more are in sensitivity.csv." if more > 0 else ""
-    return tabulated(_heading(output), output.parameters[:SHOWN], columns, note)
+    return table_from_columns(_heading(output), output.parameters[:SHOWN], columns, note)
 
 
 def _interval(interval: Interval, scale: float) -> str:
@@ -236,7 +236,7 @@ def _facts(settings: SensitivitySettings, injector: str) -> list[tuple[str, str]
         ("Injector", injector),
         ("Failed simulations", policy),
         ("Intervals", intervals),
-        *facts_of(settings, ("seed", "precision")),
+        *list_facts(settings, ("seed", "precision")),
     ]
 
 
