@@ -501,7 +501,7 @@ def test_the_verb_leaves_a_report(command: Command, tmp_path: Path, log: Logged)
     for wrong, words in (
         (("--model", "virtual-lino-2016"), "ideal rail"),
         (("--model", model, "--uncertain", "nozzle=3%"), "--uncertain nozzle=3%: "),
-        (("--model", model, *2 * ("--uncertain", "nozzle flow=3%")), "--uncertain nozzle flow: "),
+        (("--model", model, *2 * ("--uncertain", "nozzle flow=3%")), "'--uncertain'"),
         (("--model", model, "--uncertain", "nozzle flow=1000000%"), "nozzle flow"),
         (("--model", model, "--energisings", file, "--command", "I"), "--command: "),
     ):

@@ -278,11 +278,8 @@ def _compensation_table(record: Record) -> Table:
         ("without, mm³", each("plain_quantities", MM3, 2)),
         ("met", lambda row: "yes" if row["met"] else f"no: {each('quantities', MM3, 2)(row)} mm³"),
     ]
-    note = (
-        "Energising times by the states after the last shot; without: those of the model alone for each injection by "
-        "itself."
-    )
-    return table_from_columns("Compensated energising times", _trains(record), columns, note, inputs=("wanted, mm³",))
+    note = "Energising times by the states after the last shot; without: times of single injections by the model alone."
+    return table_from_columns("Compensated energising times", _trains(record), columns, note)
 
 
 def _quantities(record: Record) -> Figure:
