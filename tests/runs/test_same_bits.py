@@ -75,8 +75,9 @@ JUDGED_OF_ONE = ("effect", "pinned", "standard_error", "verdict", "band")
 def run_elsewhere(study: Path, run: Path, machine: Machine) -> None:
     """Calibrate in a child process that takes this processor for another one."""
     environment = os.environ | machine.variables | {"PYTHONPATH": os.pathsep.join(sys.path), "PYTHONWARNINGS": "ignore"}
+    environment = judging_from_few(environment)
     command = [sys.executable, "-m", "commonrail", "calibrate", str(study), "--out", str(run), *machine.options]
-    done = subprocess.run(command, env=judging_from_few(environment), cwd=ROOT, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, env=environment, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
 
