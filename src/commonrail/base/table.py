@@ -50,7 +50,7 @@ class Part(NamedTuple):
     cells: Callable[[Any], Iterable[str | Cell]]
 
 
-def table_of(title: str, rows: Iterable[Any], parts: Sequence[Part], note: str = "", texts: int = 1) -> Table:
+def table_from_parts(title: str, rows: Iterable[Any], parts: Sequence[Part], note: str = "", texts: int = 1) -> Table:
     """Table of any rows.
 
     `rows`: what the parts make cells of. `texts`: number of columns that are words.
@@ -61,7 +61,9 @@ def table_of(title: str, rows: Iterable[Any], parts: Sequence[Part], note: str =
     return Table(title, heads, cells, note, texts)
 
 
-def tabulated(title: str, rows: Iterable[Any], columns: Sequence[Column], note: str = "", texts: int = 1) -> Table:
+def table_from_columns(
+    title: str, rows: Iterable[Any], columns: Sequence[Column], note: str = "", texts: int = 1
+) -> Table:
     """Table of any rows, column by column.
 
     `rows`: what the columns read, such as parts of a record. `columns`: head, and the key of a row or what makes its
@@ -72,15 +74,17 @@ def tabulated(title: str, rows: Iterable[Any], columns: Sequence[Column], note: 
         return str(row[text]) if isinstance(text, str) else text(row)
 
     heads = [head for head, _ in columns]
-    return table_of(title, rows, [Part(heads, lambda row: (cell(row, text) for _, text in columns))], note, texts)
+    return table_from_parts(
+        title, rows, [Part(heads, lambda row: (cell(row, text) for _, text in columns))], note, texts
+    )
 
 
-def size_of(error: float | None, steps: Sequence[float]) -> str:
+def judge_size(error: float | None, steps: Sequence[float]) -> str:
     """Size of an error: small up to the first step, medium up to the second; large where there is no number."""
     return LARGE if error is None else (SMALL, MEDIUM, LARGE)[sum(abs(error) > step for step in steps)]
 
 
-def marked(
+def mark_least(
     errors: Sequence[float | None], text: Callable[[float | None], str], steps: Sequence[float] = ()
 ) -> list[Cell]:
     """Cells of a row of errors; the least is marked, and what reads the same, unless all of them do.
@@ -91,6 +95,6 @@ def marked(
     numbers = [abs(error) for error in errors if error is not None]
     least = text(min(numbers)) if len({size for size in sizes if size is not None}) > 1 else None
     return [
-        Cell(text(error), size_of(error, steps) if steps else "", size is not None and size == least)
+        Cell(text(error), judge_size(error, steps) if steps else "", size is not None and size == least)
         for error, size in zip(errors, sizes, strict=True)
     ]

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import click
 
-from commonrail.base.hooks import check_unheld_stop, compiled_words, telling_of_compiling
+from commonrail.base.hooks import check_unheld_stop, describe_compiling, listen_to_compiling
 from commonrail.base.stages import Listener
 from commonrail.base.text import duration
 
@@ -92,7 +92,7 @@ _said = ""  # the last sentence, where it cannot be taken back
 
 def compiling_words() -> str:
     """Sentence on a compilation: of what, and how long it takes."""
-    return f"{COMPILING}{compiled_words()} ..."
+    return f"{COMPILING}{describe_compiling()} ..."
 
 
 @contextmanager
@@ -286,7 +286,7 @@ class Bar(AbstractContextManager["Bar"]):
             self.bar = _rich_bar(self.console)
             self.bar.start()
             self.task = self.bar.add_task(STARTING, total=None, figures="")
-        self._telling = telling_of_compiling(self._compiling)
+        self._telling = listen_to_compiling(self._compiling)
         self._telling.__enter__()
         return self
 

@@ -14,7 +14,7 @@ import click
 
 from commonrail.base.errors import StudyError
 from commonrail.base.stages import telling
-from commonrail.base.text import command, counted, quantity
+from commonrail.base.text import command, count_noun, quantity
 from commonrail.cli.console import Bar, Stage, columns_of, print_json, print_lines, print_table, say, shown_by, wrapped
 from commonrail.cli.guard import INTERRUPTED
 
@@ -52,7 +52,7 @@ def run_study(
     """Calibrate a study into a new folder, with progress and warnings on stderr; as `runs.calibrate_into`."""
     from commonrail.runs.fit import calibrate_into
 
-    points = counted(sum(len(data.points) for data in study.data), "operating point")
+    points = count_noun(sum(len(data.points) for data in study.data), "operating point")
     return reported(
         f"{study.title}: {points}, steps of {quantity(study.time_step, 's')} (seconds for one curve, minutes for many)",
         folder,
@@ -69,7 +69,7 @@ def reported(
 
     `stage` says how far a search is for the bar with the title, by default `stage_of`.
     """
-    from commonrail.base.hooks import held_interrupts
+    from commonrail.base.hooks import hold_interrupts
     from commonrail.report.page import write_report, write_report_of
     from commonrail.report.result_kind import kind_of
     from commonrail.runs.fit import Listener
@@ -77,7 +77,7 @@ def reported(
 
     shown, judged = stage_of if stage is None else stage, True
     written: list[Results] = []
-    with held_interrupts():  # once the search has ended, its report is written whatever keys are pressed
+    with hold_interrupts():  # once the search has ended, its report is written whatever keys are pressed
         with Bar(title) as bar, telling(shown_by(bar, JUDGED_SOON)):
             try:
                 work(Listener(lambda p: bar.show(shown(p)), bar.note, written.append))
@@ -113,14 +113,14 @@ def print_outcome(outcome: Outcome, json: bool, *, full: bool = False, strict: b
         if record["synthetic"]:
             print_lines([f"SYNTHETIC: {record['synthetic']}"])
         print_card(record, str(outcome.folder))
-        top = f" ({counted(len(warnings), 'warning')} at its top)" if warnings else ""
+        top = f" ({count_noun(len(warnings), 'warning')} at its top)" if warnings else ""
         click.echo(f"report: {outcome.report}{top}")
     end_if_stopped(outcome)
     if live:
         make_live(outcome)
     if strict and warnings:
         raise StudyError(
-            f"{outcome.folder} is written, and has {counted(len(warnings), 'warning')}; the first: "
+            f"{outcome.folder} is written, and has {count_noun(len(warnings), 'warning')}; the first: "
             f"{warnings[0]['sentence']}"
         )
 
@@ -186,7 +186,7 @@ def print_card(record: Mapping[str, Any], run: str) -> None:
     shown = max(sum(size <= room for size in accumulate(map(len, reasons))), 1)
     lines = list(chain.from_iterable(reasons[:shown]))
     if len(reasons) > shown:
-        lines.append(f"  … {counted(len(reasons) - shown, 'more reason')} in the report")
+        lines.append(f"  … {count_noun(len(reasons) - shown, 'more reason')} in the report")
     click.echo("\n".join([*lines, *steps]))
 
 

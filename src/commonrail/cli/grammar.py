@@ -17,9 +17,9 @@ from typing import Annotated, Any, get_args, get_origin
 import click
 
 from commonrail.base.arguments import LARGEST_WHOLE
-from commonrail.base.declare import declared_fields
+from commonrail.base.declare import read_declarations
 from commonrail.base.errors import PluginError, nearest
-from commonrail.base.hooks import check_unheld_stop, requested_stops
+from commonrail.base.hooks import catch_stops, check_unheld_stop
 from commonrail.base.registry import entries, find, words_on_shipped
 from commonrail.base.units import parse
 from commonrail.cli.console import say
@@ -119,7 +119,7 @@ def verb(function: Callable[..., None]) -> Verb:
 
 def _fields(group: type) -> list[inspect.Parameter]:
     """Fields of a group as parameters, those of declared settings with what is declared."""
-    declared, fields = declared_fields(group), []
+    declared, fields = read_declarations(group), []
     for field in inspect.signature(group, eval_str=True).parameters.values():
         if (one := declared.get(field.name)) is None:
             fields.append(field)
@@ -203,12 +203,12 @@ class Verbs(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Import the verb that is called; from then on Ctrl-C is a request, see `requested_stops`."""
+        """Import the verb that is called; from then on Ctrl-C is a request, see `catch_stops`."""
         if find("verbs", self.prefix + args[0]) is None:
             known = self._names() if self.prefix else [*entries("verbs")]
             ctx.fail(f"No such command '{args[0]}'{nearest(args[0], known)}.")
         resolved = super().resolve_command(ctx, args)
-        ctx.with_resource(requested_stops())
+        ctx.with_resource(catch_stops())
         return resolved
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -23,11 +23,11 @@ def main() -> None:
     leave_out_warnings()
     # A start, imports and all, makes 150,000 objects that stay: searches for garbage among them take 90 ms.
     gc.set_threshold(300_000)
-    from commonrail.base.hooks import end_at_second, tell_notes, tell_of_compiling
+    from commonrail.base.hooks import end_at_second, set_compiling_listener, tell_notes
     from commonrail.cli.console import compiling, say, say_of_ending
     from commonrail.cli.grammar import cli
 
-    tell_of_compiling(compiling)
+    set_compiling_listener(compiling)
     tell_notes(say)
     end_at_second(say_of_ending)
     try:

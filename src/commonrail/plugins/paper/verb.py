@@ -87,7 +87,7 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
     if the truth cannot be read, or the folder is not empty or cannot be written; SimulationError if the truth cannot be
     simulated, and the empty folder is removed.
     """
-    from commonrail.base.hooks import held_interrupts
+    from commonrail.base.hooks import hold_interrupts
     from commonrail.plugins.paper.bench import Bench
     from commonrail.plugins.paper.bench_file import load_truth
     from commonrail.plugins.paper.file import reproduction_record, write_reproduction
@@ -103,7 +103,7 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
 
     declared = load_truth(truth)
     bench = Bench(declared, load_injector(declared.injector), TIME_STEP)
-    with held_interrupts():  # once the repetitions have ended, they are written whatever keys are pressed
+    with hold_interrupts():  # once the repetitions have ended, they are written whatever keys are pressed
         with new_folder(folder) as place:
             with Bar(f"{count} repetitions of the paper's study on the virtual test bench (synthetic)") as bar:
                 outcome = reproduce(bench, range(1, count + 1), threads=threads, progress=lambda p: bar.show(stage(p)))
