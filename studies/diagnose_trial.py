@@ -31,12 +31,12 @@ from commonrail.base.arrays import Floats
 from commonrail.base.chart import BOTH, LINES, Band, Figure, Panel, Series, points
 from commonrail.engine.operating_point import Energising
 from commonrail.plugins.diagnose.evidence import BenchNoise, Judged, Response, judge, responses
-from commonrail.plugins.diagnose.faults import Fault, FaultTable, Parts, shipped_faults
+from commonrail.plugins.diagnose.faults import Fault, FaultTable, Parts, load_shipped_faults
 from commonrail.plugins.diagnose.run import (
     DRAWS,
+    LEAST_FIT,
     SOUND,
-    TOLD,
-    UNEXPLAINED,
+    STATED,
     WORKSHOP,
     PlanBench,
     bench_noise,
@@ -88,7 +88,7 @@ def plan(injector: cr.Injector, deliveries: bool) -> TestPlan:
 
 def drawn(injector: cr.Injector, known: FaultTable, faults: Sequence[Fault], count: int, seed: int) -> list[Any]:
     """Parts (fault or None, size, values by name)."""
-    random, scatter = np.random.default_rng([seed, 77]), known.scatter_of(injector)
+    random, scatter = np.random.default_rng([seed, 77]), known.deviations(injector)
     made = []
     for i in range(count):
         values = {n: injector.values[n] + s * random.standard_normal() for n, s in scatter.items()}
@@ -135,7 +135,7 @@ def main() -> None:
     parser.add_argument("--stated", type=float, help="noise that the diagnosis is told, by default that of the bench")
     parser.add_argument("--svg", type=Path, help="file for the picture of the calibration")
     args = parser.parse_args()
-    injector, known = cr.load_injector(args.injector), shipped_faults()
+    injector, known = cr.load_injector(args.injector), load_shipped_faults()
     data = PlanData.of(plan(injector, args.deliveries), injector, PRESSURES, "trial")
     faults = visible_faults(injector, data, known)
     parts, centre = sound_parts(injector, known, DRAWS)
@@ -155,7 +155,7 @@ def main() -> None:
     effect = np.abs(moved / deviation).max(axis=1)
     wrong = sum(contrary(data, found, row, j) for row, j in zip(quantities, judged, strict=True) if j is not None)
     print(f"the fault named first moves a test that fails the plan the other way: {wrong}")
-    strange = sum(j.fit[j.order[0]] < UNEXPLAINED for j in judged if j is not None)
+    strange = sum(j.fit[j.order[0]] < LEAST_FIT for j in judged if j is not None)
     print(f"unexplained: {strange}")
     sys.exit(not report(made, judged, names, effect, args.svg, FIRST_RIGHT[(args.noise or 1.0) > GOOD]) or wrong > 0)
 
@@ -171,7 +171,7 @@ def report(
     ]
     sound = [j for name, _, j, _ in rows if name == "sound"]
     alarms = [names[j.order[0]] for j in sound if j.order[0] != 0]
-    stated = sum(j.order[0] != 0 and j.probabilities[j.order[0]] >= TOLD for j in sound)
+    stated = sum(j.order[0] != 0 and j.probabilities[j.order[0]] >= STATED for j in sound)
     print(f"sound parts: {len(sound)}; a fault is first in {len(alarms)}, stated as told in {stated}: {sorted(alarms)}")
     print(f"{'fault':22}{'parts':>6}{'exceed':>8}{'first':>7}{'told':>6}{'wrongly told':>14}   first instead")
     kept = total = 0
@@ -180,7 +180,7 @@ def report(
             of = [(j, e) for n, t, j, e in rows if (n, t) == (name, third)]
             large = [j for j, e in of if e > EXCEEDS]
             right = sum(names[j.order[0]] == name for j in large)
-            told = [names[j.order[0]] for j, _ in of if j.probabilities[j.order[0]] >= TOLD]
+            told = [names[j.order[0]] for j, _ in of if j.probabilities[j.order[0]] >= STATED]
             wrong = [names[j.order[0]] for j in large if names[j.order[0]] != name]
             kept, total = kept + right, total + len(large)
             text = ", ".join(sorted(f"{w} {wrong.count(w)}" for w in set(wrong)))

@@ -26,7 +26,7 @@ import commonrail as cr
 from commonrail.data.noise import Law
 from commonrail.data.simulator import Simulator
 from commonrail.plugins.certainty.estimate import estimate, library, starts_from
-from commonrail.plugins.next.study import place_of
+from commonrail.plugins.next.study import locate
 
 Floats = NDArray[np.float64]
 
@@ -97,7 +97,7 @@ def prior_of(study: cr.Study) -> Floats:
 def virtual(study: cr.Study, measured: cr.QuantityData, seed: int) -> tuple[cr.QuantityData, cr.QuantityData]:
     """Map of an injector drawn from the prior, as measured and without noise."""
     rng = np.random.default_rng(seed)
-    places = np.array([place_of(p)[:2] for p in measured.points])
+    places = np.array([locate(p)[:2] for p in measured.points])
     axes = [
         np.linspace(low, high, n) for low, high, n in zip(places.min(axis=0), places.max(axis=0), (8, 12), strict=True)
     ]
@@ -119,7 +119,7 @@ def virtual(study: cr.Study, measured: cr.QuantityData, seed: int) -> tuple[cr.Q
 
 def diagonals(data: cr.QuantityData, taken: Sequence[int]) -> list[list[int]]:
     """Free points nearest to both diagonals of a regular 3 x 3 grid."""
-    places = np.array([place_of(p)[:2] for p in data.points])
+    places = np.array([locate(p)[:2] for p in data.points])
     scaled = (places - places.min(axis=0)) / np.ptp(places, axis=0)
     found = []
     for times in ((1 / 6, 1 / 2, 5 / 6), (5 / 6, 1 / 2, 1 / 6)):

@@ -20,7 +20,7 @@ import numpy as np
 import commonrail as cr
 from commonrail.base.arrays import Floats
 from commonrail.engine.operating_point import Energising
-from commonrail.plugins.diagnose.faults import Parts, shipped_faults
+from commonrail.plugins.diagnose.faults import Parts, load_shipped_faults
 from commonrail.plugins.diagnose.run import BENCHES, MAKER, PlanBench
 from commonrail.plugins.diagnose.trim import STEP, regression
 from commonrail.plugins.plans.data import PlanData
@@ -54,12 +54,12 @@ def main() -> None:
     parser.add_argument("--parts", type=int, default=300, help="number of parts")
     parser.add_argument("--seed", type=int, default=1, help="seed of the parts")
     args = parser.parse_args()
-    injector, known = cr.load_injector(INJECTOR), shipped_faults()
+    injector, known = cr.load_injector(INJECTOR), load_shipped_faults()
     data = PlanData.of(TestPlan("trial", tests_of(TESTS)), injector, PRESSURES, "trial")
     bench = PlanBench(injector, data, threads=1)
     grid = tests_of(tuple((f"{p} MPa {t} us", p, t) for p, t in MAP))
     kept, nominal, trimming = regression(bench, grid, known, MAKER, STEP)
-    random, scatter = np.random.default_rng([args.seed, 79]), known.scatter_of(injector)
+    random, scatter = np.random.default_rng([args.seed, 79]), known.deviations(injector)
     middle = np.array([injector.values[name] for name in scatter])
     values = middle + random.standard_normal((args.parts, len(middle))) * np.array([*scatter.values()])
     parts = Parts(tuple(scatter), values)

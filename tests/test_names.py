@@ -10,8 +10,6 @@ LISTED = {
     *("found", "own", "known", "given", "wanted", "held", "kept", "told", "made", "apart"),
     *("whole", "part", "one", "named", "chosen", "there", "off", "how"),
 }
-# Packages that still bind such names; one that is clean leaves this list.
-NOT_YET = ["cli"]
 # Names that a file or the command line fixes, and few others.
 ALLOWED = {
     ("calibration/parameter.py", "wanted"),  # in the fingerprint of a study
@@ -19,10 +17,6 @@ ALLOWED = {
     ("plugins/family/injector_type.py", "part"),  # a key of the type file
     ("plugins/family/study.py", "part"),  # a key of the family file
     ("plugins/observer/verb.py", "wanted"),  # the option --wanted
-    ("plugins/plans/verb.py", "part"),
-    ("plugins/plans/study.py", "chosen"),
-    ("plugins/tolerance/trim.py", "held"),
-    ("plugins/tolerance/page.py", "held"),
     ("plugins/fleet/page.py", "apart"),
 }
 
@@ -40,16 +34,10 @@ def bound_names(tree: ast.AST) -> set[str]:
     return names
 
 
-def places() -> list[Path]:
-    """Modules of the packages that are clean."""
-    later = [PACKAGE / name for name in NOT_YET]
-    return [path for path in sorted(PACKAGE.rglob("*.py")) if not any(path.is_relative_to(folder) for folder in later)]
-
-
 def test_no_binding_has_a_listed_name() -> None:
     listed = {
         (path.relative_to(PACKAGE).as_posix(), name)
-        for path in places()
+        for path in PACKAGE.rglob("*.py")
         for name in bound_names(ast.parse(path.read_text(encoding="utf-8"))) & LISTED
     }
     assert sorted(listed - ALLOWED) == []

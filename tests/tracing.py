@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.plugins.verification.closed_forms import traced
+from commonrail.plugins.verification.closed_forms import trace_states
 
 Floats = NDArray[np.float64]
 
@@ -15,4 +15,4 @@ def sampled(mass: Floats, dt: float, interval: float = 4e-6) -> Floats:
     return np.asarray(np.diff(mass[:: round(interval / dt)]) / interval)
 
 
-__all__ = ["sampled", "traced"]
+__all__ = ["sampled", "trace_states"]

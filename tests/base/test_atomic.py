@@ -58,7 +58,7 @@ def test_nobody_sees_a_part_of_a_file(tmp_path: Path) -> None:
 def test_a_symbolic_link_is_not_followed(tmp_path: Path) -> None:
     (tmp_path / "precious").write_text("old", encoding="utf-8")
     (tmp_path / "a.txt").symlink_to(tmp_path / "precious")
-    with pytest.raises(OutputError, match=r"a\.txt: this is a symbolic link"):
+    with pytest.raises(OutputError, match=r"^\S*a\.txt: .*symbolic link"):
         write_text(tmp_path / "a.txt", "new")
     assert (tmp_path / "precious").read_text(encoding="utf-8") == "old"
 
@@ -71,7 +71,7 @@ def test_a_device_a_pipe_and_a_folder_are_refused(tmp_path: Path) -> None:
 
 
 def test_an_error_of_the_system_becomes_a_sentence(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"--out: .* cannot be written \(no room\)"), writing(tmp_path, "--out"):
+    with pytest.raises(OutputError, match=r"^--out: .*no room"), writing(tmp_path, "--out"):
         raise OSError(errno.ENOSPC, "no room")
 
 

@@ -137,7 +137,7 @@ def test_a_sparse_file_is_refused_by_its_size_and_not_read(tmp_path: Path, monke
         stream.truncate(20_000_000_000)
     monkeypatch.setattr(os, "open", None)  # to open it is a fault
     assert fingerprint(path) == UNREADABLE
-    with pytest.raises(InputError, match="the file has 20000 MB, more than the 100 MB"):
+    with pytest.raises(InputError, match=r"20000 MB.*100 MB"):
         read_plain(path)
 
 
@@ -159,7 +159,7 @@ def test_a_pipe_that_takes_the_place_of_a_file_is_not_waited_for(
     (tmp_path / "file").write_text("x")
     plain = (tmp_path / "file").stat()
     monkeypatch.setattr(Path, "stat", lambda *_, **__: plain)  # a file when it was examined
-    with pytest.raises(InputError, match="this is a pipe"), open_plain(tmp_path / "pipe"):
+    with pytest.raises(InputError, match=r"pipe: .*a pipe"), open_plain(tmp_path / "pipe"):
         pass
 
 

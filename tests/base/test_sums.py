@@ -61,7 +61,7 @@ def test_a_digit_that_has_changed_is_refused(run: Path, name: str, read: Callabl
     text = path.read_text(encoding="utf-8")
     digit = max(text.rfind(c) for c in "0123456789") if name != "traces.csv" else len(text) - 1
     path.write_text(text[:digit] + chr(ord(text[digit]) ^ 1) + text[digit + 1 :], encoding="utf-8")
-    with pytest.raises(InputError, match=rf"{name}: this is not the file that was written: its SHA-256 is another"):
+    with pytest.raises(InputError, match=rf"{name}: .*SHA-256"):
         read(run)
 
 
@@ -97,7 +97,7 @@ def test_checksums_that_were_cut_are_refused(run: Path) -> None:
     """A file that is not listed any more may have been changed too."""
     sums = run / SUMS
     sums.write_bytes(sums.read_bytes()[:60])
-    with pytest.raises(InputError, match="line 1: expected the SHA-256"):
+    with pytest.raises(InputError, match="line 1: "):
         check_sum(run / FILES[0])
 
 

@@ -219,7 +219,7 @@ def test_compatible() -> None:
     assert compatible("N s/m", "kg/s")
     assert not compatible("bar", "mm")
     assert not compatible("rpm", "Hz")
-    with pytest.raises(InputError, match='"brr" is not a known unit'):
+    with pytest.raises(InputError, match='"brr"'):
         compatible("brr", "Pa")
 
 

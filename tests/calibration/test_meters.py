@@ -21,7 +21,7 @@ from commonrail.physics.injector import Source
 from commonrail.physics.meters import LowPass, Meter
 from commonrail.readers.injector import load_injector, load_meters
 from commonrail.readers.injector_writer import dump_injector
-from commonrail.runs.fingerprint import content_of
+from commonrail.runs.fingerprint import hash_study
 
 Edit = Callable[..., Path]
 
@@ -78,7 +78,7 @@ def test_a_prior_lies_about_the_start_unless_it_has_a_value(metered: Edit) -> No
         assert (delay.prior.value, delay.prior.sigma) == pytest.approx((value, 3e-6))
         assert (delay.reference, delay.mark, delay.source) == (2e-6, "F", "cable and recorder")
         assert study.meters[0].sources["delay"] == Source("F", "cable and recorder")
-        assert content_of(study) != content_of(load_study(metered()))
+        assert hash_study(study) != hash_study(load_study(metered()))
     without = TABLE.replace(', start = "2 us" }', f", {prior} }}")
     assert load_study(metered(without)).space.parameters[-1].reference == 4e-6
 
@@ -153,7 +153,7 @@ def test_a_meter_that_is_not_described_or_not_used_is_told(metered: Edit, study_
 
 def test_a_meter_makes_another_study(metered: Edit) -> None:
     texts = (TABLE, TABLE.replace("1.02", "1.03"), TABLE.replace("order = 3", "order = 2"))
-    assert len({content_of(load_study(metered(text))) for text in texts}) == 3
+    assert len({hash_study(load_study(metered(text))) for text in texts}) == 3
 
 
 def test_meters_come_back_from_an_injector_file_bit_by_bit(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from commonrail.calibration.study_file import load_study
 from commonrail.data.base import Role
 from commonrail.data.quantities.baselines import interpolate
 from commonrail.data.quantities.data import QuantityData
-from commonrail.runs.fingerprint import content_of
+from commonrail.runs.fingerprint import hash_study
 from commonrail.runs.fit import Listener, calibrate_into
 from commonrail.runs.folder import read_run
 from tests.map_study import map_study
@@ -186,7 +186,7 @@ def test_a_run_keeps_them_in_its_result(judged: tuple[Calibration, dict[str, Any
 
 
 def test_the_judgement_is_part_of_a_study_s_content(tmp_path: Path) -> None:
-    contents = {content_of(load(tmp_path, judgement=text)) for text in ("", JUDGED, "[judgement]\nseeds = 1\n")}
+    contents = {hash_study(load(tmp_path, judgement=text)) for text in ("", JUDGED, "[judgement]\nseeds = 1\n")}
     assert len(contents) == 3
 
 

@@ -13,7 +13,7 @@ import pytest
 from commonrail.base.errors import CommonrailError, ConfigurationError, InputError
 from commonrail.base.hooks import quiet
 from commonrail.calibration.study_file import load_study
-from commonrail.data.base import DataSet, widths_of
+from commonrail.data.base import DataSet, value_widths
 from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
 from commonrail.plugins.certainty.noise_fit import row_weights
@@ -166,9 +166,9 @@ def test_resampling_keeps_the_quantity_and_a_zero_moves_the_times(load: Load) ->
     (coarse,) = load("r.csv", point + 'window = ["0 us", "120 us"]\nresample = "20 us"')
     (fine,) = load("r.csv", point + 'window = ["0 us", "120 us"]\nresample = "1 us"')
     np.testing.assert_allclose(coarse.bounds, 20e-6 * np.arange(7), atol=1e-15)
-    volume = np.sum(own.measured * widths_of(own))
+    volume = np.sum(own.measured * value_widths(own))
     for other in (coarse, fine):
-        assert np.sum(other.measured * widths_of(other)) == pytest.approx(volume, rel=1e-12)
+        assert np.sum(other.measured * value_widths(other)) == pytest.approx(volume, rel=1e-12)
     # the table has the means of a rate of t/3 us + 0.5, and so has any finer raster
     np.testing.assert_allclose(fine.measured, 1e-6 * ((np.arange(120) + 0.5) / 3.0 + 0.5))
 

@@ -12,7 +12,7 @@ from commonrail.calibration.objective import Loss
 from commonrail.calibration.optimisers.staged import StagedSettings
 from commonrail.calibration.parameter import Prior, Wanted
 from commonrail.calibration.study_file import load_study
-from commonrail.runs.fingerprint import content_of
+from commonrail.runs.fingerprint import hash_study
 
 Edit = Callable[..., Path]
 
@@ -88,11 +88,11 @@ def test_the_staged_optimiser_is_chosen_by_its_name(study_file: Edit) -> None:
 
 
 def test_each_of_them_makes_another_study(study_file: Edit) -> None:
-    prints = [content_of(load_study(with_mass(study_file)))]
+    prints = [hash_study(load_study(with_mass(study_file)))]
     for lines in (PRIOR, PRIOR.replace("0.5 g", "0.6 g"), 'start = "6 g"\n'):
-        prints.append(content_of(load_study(with_mass(study_file, lines))))
+        prints.append(hash_study(load_study(with_mass(study_file, lines))))
     loss = (UPPER, UPPER + MASS), ("seed = 1", 'seed = 1\nloss = "squares"')
-    prints.append(content_of(load_study(study_file(*loss))))
+    prints.append(hash_study(load_study(study_file(*loss))))
     assert len(set(prints)) == len(prints)
 
 
@@ -100,7 +100,7 @@ def test_soft_l1_takes_a_scale_and_other_losses_refuse_one(study_file: Edit) -> 
     prints = []
     for lines in ('loss = "soft_l1"', 'loss = "soft_l1"\nloss_scale = 2.0', 'loss = "squares"'):
         study = load_study(study_file(("seed = 1", f"seed = 1\n{lines}")))
-        prints.append((study.loss.value, study.loss_scale, content_of(study)))
+        prints.append((study.loss.value, study.loss_scale, hash_study(study)))
     assert [one[:2] for one in prints] == [("soft_l1", 1.0), ("soft_l1", 2.0), ("squares", 1.0)]
     assert len({one[2] for one in prints}) == 3
     path = study_file(("seed = 1", "seed = 1\nloss_scale = 2.0"))

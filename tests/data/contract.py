@@ -15,14 +15,14 @@ from commonrail.base.errors import CommonrailError
 from commonrail.base.table import Table
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.result import data_records
-from commonrail.data.base import DataSet, widths_of
+from commonrail.data.base import DataSet, value_widths
 from commonrail.data.records import LABELS
 from commonrail.data.simulator import Simulator
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector
 from commonrail.report.data import view as views
 from commonrail.report.data.view import Plotted, Shown
-from commonrail.runs.fingerprint import fingerprint_of
+from commonrail.runs.fingerprint import hash_values
 from tests.data.samples import SAMPLES, STEP, Sample
 
 Kind = type[DataSet]
@@ -52,7 +52,7 @@ def a_block_is_read(kind: Kind, injector: Injector, folder: Path) -> None:
     assert (data.name, data.role.value, data.weight) == ("data", "fit", 2.5)
     assert (data.source, data.synthetic) == ("bench", "all of it")
     assert data.measured == pytest.approx(values, rel=1e-12)
-    assert data.judged.shape == widths_of(data).shape == values.shape
+    assert data.judged.shape == value_widths(data).shape == values.shape
     assert data.bounds is None or len(data.bounds) == len(values) + 1
     assert data.samples >= len(values)
     assert data.points
@@ -191,7 +191,7 @@ def data_travel_and_tell_themselves_apart(kind: Kind, injector: Injector, folder
     assert there.costs(values).costs.tobytes() == objective.costs(values).costs.tobytes()
     sample = SAMPLES[kind.kind]
     changed = sample.read(kind, injector, folder, 1.01 * np.maximum(data.measured, 1e-12))
-    prints = [fingerprint_of(one) for one in (data, replace(data), replace(data, weight=3.0), changed)]
+    prints = [hash_values(one) for one in (data, replace(data), replace(data, weight=3.0), changed)]
     assert prints[0] == prints[1]
     assert len(set(prints)) == 3
 

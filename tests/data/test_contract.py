@@ -13,13 +13,13 @@ from commonrail.base.registry import find_shipped
 from commonrail.data.base import DataSet
 from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
-from commonrail.data.registry import find_kind, in_order, kind_of
+from commonrail.data.registry import find_kind, get_kind, in_order
 from commonrail.physics.injector import Injector
 from commonrail.report.data.view import view_of
 from tests.data import contract
 from tests.data.samples import SAMPLES
 
-KINDS = {name: kind_of(name) for name in find_shipped("data")}
+KINDS = {name: get_kind(name) for name in find_shipped("data")}
 Clause = Callable[[type[DataSet], Injector, Path], None]
 
 

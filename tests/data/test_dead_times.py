@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from commonrail.data.base import Role
-from commonrail.data.quantities.data import QuantityData, values_of
+from commonrail.data.quantities.data import QuantityData, point_values
 from commonrail.data.quantities.dead_times import AROUND, FLATTEST, crossing_times, neighbours
 from commonrail.data.simulator import ITSELF, Candidates
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import OK, STILL_INJECTING
-from commonrail.runs.fingerprint import fingerprint_of
+from commonrail.runs.fingerprint import hash_values
 
 HALF = 0.5e-9  # m³
 DENSITY = 800.0
@@ -27,7 +27,7 @@ CANDIDATES = Candidates(NOBODY, ITSELF)
 
 def found_values(data: QuantityData, found: Any) -> np.ndarray:
     """Values of a batch."""
-    return values_of(data, found, CANDIDATES)
+    return point_values(data, found, CANDIDATES)
 
 
 def crossing(low: float, middle: float, high: float) -> float:
@@ -104,4 +104,4 @@ def test_the_target_of_a_copy_follows_its_fields() -> None:
 
 
 def test_a_tolerance_in_time_makes_another_study() -> None:
-    assert fingerprint_of(a_map(None)) != fingerprint_of(a_map(4e-6))
+    assert hash_values(a_map(None)) != hash_values(a_map(4e-6))

@@ -9,19 +9,19 @@ from scipy import special
 from commonrail.base.arrays import Floats
 from commonrail.data.curves.samples import Samples
 from commonrail.data.curves.shots import mean_curve
-from commonrail.data.repeats import averaged, groups_of
+from commonrail.data.repeats import average_groups, group_rows
 
 
 def test_rows_of_one_place_come_together_in_the_order_of_their_first() -> None:
     places = np.array([[160.0, 700.0], [80.0, 300.0], [160.2, 700.0], [80.0, 700.0], [80.0, 300.0]])
-    assert [rows.tolist() for rows in groups_of(places, 0.01)] == [[0, 2], [1, 4], [3]]
-    assert [rows.tolist() for rows in groups_of(places, 1e-6)] == [[0], [1, 4], [2], [3]]
+    assert [rows.tolist() for rows in group_rows(places, 0.01)] == [[0, 2], [1, 4], [3]]
+    assert [rows.tolist() for rows in group_rows(places, 1e-6)] == [[0], [1, 4], [2], [3]]
 
 
 def test_the_standard_error_of_a_mean_is_that_of_normal_draws() -> None:
     random = np.random.default_rng(3)
     shots = 5.0 + random.normal(0.0, 0.4, (25, 400))
-    found = averaged(shots, [np.arange(25)])
+    found = average_groups(shots, [np.arange(25)])
     # 25 × 400 draws: the estimate scatters by 0.7 %, five times that is allowed.
     assert found.sigma == pytest.approx(0.4 / np.sqrt(25.0), rel=0.035)
     assert np.std(found.mean - 5.0) == pytest.approx(found.sigma, rel=0.15)
@@ -31,13 +31,13 @@ def test_the_standard_error_of_a_mean_is_that_of_normal_draws() -> None:
 
 def test_scatter_is_pooled_over_groups_in_units_of_the_scale() -> None:
     values = np.array([1.0, 3.0, 20.0, 60.0])
-    found = averaged(values, [np.array([0, 1]), np.array([2, 3])], np.array([1.0, 1.0, 20.0, 20.0]))
+    found = average_groups(values, [np.array([0, 1]), np.array([2, 3])], np.array([1.0, 1.0, 20.0, 20.0]))
     assert found.mean.tolist() == [2.0, 40.0]
     assert found.sigma == pytest.approx(np.sqrt(2.0 / 2.0))  # each pair has the variance 2, a mean of two half of it
 
 
 def test_nothing_repeated_has_no_error() -> None:
-    assert averaged(np.array([1.0, 2.0]), [np.array([0]), np.array([1])]).sigma is None
+    assert average_groups(np.array([1.0, 2.0]), [np.array([0]), np.array([1])]).sigma is None
 
 
 def test_samples_that_follow_each_other_are_no_independent_ones() -> None:
@@ -45,7 +45,7 @@ def test_samples_that_follow_each_other_are_no_independent_ones() -> None:
     shots = random.normal(0.0, 1.0, (25, 1000))
     for i in range(1, 1000):
         shots[:, i] = 0.9 * shots[:, i - 1] + np.sqrt(1.0 - 0.81) * shots[:, i]
-    found = averaged(shots, [np.arange(25)])
+    found = average_groups(shots, [np.arange(25)])
     # the autocorrelation 0.9^l has Σ r² = (1 + 0.81)/(1 − 0.81); from 24 000 samples it is known to some percent
     assert found.freedom == pytest.approx(24 * 1000 * 0.19 / 1.81, rel=0.1)
 
@@ -54,7 +54,7 @@ def test_samples_that_all_shots_state_as_zero_tell_nothing_of_the_noise() -> Non
     """A meter that shows exactly zero before and after an injection."""
     shots = 5.0 + np.random.default_rng(7).normal(0.0, 0.4, (6, 300))
     quiet = np.hstack([np.zeros((6, 500)), shots, np.zeros((6, 400))])
-    alone, found = averaged(shots, [np.arange(6)]), averaged(quiet, [np.arange(6)])
+    alone, found = average_groups(shots, [np.arange(6)]), average_groups(quiet, [np.arange(6)])
     assert (found.sigma, found.freedom) == pytest.approx((alone.sigma, alone.freedom))
     assert found.mean.shape == (1, 1200)
 
@@ -73,7 +73,7 @@ def test_ringing_noise_counts_beyond_the_zeros_of_its_autocorrelation() -> None:
         shots = random.normal(0.0, 1.0, (25, 400 + n))
         for i in range(2, shots.shape[1]):
             shots[:, i] += first * shots[:, i - 1] + second * shots[:, i - 2]
-        found.append(averaged(shots[:, 400:], [np.arange(25)]).freedom)
+        found.append(average_groups(shots[:, 400:], [np.arange(25)]).freedom)
     # of one group it is known to a tenth; to stop at the first zero that a group shows gives half as much again
     assert np.mean(found) == pytest.approx(24 * independent, rel=0.15)
     assert np.max(found) < 1.5 * 24 * independent
@@ -82,11 +82,11 @@ def test_ringing_noise_counts_beyond_the_zeros_of_its_autocorrelation() -> None:
 def test_shots_that_differ_by_an_offset_count_once_each() -> None:
     random = np.random.default_rng(7)
     shots = random.normal(0.0, 1.0, (5, 1)) + random.normal(0.0, 0.05, (5, 520))
-    assert averaged(shots, [np.arange(5)]).freedom == pytest.approx(4.0, rel=0.1)
+    assert average_groups(shots, [np.arange(5)]).freedom == pytest.approx(4.0, rel=0.1)
 
 
 def test_few_repeats_have_few_degrees_of_freedom() -> None:
-    found = averaged(np.array([1.0, 3.0, 20.0, 24.0, 7.0]), [np.array([0, 1]), np.array([2, 3]), np.array([4])])
+    found = average_groups(np.array([1.0, 3.0, 20.0, 24.0, 7.0]), [np.array([0, 1]), np.array([2, 3]), np.array([4])])
     assert found.freedom == 2.0
 
 

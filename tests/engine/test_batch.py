@@ -12,7 +12,7 @@ from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector
-from tests.tracing import traced
+from tests.tracing import trace_states
 
 K = tuple(f"plunger_needle.k{i}" for i in range(1, 8))
 POINTS = [OperatingPoint(160e6, 700e-6), OperatingPoint(80e6, 400e-6)]
@@ -93,7 +93,7 @@ def test_misfit_in_the_loop_is_the_sum_over_a_trace(regulated: Injector) -> None
     values = stiffnesses(regulated, 3)
     batch = simulate_batch(regulated, [point], K, values, misfit=misfit)
     for i in range(3):
-        mass = traced(regulated.with_values(dict(zip(K, values[i].tolist(), strict=True))), point, 1e-6)[
+        mass = trace_states(regulated.with_values(dict(zip(K, values[i].tolist(), strict=True))), point, 1e-6)[
             "nozzle.injected"
         ]
         at_bounds = np.interp(bounds, np.arange(len(mass)), mass)
@@ -110,7 +110,7 @@ def test_several_points_have_their_own_samples(regulated: Injector) -> None:
     misfit = Misfit(np.array([4, 3]), bounds, none, none + 1.0, np.ones((1, 2)))
     batch = simulate_batch(regulated, points, misfit=misfit)
     for i, (point, widths) in enumerate(zip(points, ([500, 500, 600], [600, 600]), strict=True)):
-        mass = traced(regulated, point, 1e-6)["nozzle.injected"]
+        mass = trace_states(regulated, point, 1e-6)["nozzle.injected"]
         ends = np.cumsum([0, *widths])
         rates = np.diff(mass[ends]) / (np.array(widths) * 1e-6)
         assert batch.absolute_error[0, i] == pytest.approx(rates.sum(), rel=1e-12)  # rounding

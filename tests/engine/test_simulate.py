@@ -16,7 +16,7 @@ from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector
-from tests.tracing import traced
+from tests.tracing import trace_states
 
 POINT = OperatingPoint(160e6, 700e-6)
 
@@ -127,7 +127,7 @@ def test_replaying_its_own_current_gives_its_own_rate(regulated: Injector, by_cu
 
 def test_replaying_its_own_voltage_gives_its_own_rate(regulated: Injector, by_voltage: Injector) -> None:
     own = simulate(regulated, POINT)
-    flux, current = traced(regulated, POINT, 1e-6)["solenoid.flux"], own.channels["coil_current"]
+    flux, current = trace_states(regulated, POINT, 1e-6)["solenoid.flux"], own.channels["coil_current"]
     mean = 30.0 * np.diff(flux) / 1e-6 + 0.2 * 0.5 * (current[1:] + current[:-1])  # v = N dφ/dt + R i, Eq. (11)
     # each step's mean as a staircase: two knots a step
     edges = np.repeat(own.time, 2)[1:-1] + np.tile([1e-12, -1e-12], len(mean))

@@ -16,7 +16,7 @@ from commonrail.engine.simulate import simulate
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector
 from commonrail.plugins.paper.bench import PAPER_OPTIMUM
-from commonrail.plugins.verification.run import Compared, checks_of, compare, difference, verify
+from commonrail.plugins.verification.run import Compared, check_groups, compare, difference, verify
 from commonrail.plugins.verification.study import ENERGISING, HORIZON, RateLimits, Task, comparisons
 from commonrail.readers.injector import load_injector
 
@@ -40,7 +40,7 @@ def found(pwm: Injector) -> Found:
 @pytest.mark.parametrize("index", [pytest.param(i, marks=pytest.mark.slow) if i in ALONE else i for i in QUICK])
 def test_engines_agree(found: Found, index: int) -> None:
     task, one = found(index)
-    checks = checks_of([task], [one])
+    checks = check_groups([task], [one])
     course = isinstance(task.limits, RateLimits)
     assert len(checks) == (1 + len(task.limits) if not course else 9 if task.single else 5)
     for line in checks:

@@ -18,7 +18,7 @@ from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.calibration.optimisers.base import Optimiser
 from commonrail.calibration.optimisers.registry import find_optimiser, size_in_words
 from commonrail.calibration.study_file import load_study
-from commonrail.data.registry import kind_of
+from commonrail.data.registry import get_kind
 from commonrail.data.simulator import Simulator
 from commonrail.physics.injector import Injector
 from commonrail.plugins.doctor.run import installed_plugins
@@ -244,7 +244,7 @@ def test_its_optimiser_keeps_what_all_promise(check: Callable[[Case], None], spa
 def test_its_kind_of_data_keeps_the_contract(
     clause: Callable[..., None], regulated: Injector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    kind = kind_of("supply quantities")
+    kind = get_kind("supply quantities")
     sample = replace(SAMPLES["return quantities"], table=partial(map_table, column="supply_quantity"))
     monkeypatch.setitem(SAMPLES, kind.kind, sample)
     clause(kind, regulated, tmp_path)
@@ -252,7 +252,7 @@ def test_its_kind_of_data_keeps_the_contract(
 
 def test_a_report_of_a_removed_kind_of_data_says_what_is_missing() -> None:
     with pytest.raises(InputError, match='no kind of data "swirl"; install'):
-        kind_of("swirl")
+        get_kind("swirl")
 
 
 def test_the_size_of_a_search_whose_package_is_gone_is_told_in_steps() -> None:

@@ -74,7 +74,7 @@ def test_an_injector_that_is_written_is_the_same_when_it_is_read(tmp_path: Path)
 def test_a_part_that_it_does_not_have_is_refused(tmp_path: Path, room: str) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(f"{TEXT}\n[{room}]\n", encoding="utf-8")
-    with pytest.raises(InputError, match=rf'{room}: an injector with actuation = "direct" has no such part'):
+    with pytest.raises(InputError, match=rf'{room}: .*actuation = "direct"'):
         load_injector(path)
 
 
@@ -86,7 +86,7 @@ def test_a_servo_injector_has_no_armature_of_its_own(tmp_path: Path) -> None:
 
 
 def test_a_parameter_of_the_other_kind_of_injector_is_refused(study: Callable[..., Path]) -> None:
-    with pytest.raises(InputError, match=r"parameter\[1\]\.name: direct-acting-kr is a direct injector and has no"):
+    with pytest.raises(InputError, match=r"parameter\[1\]\.name: direct-acting-kr "):
         load_study(study(('name = "armature.mass"', 'name = "valve.mass"')))
 
 
@@ -103,7 +103,7 @@ def test_a_current_may_take_its_zero_from_before_energising(study: Callable[...,
 
 
 def test_a_current_without_samples_before_energising_has_no_zero(study: Callable[..., Path]) -> None:
-    with pytest.raises(InputError, match=r"zero_at_rest: the drive has no sample before the first energising"):
+    with pytest.raises(InputError, match=r"zero_at_rest: "):
         load_study(study(first=0))
 
 

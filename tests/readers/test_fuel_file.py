@@ -42,7 +42,7 @@ def test_mark_of_a_fuel_is_its_weakest() -> None:
 
 
 def test_unknown_name_proposes_the_nearest() -> None:
-    with pytest.raises(InputError, match=r'no fuel "ISO-4113" \(did you mean "iso4113"\?\)'):
+    with pytest.raises(InputError, match=r'"ISO-4113".*"iso4113"'):
         load_fuel("ISO-4113")
 
 
@@ -89,7 +89,7 @@ def test_wrong_values_are_named(path: tuple[str, str], value: Any, message: str)
 def test_missing_top_level_entries_are_named(key: str) -> None:
     data = document()
     del data[key]
-    with pytest.raises(InputError, match=rf"my\.toml, {key}: this key is missing; add it"):
+    with pytest.raises(InputError, match=rf"my\.toml, {key}: .*missing"):
         parse_fuel(data, "mine", "my.toml")
 
 

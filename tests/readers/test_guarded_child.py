@@ -34,22 +34,20 @@ def written(path: Path, data: bytes) -> Path:
 def test_a_child_beyond_its_time_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guarded, "TIME", 0.1)
     monkeypatch.setattr(guarded, "_PROGRAM", LIMIT + "exec('while True: pass')")
-    with pytest.raises(
-        InputError, match=r"^a/b\.mf4: to read it takes more than the 1 s of processor time that a file"
-    ):
+    with pytest.raises(InputError, match=r"^a/b\.mf4: .* 1 s of processor time"):
         read_apart("commonrail.plugins.formats.mdf_child", Path("a/b.mf4"), b"no end")
 
 
 def test_a_child_that_waits_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guarded, "WAIT", 0.01)
     monkeypatch.setattr(guarded, "_PROGRAM", "import time; time.sleep(1e4)")
-    with pytest.raises(InputError, match="to read it takes more than the 5 s of processor time"):
+    with pytest.raises(InputError, match="5 s of processor time"):
         read_apart("commonrail.plugins.formats.mdf_child", Path("a.mf4"), b"waits")
 
 
 def test_a_child_that_a_fault_ends_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guarded, "_PROGRAM", "import os; os.kill(os.getpid(), 11)")
-    with pytest.raises(InputError, match=r"a\.mf4: the process that reads it ended with status -11; the file is"):
+    with pytest.raises(InputError, match=r"a\.mf4: .*status -11"):
         read_apart("commonrail.plugins.formats.mdf_child", Path("a.mf4"), b"a fault")
 
 
@@ -59,7 +57,7 @@ def test_the_child_is_of_the_same_package_from_every_folder(tmp_path: Path, monk
     (tmp_path / "numpy.py").write_text("raise ImportError", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path / "commonrail"))
-    with pytest.raises(InputError, match="this is no MAT file of version 5 or later"):
+    with pytest.raises(InputError, match="MAT file of version 5"):
         read_apart("commonrail.plugins.formats.mat_child", Path("a.mat"), b"from another folder")
 
 
@@ -79,28 +77,28 @@ def test_one_text_of_a_workbook_beyond_the_memory(tmp_path: Path, monkeypatch: p
     pytest.importorskip("openpyxl", reason="the extra excel is not installed")
     monkeypatch.setattr(guarded, "MEMORY", 200_000_000)
     path = written(tmp_path / "a.xlsx", bombs.text_cell(150_000_000))
-    with pytest.raises(InputError, match=r"a\.xlsx: to read it takes more than the 201 MB of memory that a file of 14"):
+    with pytest.raises(InputError, match=r"a\.xlsx: .*201 MB of memory"):
         read_grid(path)
 
 
 def test_names_of_a_structure_beyond_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guarded, "MEMORY", 250_000_000)
     path = written(tmp_path / "a.mat", bombs.mat5_names(10_000_000))
-    with pytest.raises(InputError, match=r"a\.mat: to read it takes more than the 250 MB of memory"):
+    with pytest.raises(InputError, match=r"a\.mat: .*250 MB of memory"):
         MatFile(path)
 
 
 def test_a_chunk_of_a_number_that_holds_many_is_not_unpacked(tmp_path: Path) -> None:
     pytest.importorskip("h5py", reason="the extra mat is not installed")
     path = written(tmp_path / "a.mat", bombs.mat73_chunk(20_000_000))
-    with pytest.raises(InputError, match='"x" is stored in chunks of 160 MB, and at most 100 MB are read'):
+    with pytest.raises(InputError, match=r'"x" .*160 MB.*100 MB'):
         MatFile(path)
 
 
 def test_a_record_of_huge_samples_beyond_the_memory(tmp_path: Path) -> None:
     pytest.importorskip("asammdf", reason="the extra mdf is not installed")
     path = written(tmp_path / "a.mf4", bombs.mdf_record())
-    with pytest.raises(InputError, match=r"a\.mf4: to read it takes more than the 1000 MB of memory that a file of"):
+    with pytest.raises(InputError, match=r"a\.mf4: .*1000 MB of memory"):
         MdfFile(path)
 
 
@@ -108,7 +106,7 @@ def test_a_record_of_huge_samples_beyond_the_memory(tmp_path: Path) -> None:
 def test_a_list_of_groups_without_end(tmp_path: Path) -> None:
     pytest.importorskip("asammdf", reason="the extra mdf is not installed")
     path = written(tmp_path / "a.mf4", bombs.mdf_loop())
-    with pytest.raises(InputError, match=r"a\.mf4: to read it takes more than the 5 s of processor time"):
+    with pytest.raises(InputError, match=r"a\.mf4: .* 5 s of processor time"):
         MdfFile(path)
 
 
@@ -138,24 +136,24 @@ def test_cells_far_to_the_right_that_hold_a_value_are_not_omitted(
     path = written(
         tmp_path / "a.xlsx", bombs.xlsx([b'<row r="1"><c r="A1"><v>1</v></c><c r="XFD1"><v>1</v></c></row>'])
     )
-    with pytest.raises(InputError, match="row 1: there are 16384 columns, and at most 1000 are read"):
+    with pytest.raises(InputError, match=r"row 1: .*16384.*1000"):
         read_grid(path)
 
 
 def test_a_long_row_of_a_text_is_refused_by_its_columns(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", bombs.thousands(1001, 3))
-    with pytest.raises(InputError, match=r"a\.csv, line 1: there are 1001 columns, and at most 1000 are read"):
+    with pytest.raises(InputError, match=r"a\.csv, line 1: .*1001.*1000"):
         assert read_grid(path).rows
 
 
 def test_a_rectangle_that_short_rows_would_fill_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", bombs.thousands(900, 25_000))
-    with pytest.raises(InputError, match="more than 20000000 if all rows were as long as the longest"):
+    with pytest.raises(InputError, match="20000000"):
         assert read_grid(path).rows
 
 
 def test_too_many_channels_of_a_text_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="there are 1001 columns, and at most 1000 are read"):
+    with pytest.raises(InputError, match=r"1001 columns.*1000"):
         LvmFile(written(tmp_path / "a.lvm", bombs.lvm(1001)))
 
 
@@ -175,5 +173,5 @@ def test_tags_that_nobody_reads_are_not_kept_for_each_channel(tmp_path: Path, mo
 
 def test_cells_of_a_record_as_text_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lvm, "MOST_VALUES", 100)
-    with pytest.raises(InputError, match="the file has more than the 100 cells that are read; cut the record"):
+    with pytest.raises(InputError, match="100 cells"):
         LvmFile(written(tmp_path / "a.lvm", bombs.lvm(3, blank=200)))

@@ -171,7 +171,7 @@ def test_unknown_catalogue_name() -> None:
 
 
 def test_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"absent\.toml: there is no such file"):
+    with pytest.raises(InputError, match=r"absent\.toml: .*no such file"):
         load_injector(str(tmp_path / "absent.toml"))
 
 
@@ -349,7 +349,7 @@ RAIL = '\n[rail]\nvolume = { value = "20 cm3", mark = "E", source = "drawing" }\
 def test_a_table_that_the_default_variant_does_not_read_is_refused(injector_file: Callable[..., Path]) -> None:
     """The file has to say whether its rail is a volume: a table of the rail without that word was ignored."""
     with_rail = ("[feed_pipe]", f"{RAIL.lstrip()}\n[feed_pipe]")
-    with pytest.raises(InputError, match=r"rail\.volume: .*rail_boundary.*does not state rail_boundary; add it"):
+    with pytest.raises(InputError, match=r"rail\.volume: .*rail_boundary"):
         load_injector(injector_file(with_rail, (BOUNDARY, "")))
     assert load_injector(injector_file(with_rail)).values["rail.volume"] == pytest.approx(20e-6)  # stated: "ideal"
 

@@ -95,7 +95,7 @@ def test_fuel_with_a_name_of_the_catalogue_but_other_laws_is_written_out(tmp_pat
 
 
 def test_unwritable(tmp_path: Path, injector_file: Edit) -> None:
-    with pytest.raises(OutputError, match=r"absent/copy\.toml cannot be written \(No such file"):
+    with pytest.raises(OutputError, match=r"absent/copy\.toml .*No such file"):
         dump_injector(load_injector(injector_file()), tmp_path / "absent" / "copy.toml")
 
 

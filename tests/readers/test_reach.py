@@ -45,7 +45,7 @@ def test_a_name_that_leads_out_is_refused_with_what_to_write(
     study_file: Edit, outside: Path, old: str, new: str, key: str
 ) -> None:
     path = study_file((old, new.replace("{outside}", str(outside))))
-    with pytest.raises(InputError, match=rf'{key}: ".*" lies outside the folder of study\.toml; move it') as caught:
+    with pytest.raises(InputError, match=rf'{key}: ".*" .*outside the folder of study\.toml') as caught:
         load_study(path)
     assert "or write allow_outside = true at the top of study.toml" in str(caught.value)
 
@@ -73,7 +73,7 @@ def test_dead_times_are_held_too(study_file: Edit, outside: Path) -> None:
     (folder / "injector.toml").write_bytes((TEMPLATES / "injector.toml").read_bytes())
     (folder / "data" / "q.csv").write_text("rail_pressure [MPa],energising_time [us],quantity [mm3]\n160,500,20\n")
     (folder / "study.toml").write_text(head + table + "\n[[parameter]]" + rest.partition("[[parameter]]")[2])
-    with pytest.raises(InputError, match=r"data\[1\]\.dead_times\.file: .* lies outside"):
+    with pytest.raises(InputError, match=r"data\[1\]\.dead_times\.file: .*outside"):
         load_study(folder / "study.toml")
 
 
@@ -81,7 +81,7 @@ def test_a_link_that_leads_out_is_refused(study_file: Edit, outside: Path, tmp_p
     path = study_file()
     (tmp_path / "data" / "evi.csv").unlink()
     (tmp_path / "data" / "evi.csv").symlink_to(outside / "evi.csv")
-    with pytest.raises(InputError, match=r'"data/evi\.csv" lies outside the folder of study\.toml'):
+    with pytest.raises(InputError, match=r'"data/evi\.csv" .*outside the folder of study\.toml'):
         load_study(path)
 
 
@@ -100,7 +100,7 @@ def test_an_injectors_fuel_is_held_by_the_file_that_was_named(study_file: Edit, 
     fuel = Path(__file__).parents[2] / "src" / "commonrail" / "physics" / "catalogue" / "fuels" / "iso4113.toml"
     (tmp_path / "fuel.toml").write_bytes(fuel.read_bytes())
     assert load_study(study).injector.fuel.name == "fuel"  # beside the study
-    with pytest.raises(InputError, match=r'fuel\.file: "\.\./fuel\.toml" lies outside the folder of injector\.toml'):
+    with pytest.raises(InputError, match=r'fuel\.file: "\.\./fuel\.toml" .*outside.*injector\.toml'):
         load_injector(tmp_path / "parts" / "injector.toml")  # above the injector
     (tmp_path / "parts" / "free.toml").write_text(f"allow_outside = true\n{own}", encoding="utf-8")
     assert load_injector(tmp_path / "parts" / "free.toml").fuel.name == "fuel"
@@ -110,7 +110,7 @@ def test_an_injector_cannot_lift_what_its_study_holds(study_file: Edit, tmp_path
     study = study_file()
     own = (tmp_path / "injector.toml").read_text(encoding="utf-8").replace('name = "iso4113"', 'file = "/etc/passwd"')
     (tmp_path / "injector.toml").write_text(f"allow_outside = true\n{own}", encoding="utf-8")
-    with pytest.raises(InputError, match=r'"/etc/passwd" lies outside the folder of study\.toml'):
+    with pytest.raises(InputError, match=r'"/etc/passwd" .*outside.*study\.toml'):
         load_study(study)
 
 
@@ -119,15 +119,15 @@ def test_a_truths_injector_is_held(tmp_path: Path) -> None:
     text = (truths / "virtual-lino-2016.toml").read_text(encoding="utf-8")
     path = tmp_path / "own.toml"
     path.write_text(text.replace('injector = "virtual-lino-2016"', 'injector = "../../x.toml"'), encoding="utf-8")
-    with pytest.raises(InputError, match=r"own\.toml, injector: .* lies outside the folder of own\.toml"):
+    with pytest.raises(InputError, match=r"own\.toml, injector: .*outside.*own\.toml"):
         load_truth(path)
 
 
 @pytest.mark.parametrize("value", ["1", '"true"', "[]"])
 def test_permission_is_true_or_false(tmp_path: Path, study_file: Edit, value: str) -> None:
-    with pytest.raises(InputError, match=r"allow_outside: this must be"):
+    with pytest.raises(InputError, match=r", allow_outside: "):
         load_study(study_file(("seed = 1", f"seed = 1\nallow_outside = {value}")))
     text = (tmp_path / "injector.toml").read_text(encoding="utf-8")
     (tmp_path / "injector.toml").write_text(f"allow_outside = {value}\n{text}", encoding="utf-8")
-    with pytest.raises(InputError, match=r"allow_outside: this must be true or false"):
+    with pytest.raises(InputError, match=r"allow_outside: .*true or false"):
         load_injector(tmp_path / "injector.toml")

@@ -117,20 +117,20 @@ def test_fault_is_named(table_file: Write, fault: str) -> None:
 
 
 def test_two_units_for_one_column(table_file: Write) -> None:
-    with pytest.raises(InputError, match=r'data\.csv, column "time": the file gives the unit "us", the study "ms"'):
+    with pytest.raises(InputError, match=r'data\.csv, column "time": .*"us".*"ms"'):
         read(table_file(GOOD), time="ms")
     assert read(table_file(GOOD), time="us").units["time"] == "s"
 
 
 def test_size_limit(table_file: Write, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(grid, "LARGEST_FILE", 20)
-    with pytest.raises(InputError, match="more than the 2e-05 MB that are read"):
+    with pytest.raises(InputError, match="2e-05 MB"):
         read(table_file(GOOD))
 
 
 def test_row_limit(table_file: Write) -> None:
     assert len(list(table_sheet.TableSheet(grid.read_grid(table_file(GOOD)), most=4).rows)) == 4
-    with pytest.raises(InputError, match=r"line 6: the file has more than the 4 rows that are read; keep only"):
+    with pytest.raises(InputError, match=r"line 6: .* 4 rows"):
         list(table_sheet.TableSheet(grid.read_grid(table_file(GOOD + "12,9\n")), most=4).rows)
 
 
@@ -168,7 +168,7 @@ def test_header_of_many_columns_is_not_shown_whole(table_file: Write) -> None:
 
 @pytest.mark.parametrize(("name", "kind"), [("a.nc", "NetCDF"), ("a.XLS", "old Excel")])
 def test_other_formats(tmp_path: Path, name: str, kind: str) -> None:
-    with pytest.raises(InputError, match=rf"{name}: {kind} files are not read; "):
+    with pytest.raises(InputError, match=rf"{name}: {kind} files"):
         read(tmp_path / name)
 
 
@@ -196,9 +196,9 @@ def test_another_format_is_a_source_of_the_same_columns(monkeypatch: pytest.Monk
     table = read_columns(path, [time, Column("rate", ("m3/s", "kg/s"), "mg/ms")], least=2)
     assert (table.columns["time"].tolist(), table.columns["rate"].tolist()) == ([0.0, 1e-3], [-1e-3, 2e-3])
     assert (table.units["rate"], table.written_units["time"]) == ("kg/s", "ms")
-    with pytest.raises(InputError, match=r'a\.counted, column "rate": there is no unit'):
+    with pytest.raises(InputError, match=r'a\.counted, column "rate": .*no unit'):
         read_columns(path, [Column("rate", "m3/s")], least=2)
-    with pytest.raises(InputError, match=r'a\.counted, sample 7, column "rate": the value must be zero or greater'):
+    with pytest.raises(InputError, match=r'a\.counted, sample 7, column "rate": .*zero or greater'):
         read_columns(path, [Column("rate", "m3/s", "mm3/ms", domain=Domain.NON_NEGATIVE)], least=2)
 
 

@@ -20,7 +20,7 @@ from commonrail.plugins.observer.file import LogColumns, read_log
 from commonrail.plugins.plans.study import load_plan
 from commonrail.plugins.prediction.file import read_points
 from commonrail.readers.columns import Column, name_and_unit
-from commonrail.readers.formats import format_of
+from commonrail.readers.formats import find_format
 from commonrail.readers.grid import read_grid
 from commonrail.readers.overview import survey
 from commonrail.readers.quantity_matrix import GivenUnits, NearMap, find_map
@@ -77,7 +77,7 @@ FIRST_BYTES = {
 @pytest.mark.parametrize("first", FIRST_BYTES)
 def test_a_format_is_told_by_its_first_bytes(tmp_path: Path, first: bytes) -> None:
     (tmp_path / "rec.dat").write_bytes(first)
-    assert format_of(tmp_path / "rec.dat") == FIRST_BYTES[first]
+    assert find_format(tmp_path / "rec.dat") == FIRST_BYTES[first]
 
 
 @pytest.mark.parametrize(

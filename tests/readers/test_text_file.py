@@ -10,7 +10,7 @@ import pytest
 
 from commonrail.base.errors import InputError
 from commonrail.readers.location import read_text
-from commonrail.readers.text import LONGEST_LINE, lines_of, read_encoded
+from commonrail.readers.text import LONGEST_LINE, number_lines, read_encoded
 
 
 def written(tmp_path: Path, data: bytes) -> Path:
@@ -22,22 +22,22 @@ def written(tmp_path: Path, data: bytes) -> Path:
 def test_byte_order_mark_and_foreign_line_ends_are_read(tmp_path: Path) -> None:
     path = written(tmp_path, b"\xef\xbb\xbfa = 1\r\nb = 2\rc = 3\n")
     assert read_text(path, 100) == "a = 1\nb = 2\nc = 3\n"
-    assert list(lines_of(path, read_encoded(path, 100)[0])) == [(1, "a = 1"), (2, "b = 2"), (3, "c = 3")]
+    assert list(number_lines(path, read_encoded(path, 100)[0])) == [(1, "a = 1"), (2, "b = 2"), (3, "c = 3")]
 
 
 def test_missing_file_proposes_the_nearest_name(tmp_path: Path) -> None:
     written(tmp_path, b"")
-    with pytest.raises(InputError, match=r'fiel\.toml: there is no such file \(did you mean "file\.toml"\?\)\.'):
+    with pytest.raises(InputError, match=r'fiel\.toml: .*"file\.toml"'):
         read_text(tmp_path / "fiel.toml", 100)
 
 
 def test_missing_folder(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"absent/a\.toml: there is no such file\."):
+    with pytest.raises(InputError, match=r"absent/a\.toml: .*no such file\."):
         read_text(tmp_path / "absent" / "a.toml", 100)
 
 
 def test_folder(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="this is a folder, and a file is expected"):
+    with pytest.raises(InputError, match=r": .*a folder"):
         read_text(tmp_path, 100)
 
 
@@ -48,37 +48,37 @@ def test_name_that_no_system_takes() -> None:
 
 def test_too_large(tmp_path: Path) -> None:
     path = written(tmp_path, b"x" * 3_000_001)
-    with pytest.raises(InputError, match=r"file\.toml: the file has 3 MB, more than the 2 MB that are read"):
+    with pytest.raises(InputError, match=r"file\.toml: .*3 MB.*2 MB"):
         read_text(path, 2_000_000)
 
 
 def test_binary(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"file\.toml: this is not a text file"):
+    with pytest.raises(InputError, match=r"file\.toml: .*not a text"):
         read_text(written(tmp_path, b"PK\x03\x04\0\0"), 100)
 
 
 def test_other_encoding_has_the_line(tmp_path: Path) -> None:
     path = written(tmp_path, "a = 1\nb = '3 µs'\n".encode("latin-1"))
-    with pytest.raises(InputError, match=r"file\.toml, line 2: byte 0xb5 is not UTF-8 text"):
+    with pytest.raises(InputError, match=r"file\.toml, line 2: .*0xb5"):
         read_text(path, 100)
 
 
 def test_lines_name_the_one_that_is_not_utf8(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"file\.toml, line 3: byte 0xb5 is not UTF-8 text"):
-        list(lines_of(tmp_path / "file.toml", b"a\nb\n\xb5\n"))
+    with pytest.raises(InputError, match=r"file\.toml, line 3: .*0xb5"):
+        list(number_lines(tmp_path / "file.toml", b"a\nb\n\xb5\n"))
 
 
 def test_longest_line(tmp_path: Path) -> None:
     data, path = b"a\n" + b"x" * LONGEST_LINE, tmp_path / "file.toml"
-    with pytest.raises(InputError, match=rf"file\.toml, line 2: the line has {LONGEST_LINE + 1} characters, more than"):
-        list(lines_of(path, data + b"x"))
+    with pytest.raises(InputError, match=rf"file\.toml, line 2: .*{LONGEST_LINE + 1}"):
+        list(number_lines(path, data + b"x"))
 
 
 @pytest.mark.parametrize("device", ["/dev/zero", "/dev/null", "/dev/tty"])
 def test_device_is_not_opened(device: str) -> None:
     if not Path(device).exists():
         pytest.skip("no such device here")
-    with pytest.raises(InputError, match=rf"{device}: this is a device, and a file is expected\."):
+    with pytest.raises(InputError, match=rf"{device}: .*a device"):
         read_text(Path(device), 100)
 
 
@@ -90,7 +90,7 @@ def test_link_to_a_device_is_a_device(tmp_path: Path) -> None:
 
 def test_pipe_without_a_writer_does_not_wait(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(InputError, match="pipe: this is a pipe, and a file is expected"):
+    with pytest.raises(InputError, match=r"pipe: .*a pipe"):
         read_text(tmp_path / "pipe", 100)
 
 
@@ -98,7 +98,7 @@ def test_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)  # the address of a socket is short
     with socket.socket(socket.AF_UNIX) as own:
         own.bind("socket")
-        with pytest.raises(InputError, match="socket: this is no plain file, and a file is expected"):
+        with pytest.raises(InputError, match=r"socket: .*no plain file"):
             read_text(Path("socket"), 100)
 
 
@@ -114,5 +114,5 @@ def test_file_that_says_it_is_empty_and_is_not() -> None:
     path = Path("/proc/self/status")
     if not path.exists():
         pytest.skip("no such file here")
-    with pytest.raises(InputError, match="the file has more than 1e-05 MB"):
+    with pytest.raises(InputError, match="1e-05 MB"):
         read_text(path, 10)

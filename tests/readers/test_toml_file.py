@@ -43,7 +43,7 @@ def test_a_plug_in_has_a_format_of_its_own() -> None:
 
 
 def test_size_limit(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"file\.toml: the file has 1 MB, more than the 1 MB that are read"):
+    with pytest.raises(InputError, match=r"file\.toml: .*1 MB.*1 MB"):
         read_toml(written(tmp_path, b"#\n" * (LARGEST_TOML // 2 + 1)))
 
 

@@ -17,7 +17,7 @@ from commonrail.calibration.search import Progress
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file import load_study
 from commonrail.plugins.new.study import write_new
-from commonrail.runs.fingerprint import content_of
+from commonrail.runs.fingerprint import hash_study
 from commonrail.runs.fit import Listener, calibrate_into
 from tests.readers.conftest import injector_file  # noqa: F401
 
@@ -74,7 +74,7 @@ _JUDGED: dict[tuple[object, ...], Identified] = {}
 def _judged_before(calibration: Calibration, threads: int | None = None, *, starts: int = 1) -> Identified:
     """As `identify`, once for the same study, threads, starts, best values and other optima."""
     ends = tuple((end.x.tobytes(), end.cost) for end in calibration.ends)
-    key = (content_of(calibration.study), threads, starts, tuple(calibration.best.items()), calibration.cost, ends)
+    key = (hash_study(calibration.study), threads, starts, tuple(calibration.best.items()), calibration.cost, ends)
     if key not in _JUDGED:
         _JUDGED[key] = identify(calibration, threads, starts=starts)
     return copy.deepcopy(_JUDGED[key])

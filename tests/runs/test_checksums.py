@@ -117,7 +117,7 @@ def test_a_lost_log_is_damage_however_often_it_is_tried(killed: Path, loss: str)
     if loss == "empty":
         (killed / LOG).touch()
     for use in (read_about, resume, read_about, resume):
-        with pytest.raises(StudyError, match=r"journal\.sqlite: its log journal\.sqlite-wal is missing, and the last"):
+        with pytest.raises(StudyError, match=r"journal\.sqlite: .*journal\.sqlite-wal"):
             use(killed)
     assert [r.state for r in list_runs(killed)] == ["damaged"]
 
@@ -140,7 +140,7 @@ def test_a_long_log_is_taken_into_the_journal(whole: Whole, tmp_path: Path, monk
         assert (run / LOG).stat().st_size < 100_000
         left = Path(shutil.copytree(run, tmp_path / "left"))
     (left / LOG).unlink()
-    with pytest.raises(StudyError, match="-wal is missing"):
+    with pytest.raises(StudyError, match="-wal "):
         resume(left)
 
 
@@ -148,5 +148,5 @@ def test_a_number_of_generations_other_than_the_study_s_is_damage(stopped: Stop)
     run = stopped(2)
     with Journal(run) as journal:
         journal.describe({"generations": "9"})
-    with pytest.raises(StudyError, match=r"the journal is damaged: it asks for 9 generations and study\.toml for 5"):
+    with pytest.raises(StudyError, match=r"damaged: .*\b9\b.*study\.toml.*\b5\b"):
         resume(run)

@@ -29,7 +29,7 @@ def test_a_folder_renamed_at_work_writes_nothing_into_its_successor(whole: Whole
         run.rename(moved)
         shutil.copytree(whole.run, run)
 
-    with pytest.raises(StudyError, match=r"run: the folder was renamed, moved or replaced.*Resume it where it is now"):
+    with pytest.raises(StudyError, match=r"run: .*renamed"):
         calibrate_into(run, load_study(whole.study), threads=1, listener=after_steps(4, replace))
     assert contents(run) == contents(whole.run)
     resume(moved, threads=1)
@@ -75,7 +75,7 @@ def test_a_folder_renamed_before_its_first_step_is_not_cleared(whole: Whole, tmp
 def test_a_removed_lock_lets_nobody_in(tmp_path: Path) -> None:
     with Journal(tmp_path) as journal:
         (tmp_path / LOCK).unlink()
-        with pytest.raises(StudyError, match=r"process \d+ on .* is at work here since"):
+        with pytest.raises(StudyError, match=r"process \d+ on "):
             Journal(tmp_path)
         journal.describe({"title": "goes on", "state": "running", "generations": "3"})
         assert [run.state for run in list_runs(tmp_path)] == ["running"]

@@ -15,7 +15,7 @@ from commonrail.base.errors import StudyError
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.study_file import load_study
 from commonrail.data.curves.data import RateScore
-from commonrail.runs.fingerprint import content_of
+from commonrail.runs.fingerprint import hash_study
 from commonrail.runs.fit import calibrate_into, resume
 from tests.plugins.fleet.conftest import edited
 from tests.runs.conftest import GENERATIONS, Whole, stopped_run, timeless, write_small
@@ -86,4 +86,4 @@ def test_a_run_is_not_gone_on_with_in_another_precision(double: Whole, tmp_path:
 
 def test_the_precision_makes_another_study(whole: Whole) -> None:
     double = load_study(whole.study)
-    assert content_of(double) != content_of(replace(double, precision=Precision.F32))
+    assert hash_study(double) != hash_study(replace(double, precision=Precision.F32))

@@ -189,9 +189,7 @@ def test_a_changed_file_of_the_run_is_refused(stopped: Stop) -> None:
     run = stopped(3)
     data = run / "data" / "evi.csv"
     data.write_text(data.read_text(encoding="utf-8") + "\n", encoding="utf-8")
-    with pytest.raises(
-        StudyError, match=r"run/data/evi\.csv has been changed since the run was begun; .* begin a new run\.$"
-    ):
+    with pytest.raises(StudyError, match=r"run/data/evi\.csv .*changed"):
         resume(run)
     data.unlink()
     with pytest.raises(StudyError, match=r"run/data/evi\.csv is missing"):
@@ -203,7 +201,7 @@ def test_a_changed_study_is_refused_with_what_changed(stopped: Stop, whole: Whol
     for path in (run / "study.toml", study_file):
         before = path.read_text(encoding="utf-8")
         path.write_text(before.replace("members = 8", "members = 9"), encoding="utf-8")
-        with pytest.raises(StudyError, match=r"study\.toml has been changed.*\(optimiser\.members: 8 -> 9\)"):
+        with pytest.raises(StudyError, match=r"study\.toml .*changed.*optimiser\.members: 8 -> 9"):
             resume(run)
         if path.parent == run:
             path.write_text(before, encoding="utf-8")
@@ -215,7 +213,7 @@ def test_changed_data_are_refused(stopped: Stop, study_file: Path) -> None:
     run = stopped(3)
     data = study_file.parent / "data" / "evi.csv"
     data.write_text(data.read_text(encoding="utf-8").replace("0.0", "0.1", 1), encoding="utf-8")
-    with pytest.raises(StudyError, match=r"small/data/evi\.csv has been changed since .*--as-begun"):
+    with pytest.raises(StudyError, match=r"small/data/evi\.csv .*--as-begun"):
         resume(run)
 
 
@@ -223,18 +221,18 @@ def test_two_at_once_are_told_of_each_other(stopped: Stop) -> None:
     run = stopped(2)
     with Journal(run) as journal:
         journal.start_session()
-        with pytest.raises(StudyError, match=rf"process {os.getpid()} on .* is at work here since 20"):
+        with pytest.raises(StudyError, match=rf"process {os.getpid()} on .* 20"):
             resume(run)
         assert [r.state for r in list_runs(run)] == ["running"]
     resume(run)
 
 
 def test_nothing_to_go_on_with(tmp_path: Path) -> None:
-    with pytest.raises(StudyError, match="this is no folder of a run; `commonrail runs DIR` lists"):
+    with pytest.raises(StudyError, match="`commonrail runs DIR`"):
         resume(tmp_path / "none")
-    with pytest.raises(StudyError, match=r"there is no run to go on with; `commonrail runs .*` lists those in it"):
+    with pytest.raises(StudyError, match=r"`commonrail runs [^D]"):
         resume(tmp_path)
-    with pytest.raises(ConfigurationError, match="generations must be a whole number, 0 or greater, not -1"):
+    with pytest.raises(ConfigurationError, match=r"generations .*-1"):
         resume(tmp_path, generations=-1)
 
 
@@ -351,7 +349,7 @@ def test_sigterm_ends_in_order_and_resume_goes_on(whole: Whole, tmp_path: Path) 
 
 def test_too_many_generations_are_refused_before_anything_is_changed(whole: Whole, tmp_path: Path) -> None:
     run = Path(shutil.copytree(whole.run, tmp_path / "run"))
-    with pytest.raises(ConfigurationError, match=r"generations: 1000000 more .* at most 1000000 are allowed"):
+    with pytest.raises(ConfigurationError, match=r"generations: 1000000 more .*1000000"):
         resume(run, generations=1_000_000)
     assert timeless(run) == timeless(whole.run)
     resume(run)
@@ -365,7 +363,7 @@ def test_links_in_place_of_journal_and_lock_are_refused(whole: Whole, tmp_path: 
             (run / name).rename(elsewhere)
         (run / name).symlink_to(elsewhere)
         before = elsewhere.read_bytes() if elsewhere.exists() else None
-        with pytest.raises(OutputError, match="this is a symbolic link, which is not followed"):
+        with pytest.raises(OutputError, match="symbolic link"):
             resume(run, generations=1)
         assert (elsewhere.read_bytes() if elsewhere.exists() else None) == before
 
@@ -458,7 +456,7 @@ def test_a_flipped_bit_is_noticed(whole: Whole, tmp_path: Path, stage: int) -> N
 
 def test_the_holder_is_the_process_that_holds(stopped: Stop) -> None:
     run = stopped(2)  # by another session, whose process is not at work any more
-    with Journal(run), pytest.raises(StudyError, match=f"process {os.getpid()} on .* is at work here since"):
+    with Journal(run), pytest.raises(StudyError, match=f"process {os.getpid()} on "):
         resume(run)
 
 
@@ -472,6 +470,6 @@ def test_a_reader_that_does_not_let_go_is_named(stopped: Stop, monkeypatch: pyte
         assert reader.stdout is not None
         reader.stdout.readline()
         monkeypatch.setattr("commonrail.runs.journal.PATIENCE", 0.2)
-        with pytest.raises(StudyError, match="another program has it open; close it there"):
+        with pytest.raises(StudyError, match="another program has it open"):
             resume(run)
         reader.communicate("\n")

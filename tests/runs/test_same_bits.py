@@ -21,7 +21,7 @@ import pytest
 from commonrail.base.errors import StudyError
 from commonrail.calibration.study_file import load_study
 from commonrail.compiler import target
-from commonrail.runs.fingerprint import content_of
+from commonrail.runs.fingerprint import hash_study
 from commonrail.runs.fit import calibrate_into, resume
 from tests.judging import judging_from_few
 from tests.runs.conftest import Whole, stopped_run, write_small
@@ -144,7 +144,7 @@ def test_it_is_another_study_than_without(exact: Whole, tmp_path: Path) -> None:
     """A run is not resumed in the other mode: its bits would be of both."""
     study = load_study(exact.study)
     fast = replace(study, same_bits=False)
-    assert content_of(study) != content_of(fast)
+    assert hash_study(study) != hash_study(fast)
     run = stopped_run(tmp_path / "run", fast, 2)  # its file says otherwise
     with pytest.raises(StudyError, match="reads differently"):
         resume(run, study=study)

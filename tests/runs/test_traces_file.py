@@ -108,5 +108,5 @@ def test_a_broken_file_is_one_sentence_with_the_line(tmp_path: Path, text: str |
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="there is no such file"):
+    with pytest.raises(InputError, match="no such file"):
         read_traces(tmp_path / "traces.csv")

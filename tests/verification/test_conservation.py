@@ -12,7 +12,7 @@ from commonrail.physics import fuel_kernel as fuel
 from commonrail.physics.fuel_polynomials import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.readers.fuel import load_fuel
-from tests.tracing import traced
+from tests.tracing import trace_states
 
 # a few thousand bookings of 1e-16 of the mass in the pipe, which is 100 times what is injected
 ROUNDING = 1e-11
@@ -52,7 +52,7 @@ def test_books_balance_when_pressures_move_and_waves_travel(regulated: Injector)
 def test_with_the_needle_shut_only_the_guides_leak(regulated: Injector, widening: float, eccentricity: float) -> None:
     guided = {"plunger_needle.gap_widening": widening, "plunger_needle.eccentricity": eccentricity}
     injector = regulated.with_values({"return_line.length": 0.0, "feed_pipe.friction_factor": 0.0, **guided})
-    rows = traced(injector, OperatingPoint(160e6, (), horizon=4e-3), 1e-6)
+    rows = trace_states(injector, OperatingPoint(160e6, (), horizon=4e-3), 1e-6)
     p = injector.parameters.plunger_needle
     f = fuel_coefficients(injector.fuel, injector.values[FUEL_TEMPERATURE])
     expected = 0.0

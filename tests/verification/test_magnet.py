@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
-from tests.tracing import traced
+from tests.tracing import trace_states
 
 MU0 = 4e-7 * math.pi
 HELD = {"valve.spring_preload": 1000.0, "valve.spring_stiffness": 0.0}  # no magnet lifts it off its seat
@@ -22,7 +22,7 @@ LINEAR = {"solenoid.knee_flux_density": 1e3}  # [T], never reached
 def test_a_held_current_belongs_to_the_flux_of_equation_11(regulated: Injector, gaps: float) -> None:
     injector = regulated.with_values(HELD | {"solenoid.air_gaps": gaps})
     point = OperatingPoint(80e6, 2e-3, horizon=1.9e-3)
-    rows = traced(injector, point, 1e-6)
+    rows = trace_states(injector, point, 1e-6)
     s = injector.parameters.solenoid
     gap = s.residual_gap + 55e-6 - rows["valve.lift"][-1]  # the seat yields 10 um to 1000 N
 
@@ -42,7 +42,7 @@ def test_flux_rises_with_the_time_constant_of_coil_and_gap(by_voltage: Injector)
     lag, volts = 25e-6, 2.0
     injector = by_voltage.with_values(HELD | LINEAR | {"solenoid.eddy_lag": lag, "solenoid.resistance": 2.0})
     steady = Trace.of([-1.0, 1.0], [volts, volts])
-    rows = traced(injector, OperatingPoint(80e6, 1e-3, drive=steady, horizon=1e-3), 1e-6)
+    rows = trace_states(injector, OperatingPoint(80e6, 1e-3, drive=steady, horizon=1e-3), 1e-6)
     s = injector.parameters.solenoid
     gap = s.residual_gap + 55e-6 - rows["valve.lift"][0]
     reluctance = (2 * gap + s.iron_length / s.permeability) / (MU0 * s.pole_area)
@@ -59,5 +59,5 @@ def test_flux_rises_with_the_time_constant_of_coil_and_gap(by_voltage: Injector)
 
 
 def test_without_eddy_currents_the_flux_pulls_at_once(regulated: Injector) -> None:
-    rows = traced(regulated, OperatingPoint(80e6, 300e-6, horizon=500e-6), 1e-6)
+    rows = trace_states(regulated, OperatingPoint(80e6, 300e-6, horizon=500e-6), 1e-6)
     assert np.array_equal(rows["solenoid.flux"], rows["solenoid.pulling_flux"])

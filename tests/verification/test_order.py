@@ -7,7 +7,7 @@ import pytest
 
 from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.physics.injector import Injector
-from tests.tracing import sampled, traced
+from tests.tracing import sampled, trace_states
 
 STEPS = np.array([2.0, 1.0, 0.5, 0.25])  # [us]
 FINEST = 1 / 32  # [us]
@@ -15,7 +15,7 @@ HORIZON = 1.6e-3
 
 
 def rate(injector: Injector, point: OperatingPoint, dt_us: float) -> np.ndarray:
-    return sampled(traced(injector, point, dt_us * 1e-6)["nozzle.injected"], dt_us * 1e-6)
+    return sampled(trace_states(injector, point, dt_us * 1e-6)["nozzle.injected"], dt_us * 1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_a_wave_in_the_pipe_is_second_order(regulated: Injector) -> None:
     point = OperatingPoint(pulse, (), horizon=600e-6)
 
     def pressure(dt_us: float) -> np.ndarray:
-        rows = traced(regulated, point, dt_us * 1e-6)
+        rows = trace_states(regulated, point, dt_us * 1e-6)
         return np.asarray(rows["accumulation.fuel.pressure"][:: round(4 / dt_us)])
 
     fine = pressure(FINEST)

@@ -8,7 +8,7 @@ import pytest
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.plan import coefficients_at
 from commonrail.physics.injector import Injector
-from tests.tracing import traced
+from tests.tracing import trace_states
 
 LOW, DT, STEPS = 0.5e6, 1e-6, 700  # steps of a round trip
 TWICE = ((0.0, 250e-6), (1150e-6, 500e-6))
@@ -25,7 +25,7 @@ def tight(regulated: Injector) -> Injector:
 
 def test_the_line_takes_what_the_valve_gives_and_the_cavity_what_is_missing(tight: Injector) -> None:
     point = OperatingPoint(160e6, TWICE, return_pressure=LOW)
-    rows = traced(tight, point, DT)
+    rows = trace_states(tight, point, DT)
     c = coefficients_at(tight, point, DT)
     pressure, cavity = rows["return_line.pressure"], rows["return_line.cavity"]
     # what arrives is what left a round trip ago, inverted at the tank
@@ -39,6 +39,6 @@ def test_the_line_takes_what_the_valve_gives_and_the_cavity_what_is_missing(tigh
 
 
 def test_a_high_return_pressure_leaves_no_cavity(tight: Injector) -> None:
-    rows = traced(tight, OperatingPoint(160e6, TWICE, return_pressure=8e6), DT)
+    rows = trace_states(tight, OperatingPoint(160e6, TWICE, return_pressure=8e6), DT)
     assert rows["return_line.pressure"].min() > 1e6
     assert (rows["return_line.cavity"] == 0.0).all()

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from commonrail.workers.pool import shielded
+from commonrail.workers.pool import shield_children
 
 METHOD = "forkserver"
 IMPORTED = ["tests.workers.imported"]
@@ -27,7 +27,7 @@ def forked() -> Iterator[None]:
     from multiprocessing.forkserver import ensure_running, set_forkserver_preload
 
     set_forkserver_preload(IMPORTED)
-    with shielded():
+    with shield_children():
         ensure_running()
     context = multiprocessing.get_context(METHOD)
     with pytest.MonkeyPatch.context() as patch:

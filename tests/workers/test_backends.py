@@ -162,9 +162,9 @@ def test_an_error_of_ours_ends_it_at_once_in_its_own_words(two: Workers, package
 
 def test_other_software_and_other_bits_are_refused(two: Workers, package: Package) -> None:
     other = package._replace(key="other", software=with_other(package, "numpy", "0.1"))
-    with pytest.raises(StudyError, match=r"has other software than this run: numpy [0-9.]+ in place of 0\.1; install"):
+    with pytest.raises(StudyError, match=r"numpy [0-9.]+ in place of 0\.1"):
         list(two.run(tasks(other, MANY)))
-    with pytest.raises(StudyError, match="for the start values than this machine, bit for bit"):
+    with pytest.raises(StudyError, match="bit for bit"):
         list(two.run(tasks(package._replace(key="rounded", probe=b"other"), MANY)))
     assert sines(two.run(tasks(package, MANY))) == expected(MANY)
 
@@ -193,5 +193,5 @@ def test_all_processes_end_with_the_workers(crew: Crew, package: Package) -> Non
 
 
 def test_a_number_that_makes_no_sense_is_refused(crew: Crew) -> None:
-    with pytest.raises(ConfigurationError, match=r"must lie between 1 and \d+, 8 for each processor .*, not 0"):
+    with pytest.raises(ConfigurationError, match=r"between 1 and \d+.* 0"):
         crew(0)

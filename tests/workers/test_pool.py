@@ -125,7 +125,7 @@ def test_workers_that_never_start_end_it(monkeypatch: pytest.MonkeyPatch, tmp_pa
     monkeypatch.setattr(pool_module, "serve", os._exit)  # given the pipe: an error, and the process ends
     with (
         Workers.processes(1) as workers,
-        pytest.raises(StudyError, match="A worker ended with exit code 1 before it had begun, 3 times in a row"),
+        pytest.raises(StudyError, match=r"exit code 1 .*3 times"),
     ):
         list(workers.run(tasks(pack(Deeds(tmp_path)), MANY)))
 
@@ -133,7 +133,7 @@ def test_workers_that_never_start_end_it(monkeypatch: pytest.MonkeyPatch, tmp_pa
 @pytest.mark.parametrize("count", [0, -1, 17])
 def test_a_number_of_workers_that_makes_no_sense_is_refused(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
     monkeypatch.setattr(limits_module, "usable_threads", lambda: 2)
-    with pytest.raises(ConfigurationError, match=rf"must lie between 1 and 16, 8 for each processor .*, not {count}"):
+    with pytest.raises(ConfigurationError, match=rf"between 1 and 16.* {count}\b"):
         Workers.processes(count)
 
 

@@ -80,7 +80,7 @@ def number(value: object, unit: str, what: str) -> float:
     """Read one finite number.
 
     `value` is an SI number of Python or NumPy, or text with its unit; `unit` is the SI unit of the result, `what` the
-    name of the argument in words. Raises `ConfigurationError` if it is no number, not finite, or of another kind.
+    name of the argument in words. Raises `ConfigurationError` if it is not a finite number of this kind.
 
     Examples
     --------
@@ -101,7 +101,7 @@ def number(value: object, unit: str, what: str) -> float:
 
 
 def fraction(value: object, what: str) -> float:
-    """Read one number between 0 and 1, ends excluded; `ConfigurationError` as `number`, or if it is none."""
+    """Read one number between 0 and 1, ends excluded; `ConfigurationError` as `number`, or if outside."""
     share = number(value, "1", what)
     if not 0.0 < share < 1.0:
         example = share if 1.0 <= share < 100.0 else 50.0  # a number of percent without its sign
@@ -114,8 +114,8 @@ def fraction(value: object, what: str) -> float:
 def amount(value: object, unit: str, what: str, limits: Limits) -> float:
     """Read one number between two limits, both included.
 
-    Raises `ConfigurationError` as `number`, and beyond the limits, which are in `unit`, with what was read and in
-    which unit it was probably meant.
+    Raises `ConfigurationError` as `number`, and beyond the limits (in `unit`), with the value read and the unit that
+    was probably meant.
     """
     quantity = number(value, unit, what)
     if limits.low <= quantity <= limits.high:
@@ -207,7 +207,7 @@ def integer(value: object, what: str, low: int = 0, high: int = LARGEST_WHOLE) -
 
 
 def not_whole(name: str, value: float) -> str:
-    """Words on a value of a count that is no whole number, and on any value of nothing else: empty."""
+    """Sentence on a fractional value of a count; empty for everything else."""
     if name not in COUNTS or value % 1.0 == 0.0:
         return ""
     return f"{name} counts pieces and must be a whole number, not {value:g}"
@@ -229,7 +229,7 @@ def flag(value: object, what: str) -> bool:
 def enum_member(value: object, kind: type[_Choice], what: str) -> _Choice:
     """Read a member of an enum, or its value.
 
-    Raises `ConfigurationError` with all values, and the nearest to a text that is none of them.
+    Raises `ConfigurationError` with all values, and the nearest one to an unknown text.
     """
     if isinstance(value, kind):
         return value
@@ -249,7 +249,7 @@ def plain_text(value: object, what: str) -> str:
 
 
 def function(value: _Kind | None, what: str) -> _Kind | None:
-    """Refuse what is neither a function nor None."""
+    """Return a function or None, refuse anything else."""
     if value is not None and not callable(value):
         raise _refusal(what, "a function or None", value)
     return value
@@ -277,7 +277,7 @@ def instance(value: object, kind: type[_Kind], what: str) -> _Kind: ...
 @overload
 def instance(value: object, kind: UnionType, what: str) -> Any: ...
 def instance(value: object, kind: Any, what: str) -> Any:
-    """Refuse what is not of a kind, or of one of several, with the way to get one.
+    """Return a value of a kind, or of one of several; refuse others with the way to get one.
 
     Raises `ConfigurationError` with the cure, such as ``commonrail.load_study("study.toml")`` where a path was given
     for a study.
@@ -293,7 +293,7 @@ def instance(value: object, kind: Any, what: str) -> Any:
 
 
 def sequence(value: object, what: str, of: str) -> Sequence[Any]:
-    """Refuse what is no list, tuple or array; a text is none.
+    """Return a list, tuple or array; refuse others, texts included.
 
     `of`: what the list holds, as it is written: ``"[point]"``.
     """
@@ -313,14 +313,14 @@ def instances(value: object, kind: UnionType, what: str) -> tuple[Any, ...]: ...
 def instances(value: object, kind: Any, what: str) -> tuple[Any, ...]:
     """Read a list whose items are all of a kind.
 
-    Raises `ConfigurationError` if it is no list, or with the first item that is of another kind.
+    Raises `ConfigurationError` if it is not a list, or for the first item of another kind.
     """
     items = sequence(value, what, f"[{(get_args(kind) or (kind,))[0].__name__}(…), …]")
     return tuple(instance(item, kind, f"item {i} of the {what}") for i, item in enumerate(items, start=1))
 
 
 def mapping(value: object, what: str, example: str) -> Mapping[str, Any]:
-    """Refuse what is no mapping with texts as keys."""
+    """Return a mapping with texts as keys, refuse anything else."""
     if not isinstance(value, Mapping):
         raise _refusal(what, f"a mapping, such as {example}", value)
     for key in value:
@@ -362,7 +362,7 @@ class FrozenDict(dict[Any, Any]):
 
 
 def settle(target: object, **values: object) -> None:
-    """Set attributes of a frozen dataclass to what was read from its arguments, as `frozen` returns it."""
+    """Set attributes of a frozen dataclass to the values read from its arguments, as `frozen` returns them."""
     for name, value in values.items():
         object.__setattr__(target, name, frozen(value))
 
@@ -394,7 +394,7 @@ def _plain(value: Any) -> Any:
 
 
 def _real(value: object) -> float | None:
-    """Float of a real number, None of anything else; True and False are no numbers."""
+    """Float of a real number, None for anything else, also for True and False."""
     if type(value) is float:
         return value
     value = _plain(value)

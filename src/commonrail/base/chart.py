@@ -12,7 +12,7 @@ LINES, MARKERS, BOTH = "lines", "markers", "lines+markers"
 
 
 def points(values: Iterable[float]) -> Points:
-    """Coordinates of a series; what is not finite is a gap."""
+    """Coordinates of a series; a gap where not finite."""
     return tuple(float(v) if math.isfinite(v) else None for v in values)
 
 
@@ -49,7 +49,7 @@ class Band:
 class Boxes:
     """Box plots side by side: minimum, first quartile, median, third quartile, maximum of each category.
 
-    `offset` moves them beside those of another set, in shares of the distance between categories.
+    `offset` moves them next to another set, in shares of the distance between categories.
     """
 
     label: str
@@ -123,8 +123,8 @@ class HeatMap:
     x: tuple[str, ...]  # places along the axis, in equal distances whatever their values
     y: tuple[str, ...]
     values: tuple[Points, ...]  # a row for each place of y; None is an empty cell
-    texts: tuple[tuple[str, ...], ...]  # what is written into the cells
-    unit: str  # of the values, beside the scale of colours
+    texts: tuple[tuple[str, ...], ...]  # of the cells
+    unit: str  # of the values, next to the scale of colours
     diverging: bool = False  # zero lies in the middle of the colours, as of a difference
     largest: float = 0.0  # difference of the last colour; 0 for the largest one there is
 

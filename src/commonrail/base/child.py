@@ -14,5 +14,5 @@ def python(*arguments: str) -> list[str]:
 
 
 def same_modules() -> dict[str, str]:
-    """Environment of a process that imports what this one does, also what is not installed."""
+    """Environment of a process that imports the same modules as this one, also uninstalled ones."""
     return os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path), SAFE_PATH: "1"}

@@ -17,7 +17,7 @@ from commonrail.base.output import line_text, replacing
 
 MARK = "'"
 
-# Signs with which a formula begins, in full width too, behind spaces and quotes that a spreadsheet may drop.
+# Signs with which a formula begins, in full width too, after spaces and quotes that a spreadsheet may drop.
 _FORMULA = re.compile(r"[\s'\"]*[=+\-@＝＋－＠]")
 _NUMBER = re.compile(r"[\s'\"]*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
 _SEPARATORS = re.compile(r"([,;\t])")

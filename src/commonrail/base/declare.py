@@ -154,7 +154,7 @@ class Declared(NamedTuple):
 
     @property
     def default_text(self) -> str:
-        """Default for the reference; empty if it is None, "required" if there is none."""
+        """Default for the reference: empty for None, "required" if absent."""
         if self.default is dataclasses.MISSING:
             return "required"
         return self.default if isinstance(self.default, str) else self.text_of(self.default)
@@ -182,9 +182,9 @@ def setting(
     Parameters
     ----------
     words : str
-        Its name in sentences, as "share of failures"; by default that of the field with spaces.
+        Its name in sentences, as "share of failures"; by default the field's name with spaces.
     default : object
-        As the constructor takes it, so that ``"10 %"`` is possible; without one the field must be given.
+        As the constructor takes it, such as ``"10 %"``; without a default the field is required.
     unit : str
         SI unit of a number.
     limits : Limits, optional

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.hooks import describe_compiling, set_compiling_listener
 
-# Progress in a notebook: a bar that is drawn anew in its place, and a line while a kernel is compiled.
+# Progress in a notebook: a bar updated in place, and a line while a kernel is compiled.
 
 COMPILING = "compiling the simulation, once on this machine"
 
@@ -35,7 +35,7 @@ class Live:
     def show(self, text: str, done: int = 0, total: int = 0) -> None:
         """Replace the line.
 
-        `done` and `total`: steps; without a total there is no bar.
+        `done` and `total`: steps; no total, no bar.
         """
         bar = f'<progress value="{done}" max="{total}"></progress> {done}/{total} ' if total else ""
         if self._shown is not None:
@@ -118,13 +118,13 @@ class Shown:
     def figures(self, point: Any = None) -> Any:
         """Figures of the report; a notebook shows them, `save` writes them as a page.
 
-        `point`: an `OperatingPoint` in place of that of a simulation, whose energisings and delays are drawn. Raises
-        `ConfigurationError` if there is nothing to draw, or what has a point is no simulation.
+        `point`: an `OperatingPoint` that replaces the simulation's own; its energisings and delays are drawn. Raises
+        `ConfigurationError` if there is nothing to draw, or a point is given for another result than a simulation.
         """
         return _notebook().picture_of(self, point)
 
     def to_pandas(self) -> Any:
-        """Values as a pandas.DataFrame, with the unit behind each name; needs pandas.
+        """Values as a pandas.DataFrame, with the unit after each name; needs pandas.
 
         Raises `ConfigurationError` if pandas is missing, or the result has no table of values.
         """

@@ -1,6 +1,6 @@
 """Every error that the project raises on purpose, with the exit status each one gives the command.
 
-A message is one clear sentence: where it happened, what was expected, what to do. A failed
+A message is one clear sentence: place, expectation, cure. A failed
 simulation inside a study is not an error but a status with an infinite cost.
 """
 
@@ -21,7 +21,7 @@ _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069
 
 
 class CommonrailError(Exception):
-    """Root of the project's errors; its text is one line, meant to be read by the user as it stands."""
+    """Root of the project's errors; its text is one line, written for the user."""
 
     exit_code: ClassVar[int] = 1
 
@@ -70,7 +70,7 @@ def one_line(sentence: str) -> str:
     line = _CONTROL.sub(" ", sentence)
     if len(line) <= LONGEST_SENTENCE:
         return line
-    half = LONGEST_SENTENCE // 2  # a place stands at the beginning, what to do at the end
+    half = LONGEST_SENTENCE // 2  # the place is at the beginning, the cure at the end
     return f"{line[:half]} ... {line[-half:]}"
 
 
@@ -90,7 +90,7 @@ def nearest(name: str, options: Iterable[str]) -> str:
     """
     if len(name) > LONGEST_NAME:
         return ""
-    # Reversed, so that of two options that differ in case alone the first one listed wins.
+    # Reversed: of two options that differ in case alone, the first one listed wins.
     spelling = {option.casefold(): option for option in reversed(list(options))}
     asked = name.casefold()
     dotted = [option for option in reversed(spelling) if "." in option]

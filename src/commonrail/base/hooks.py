@@ -57,7 +57,7 @@ def within(variable: ContextVar[Any], value: object) -> Iterator[None]:
 
 
 def listen_to_compiling(listener: Listener) -> AbstractContextManager[None]:
-    """Have another context than that of the process entered while a kernel is compiled inside the block."""
+    """Enter another context than the process's own while a kernel is compiled inside the block."""
     return within(_listener, listener)
 
 
@@ -89,7 +89,7 @@ def compiling_seconds() -> float:
 
 
 def naming(words: str) -> AbstractContextManager[None]:
-    """State what is simulated inside the block, for whoever says that it is compiled; blocks inside add their words."""
+    """Name the simulation inside the block, for messages on compiling; nested blocks add their words."""
     return within(_named, (*_named.get(), words))
 
 
@@ -140,7 +140,7 @@ def note_of_process(text: str) -> None:
 
 # Ctrl-C and the batch system's stop signal as a request to stop after the current generation; a second Ctrl-C ends.
 #
-# What is kept is safe at any instant, so that nothing is lost but the generation at hand.
+# Saved work is safe at any instant: only the current generation is lost.
 
 # SIGBREAK is Windows' Ctrl-Break, which reaches processes that Ctrl-C does not.
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
@@ -188,7 +188,7 @@ def end_at_second(tell: Callable[[str], None]) -> None:
 
 @contextmanager
 def hold_interrupts() -> Iterator[StopRequest]:
-    """As `catch_stops`; what is being computed or written is finished, `check_unheld_stop` raises nothing."""
+    """As `catch_stops`, but current work is finished: `check_unheld_stop` raises nothing."""
     with catch_stops() as stop:
         stop.holders += 1
         try:

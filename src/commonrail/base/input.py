@@ -1,8 +1,8 @@
 """The one way in which the program opens a file that others may have made: plain, of limited size, and fingerprinted.
 
 A file may come from anywhere, so nothing about it is taken on trust. It is examined before and after it is opened, and
-opening never waits, so that neither a device is touched nor a pipe read. The bytes that are hashed are those that are
-parsed. `docs/howto/speed.md` lists the limits.
+opening never waits: no device is touched and no pipe read. The hashed bytes are the parsed bytes.
+`docs/howto/speed.md` lists the limits.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from commonrail.base.hooks import within
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-LARGEST_FILE = 100_000_000  # [bytes]; no reader but that of Parquet takes a larger one
-UNREADABLE = "unreadable"  # in place of the SHA-256 of what is there and is no file that would be read
+LARGEST_FILE = 100_000_000  # [bytes]; only the reader of Parquet takes larger ones
+UNREADABLE = "unreadable"  # in place of the SHA-256 of something that cannot be read as a file
 
 _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFIFO: "a pipe"}
 
@@ -93,7 +93,7 @@ def check_plain(path: Path, largest: int | None = None) -> None:
 
 
 def fingerprint(path: Path) -> str:
-    """SHA-256 of a file; empty if there is none that may be read, `UNREADABLE` if it is not plain or too large."""
+    """SHA-256 of a file; empty if missing or not permitted, `UNREADABLE` if not plain or too large."""
     try:
         return sha256(read_plain(path))
     except InputError as error:
@@ -128,7 +128,7 @@ def _too_large(path: Path, size: str, largest: int) -> InputError:
 
 
 def similar_names(path: Path) -> str:
-    """Suggestion of a file near a path at which there is none, in parentheses; empty if there is none."""
+    """Suggestion for a missing file, in parentheses, or empty."""
     try:
         below = sorted(path.parent.glob(f"*/{escape(path.name)}"))
         if below:
@@ -161,7 +161,7 @@ def read_arrays(path: Path, *needed: str) -> dict[str, NDArray[Any]]:
         raise InputError(f"{path}: this is no file of arrays ({error}); make it again.") from error
 
 
-# Checksums of result files, in a file ``SHA256SUMS`` beside them that ``sha256sum -c SHA256SUMS`` reads too.
+# Checksums of result files, in a file ``SHA256SUMS`` next to them that ``sha256sum -c SHA256SUMS`` reads too.
 
 SUMS = "SHA256SUMS"
 _LARGEST = 10_000_000  # [bytes]; a run lists its data files too
@@ -169,15 +169,15 @@ _LINE = re.compile("(?P<digest>[0-9a-f]{64})  (?P<name>.+?)\r?")
 
 
 def check_sum(path: Path) -> None:
-    """Refuse a file as `check_sums` does, as far as there is a checksum beside it."""
+    """Refuse a changed file, as `check_sums`, if its folder has a checksum of it."""
     check_sums(path.parent, path.name)
 
 
 def check_sums(folder: Path, *names: str) -> None:
     """Refuse a folder in which a file that its checksums list is not the one that was written.
 
-    A file that is missing is refused by whoever reads it. `names` are those to look at, by default all. Raises
-    `InputError` if there is one, or the checksums cannot be read.
+    A file that is missing is refused by whoever reads it. `names`: files to check, by default all. Raises
+    `InputError` for a changed file, or if the checksums cannot be read.
     """
     sums = folder / SUMS
     for name, written in read_sums(sums).items() if sums.is_file() else ():
@@ -196,7 +196,7 @@ def read_sums(sums: Path) -> dict[str, str]:
     Raises `InputError` if a line is not a digest, two spaces and a name.
     """
     digests = {}
-    with within(_noted, None):  # they are written again with every result, and are no part of what is read
+    with within(_noted, None):  # checksums change with every result and are not inputs
         lines = os.fsdecode(read_plain(sums, _LARGEST)).removesuffix("\n")
     for i, line in enumerate(lines.split("\n") if lines else (), 1):
         parts = _LINE.fullmatch(line)

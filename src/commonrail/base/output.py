@@ -1,4 +1,4 @@
-"""Output that is there whole or not at all: written beside its place, then moved there."""
+"""Files written completely or not at all: first under a temporary name, then moved into place."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def writing(path: Path, option: str = "") -> Iterator[None]:
 def replacing(path: Path, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
     """Stream to a file that takes the place of `path` at the end of the block, unless the block ends in an error.
 
-    A crash or a full disk leaves what was at `path` before; a power cut leaves that or the new file, never a part.
+    A crash or a full disk leaves what was at `path` before; a power cut the old or the new file, never a fragment.
     Inside `write_set` the file comes to its place with the others of the set.
 
     Raises `OutputError` if it cannot be written, or `path` is a symbolic link, a device or a folder, and
@@ -120,14 +120,14 @@ def _sync_folder(folder: Path) -> None:
 
 @contextmanager
 def write_set(folder: Path, *stale: str, inputs: Mapping[str, str] = {}) -> Iterator[None]:
-    """Write several files of a folder as one set: all those that the block writes below it, and none if it fails.
+    """Write several files of a folder as one set: all files that the block writes below it, or none if it fails.
 
-    They are written beside their places. At the end of the block their checksums join those of the set, SHA256SUMS,
+    They get temporary names. At the end of the block their checksums join those of the set, SHA256SUMS,
     which makes the new set valid, and then the files are moved. A crash in between leaves a folder whose files do not
-    fit the checksums, which `check_sums` refuses. A block inside another one is a part of that.
+    fit the checksums, which `check_sums` refuses. A nested block joins the outer one.
 
-    `stale`: files of the former set that are not of the new one, and are removed; `inputs`: digests by name of files
-    that are there already. Raises `OutputError` if a file cannot be written.
+    `stale`: files of the former set to be removed; `inputs`: digests by name of files
+    that exist already. Raises `OutputError` if a file cannot be written.
     """
     check_target(folder / SUMS)
     removed = dict.fromkeys((folder / name for name in stale), None)

@@ -1,4 +1,4 @@
-"""Public names of the package and its namespaces: loaded from the modules that the stub beside each names."""
+"""Public names of the package and its namespaces: loaded from the modules named in the stub next to each."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def read_stub(stub: Path) -> dict[str, str]:
 
 
 def attach(module: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """``__getattr__``, ``__dir__`` and ``__all__`` of a module whose names are in the stub beside its file (PEP 562).
+    """``__getattr__``, ``__dir__`` and ``__all__`` of a module whose names are in the stub next to its file (PEP 562).
 
     A name is imported when it is first used. Raises `AttributeError` for any other, which says where the name is if
     another namespace has it.
@@ -70,7 +70,7 @@ def places() -> dict[str, str]:
 
 
 def find(name: str) -> str:
-    """Place of a public name of any namespace, or that it had before it was renamed; empty if there is none."""
+    """Current place of a public name of any namespace, also by its former name; empty if unknown."""
     if name in RENAMED:
         return f"{PACKAGE}.{RENAMED[name]}"
     home = places().get(name)

@@ -1,7 +1,7 @@
 """Records of results: JSON-able form of typed objects, and the objects again.
 
 A result is a dataclass or a named tuple of numbers, texts, enums, arrays and such objects. `to_record` makes what its
-JSON file holds, `from_record` reads that back, so that pages and tables read attributes whose names are checked.
+JSON file holds, `from_record` reads that back, and pages and tables use attributes whose names are checked.
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@ A package registers a part by an entry point, for example a verb in its ``pyproj
     [project.entry-points."commonrail.verbs"]
     histogram = "my_package.verb:histogram"
 
-What ships with commonrail is registered alike, in the table of `commonrail.plugins`, so that a start does not search
-the disk. Of several parts of one name the shipped one is used, else that of the first package in alphabetical order;
+Parts that ship with commonrail are registered in the table of `commonrail.plugins`, which spares a search of the disk.
+Of several parts of one name the shipped one is used, else the part of the first package in alphabetical order;
 `find_unused` has a sentence on each of the others.
 """
 
@@ -138,7 +138,7 @@ class Entry(NamedTuple):
         """`__citation__` of the package's top-level module, by default its summary; empty if it cannot be read."""
         from importlib import metadata  # slow to import
 
-        with suppress(Exception):  # a broken package is told of by its parts
+        with suppress(Exception):  # parts of a broken package report it
             return str(load(f"{self.target.partition(':')[0].partition('.')[0]}:__citation__"))
         with suppress(metadata.PackageNotFoundError, KeyError):
             return str(metadata.metadata(self.distribution)["Summary"] or "")
@@ -227,7 +227,7 @@ def _find_registered(group: str) -> Mapping[str, list[Entry]]:
 
 
 def entries(group: str) -> Mapping[str, Entry]:
-    """All parts of a group by name, those that ship first."""
+    """All parts of a group by name, shipped parts first."""
     return {**find_shipped(group), **find_installed(group)}
 
 
@@ -237,7 +237,7 @@ def find(group: str, name: str) -> Entry | None:
 
 
 def require(group: str, name: str) -> Entry:
-    """Part of a name; `InputError` if there is none, as where a distribution leaves it out."""
+    """Part of a name; `InputError` if the distribution lacks it."""
     if (entry := find(group, name)) is None:
         raise InputError(f'The part "{name}" of {PACKAGE}.{group} is missing; install the package that has it.')
     return entry
@@ -254,12 +254,12 @@ class Catalogue(NamedTuple):
 
     package: str
     folder: str
-    unknown: str  # beginning of the message for a name that is not there, such as ``There is no fuel "{}"``
+    unknown: str  # beginning of the message for an unknown name, such as ``There is no fuel "{}"``
     cure: str = ", or give the path of a .toml file"  # end of that message
-    group: str = ""  # of the files of installed packages; empty if there are none
+    group: str = ""  # of the files of installed packages, or empty
 
     def names(self) -> list[str]:
-        """All names, those of installed packages behind those that ship."""
+        """All names: shipped files, then files of installed packages."""
         shipped = self.shipped()
         return shipped + [name for name in find_installed(self.group) if name not in shipped]
 
@@ -293,7 +293,7 @@ class Catalogue(NamedTuple):
 
 
 def part_digits(text: str) -> str:
-    """Digits of a part number: four or more, six beside words; empty if there are fewer, as in iso4113."""
+    """Digits of a part number: at least four, or six next to words; empty if fewer, as in iso4113."""
     digits = re.sub(r"\D", "", text, flags=re.ASCII)
     if len(digits) == 9 and digits.startswith("445"):
         digits = f"0{digits}"  # which spreadsheets drop
@@ -301,7 +301,7 @@ def part_digits(text: str) -> str:
 
 
 def read_installed(group: str, name: str) -> str | None:
-    """Text of a file of an installed package; None if there is none of that name.
+    """Text of a file of an installed package; None for an unknown name.
 
     Raises `PluginError` if it cannot be read.
     """

@@ -23,21 +23,25 @@ class Cell:
 
     @property
     def plain(self) -> str:
-        """Text with its sign, for where there is no colour."""
-        # the star stands before the number, so that the digits stay in line
+        """Text with its sign, for output without colour."""
+        # the star is before the number, to keep the digits in line
         marked = f"{BEST_SIGN}\N{NO-BREAK SPACE}{self.text}" if self.best else self.text
         return f"{marked} {SIGNS[self.size]}" if self.size else marked
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table; the first `texts` columns are words, the others numbers."""
+    """A table; the first `texts` columns are words, the others numbers.
+
+    `inputs`: heads of columns that repeat what was asked for, which a narrow terminal leaves out first.
+    """
 
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
     texts: int = 1
+    inputs: tuple[str, ...] = ()
 
 
 Column = tuple[str, str | Callable[[Any], str | Cell]]
@@ -50,37 +54,51 @@ class Part(NamedTuple):
     cells: Callable[[Any], Iterable[str | Cell]]
 
 
-def table_from_parts(title: str, rows: Iterable[Any], parts: Sequence[Part], note: str = "", texts: int = 1) -> Table:
+OPERATING_POINT = ("rail, MPa", "energising, µs")  # heads of the inputs of rows that have a name too
+
+
+def table_from_parts(
+    title: str,
+    rows: Iterable[Any],
+    parts: Sequence[Part],
+    note: str = "",
+    texts: int = 1,
+    inputs: tuple[str, ...] = (),
+) -> Table:
     """Table of any rows.
 
-    `rows`: what the parts make cells of. `texts`: number of columns that are words.
+    `rows`: what the parts make cells of. `texts`: number of columns that are words. `inputs`: see `Table`.
     """
     heads = tuple(head for block in parts for head in block.heads)
     texts_or_cells = ((cell for block in parts for cell in block.cells(row)) for row in rows)
     cells = tuple(tuple(cell if isinstance(cell, Cell) else Cell(cell) for cell in row) for row in texts_or_cells)
-    return Table(title, heads, cells, note, texts)
+    return Table(title, heads, cells, note, texts, inputs)
 
 
 def table_from_columns(
-    title: str, rows: Iterable[Any], columns: Sequence[Column], note: str = "", texts: int = 1
+    title: str,
+    rows: Iterable[Any],
+    columns: Sequence[Column],
+    note: str = "",
+    texts: int = 1,
+    inputs: tuple[str, ...] = (),
 ) -> Table:
     """Table of any rows, column by column.
 
     `rows`: what the columns read, such as parts of a record. `columns`: head, and the key of a row or what makes its
-    text or cell. `texts`: number of columns that are words.
+    text or cell. `texts`: number of columns that are words. `inputs`: see `Table`.
     """
 
     def cell(row: Any, text: str | Callable[[Any], str | Cell]) -> str | Cell:
         return str(row[text]) if isinstance(text, str) else text(row)
 
     heads = [head for head, _ in columns]
-    return table_from_parts(
-        title, rows, [Part(heads, lambda row: (cell(row, text) for _, text in columns))], note, texts
-    )
+    part = Part(heads, lambda row: (cell(row, text) for _, text in columns))
+    return table_from_parts(title, rows, [part], note, texts, inputs)
 
 
 def judge_size(error: float | None, steps: Sequence[float]) -> str:
-    """Size of an error: small up to the first step, medium up to the second; large where there is no number."""
+    """Size of an error: small up to the first step, medium up to the second; large for a missing number."""
     return LARGE if error is None else (SMALL, MEDIUM, LARGE)[sum(abs(error) > step for step in steps)]
 
 

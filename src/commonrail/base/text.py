@@ -124,7 +124,7 @@ def shown_unit(value: float, unit: str) -> tuple[str, float]:
 
 
 def quantity_range(low: Any, high: Any, unit: str, digits: int = 4) -> str:
-    """Two values of an SI unit, whose unit is written once where it is that of both: "20 to 100 N/µm"."""
+    """Two values of an SI unit, whose unit is written once if they share it: "20 to 100 N/µm"."""
     first, second = "0" if low == 0.0 else quantity(low, unit, digits), quantity(high, unit, digits)
     amount, _, shown = first.partition(" ")
     return f"{amount if shown and second.endswith(f' {shown}') else first} to {second}"
@@ -148,7 +148,7 @@ def count_noun(count: int, noun: str, nouns: str = "") -> str:
 
 
 def several(values: Sequence[Any], text: Callable[[Any], str]) -> str:
-    """Values as a few texts beside one another, "+0.1 · 0.0", or as their range where there are more than three."""
+    """Values as a few texts in a row, "+0.1 · 0.0", or as their range where there are more than three."""
     finite = [v for value in values if (v := number(value)) is not None]
     if len(finite) > 3:
         return " to ".join(dict.fromkeys((text(min(finite)), text(max(finite)))))

@@ -1,8 +1,7 @@
 """Text with a unit ("160 MPa", "700 us") to SI floats and back: the edge of the project.
 
-Inside the project every number is an SI float. This module is the only user of pint. The units
-that the field writes every day are in `FACTORS`, so that an ordinary file never pays for
-building pint's registry (about 0.4 s); any other unit is handed to pint.
+Inside the project every number is an SI float. This module is the only user of pint. Everyday units are in `FACTORS`
+and avoid building pint's registry (about 0.4 s); any other unit is handed to pint.
 """
 
 from __future__ import annotations
@@ -85,7 +84,7 @@ FAST = {name: Scale(kind, factor) for kind, names in FACTORS.items() for name, f
     "degC": Scale("K", 1.0, 273.15)
 }
 
-# What a message calls a kind, or a unit that stands for some of it, and what it offers as an example.
+# Words for a kind of quantity, or for one of its units, and an example, for messages.
 NAMES: dict[str, tuple[str, str]] = {
     "1": ("a plain number", "0.8"),
     "m": ("a length", "0.2 mm"),
@@ -170,7 +169,7 @@ _WORDS = {
     "cc": "cm3",
     "cmm": "mm3",
 }
-# A pressure that is said to be absolute, or above that of the air: "bar(a)", "bar abs", "barg", "MPa (rel)".
+# Absolute or gauge pressure: "bar(a)", "bar abs", "barg", "MPa (rel)".
 _GAUGE = re.compile(r"([kMh]?Pa|m?bar)[ _]*\(?(?:(abs|a)|(gauge|rel|g))\.?\)?", re.I)
 ATMOSPHERE = 101325.0  # [Pa]
 _LOOKALIKES = str.maketrans({"μ": "u", "Ω": "ohm", "°": "deg", "−": "-", "·": " ", "⋅": " "})
@@ -181,7 +180,7 @@ def parse(text: str | float, unit: str, where: str = "") -> float:
 
     `text` is such as "160 MPa", "1600bar" or "-3 µm"; without a unit only where `unit` is "1". The value is finite, the
     one nearest to the decimal text. `where`, a file, line or key, opens the message of an error. Raises `InputError`
-    for what is no number, not finite, or has no unit, an unknown one or one of another kind.
+    if the number is missing or not finite, or the unit is missing, unknown or of another kind.
 
     Examples
     --------
@@ -230,7 +229,7 @@ def convert(value: Floats, source_unit: str, target_unit: str, where: str = "") 
 def convert(value: Any, source_unit: str, target_unit: str, where: str = "") -> Any:
     """Convert a float or an array, of any shape, from one unit to another.
 
-    Angular speed and frequency are told apart: rpm does not convert to Hz.
+    Angular speed and frequency are different kinds: rpm does not convert to Hz.
 
     Not-a-number passes through; an offset unit such as degC is a point on its scale. `where` as for `parse`. Raises
     `InputError` if a unit is unknown, or the two are of different kinds.
@@ -271,7 +270,7 @@ def fits(unit: str, kind: str) -> bool:
 def to_text(value: float, unit: str, digits: int = 6) -> str:
     """Write an SI value for a person to read, with the prefix that suits its size.
 
-    The value is in `unit`; any other unit than SI is kept as it stands, and "1" is not written. `parse` reads the text
+    The value is in `unit`; units other than SI are kept, and "1" is not written. `parse` reads the text
     back to the same significant `digits`.
 
     Examples
@@ -294,7 +293,7 @@ def to_text(value: float, unit: str, digits: int = 6) -> str:
 
 
 def _rescale(number: str, source: Scale, target: Scale) -> float:
-    """Scale in decimal, so that "215 um" is the float that 215e-6 is; may return an infinity."""
+    """Scale in decimal: "215 um" becomes the same float as 215e-6. The result may be infinite."""
     value = float(number)
     # Decimal refuses exponents that a float rounds to zero or to infinity.
     decimal = Decimal(number) if value and math.isfinite(value) else Decimal(value)
@@ -337,7 +336,7 @@ def _scale(unit: str) -> Scale | None:
 def _plain(unit: str) -> str:
     """Spelling of a unit in the table: powers as plain digits, single spaces, "/stroke" for what counts strokes."""
     text = unicodedata.normalize("NFKC", unit).translate(_LOOKALIKES)
-    # A power is a letter followed by digits; what is left of other powers is refused below.
+    # A power is a letter followed by digits; other spellings of powers are refused below.
     text = re.sub(r"(?<=[A-Za-z])\s*(?:\*\*|\^)\s*(?=-?\d)", "", text).replace("**", "^")
     text = re.sub(r"\s*/\s*", "/", " ".join(text.replace("*", " ").split()))
     return _STROKE.sub("/stroke", f"1{text}" if text.startswith("/") else text)

@@ -16,7 +16,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.calibration.parameter import Condition, Priors, broken, check_condition, distances_past
 from commonrail.calibration.space import Space
 from commonrail.data.base import DataSet, Term, is_metered
-from commonrail.data.registry import in_order, kinds_of
+from commonrail.data.registry import get_kinds, in_order
 from commonrail.data.simulator import Candidates, Simulator
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK, Status
@@ -209,7 +209,7 @@ class Objective:
         self.data = tuple(
             d if d.meter is None or is_metered(d, self.simulator) else d.changed(meter=None) for d in data_sets
         )
-        kinds = kinds_of(d.kind for d in self.data)
+        kinds = get_kinds(d.kind for d in self.data)
         groups = ((kind, [d for d in self.data if d.kind == kind.kind]) for kind in kinds)
         self._terms = [term for kind, group in groups for term in kind.terms(group, time_step)]
 

@@ -17,9 +17,9 @@ from commonrail.base.errors import one_line
 from commonrail.base.text import quantity
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study, longest_for_all
-from commonrail.data.base import DataSet, Role, Score, ToleratedData, widths_of
+from commonrail.data.base import DataSet, Role, Score, ToleratedData, value_widths
 from commonrail.data.curves.data import RateData
-from commonrail.data.quantities.baselines import SCALES, interpolate, places_of
+from commonrail.data.quantities.baselines import SCALES, interpolate, point_places
 from commonrail.data.quantities.data import QuantityData
 from commonrail.engine.operating_point import Trace
 from commonrail.engine.plan import reference_density
@@ -202,7 +202,7 @@ def signal_findings(data: DataSet) -> Iterator[Finding]:
         yield make_finding(
             "constant", data.name, f"all {len(values)} values of the {what} are {first}; check the column."
         )
-    elif np.sum(values * widths_of(data)) < 0.0 or -values.min() > values.max():
+    elif np.sum(values * value_widths(data)) < 0.0 or -values.min() > values.max():
         yield make_finding(
             "sign",
             data.name,
@@ -248,11 +248,11 @@ def unit_findings(data: Sequence[DataSet], injector: Injector) -> Iterator[Findi
     """Curves and maps, one of which mistakes mass for volume: their quantities differ by the fuel's density."""
     sets = [data_set for data_set in data if all(len(point.pulses) == 1 for point in data_set.points)]
     curves = [data_set for data_set in sets if isinstance(data_set, RateData)]
-    integrals = np.array([np.sum(data_set.measured * widths_of(data_set)) for data_set in curves])
+    integrals = np.array([np.sum(data_set.measured * value_widths(data_set)) for data_set in curves])
     for data_set in (data_set for data_set in sets if isinstance(data_set, QuantityData) and curves):
         map_points, at = (
-            np.column_stack([places_of(data_set), data_set.measured]),
-            np.concatenate([*map(places_of, curves)]),
+            np.column_stack([point_places(data_set), data_set.measured]),
+            np.concatenate([*map(point_places, curves)]),
         )
         mapped, is_extrapolated = interpolate(map_points, at, SCALES["√p"])
         inside = ~is_extrapolated & (mapped > QUANTITY_APART)

@@ -12,8 +12,8 @@ from commonrail.base.units import to_text
 from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.study import NO_JUDGEMENT, Judgement, Study
 from commonrail.data.base import DataSet, Role
-from commonrail.data.quantities.baselines import interpolated
-from commonrail.data.quantities.data import Fold, QuantityData, folded_record, levels, without
+from commonrail.data.quantities.baselines import interpolate_map
+from commonrail.data.quantities.data import Fold, QuantityData, fold_record, levels, without
 from commonrail.data.records import JUDGED, MEAN
 from commonrail.data.registry import of_role
 
@@ -99,7 +99,7 @@ def _left_out(study: Study, by: str, search: Search, note: Note) -> list[dict[st
             failed.append(text)
             continue
         _add(folds, splits, other, fit_data)
-    records = [folded_record(data, folds[data.name]) for data in maps if folds[data.name]]
+    records = [fold_record(data, folds[data.name]) for data in maps if folds[data.name]]
     return [{"by": by, "searches": len(folds[record["name"]]), "failed": failed, **record} for record in records]
 
 
@@ -111,5 +111,5 @@ def _add(folds: dict[str, list[Fold]], splits: dict[str, Any], refit: Calibratio
         scores: dict[str, Any] = {
             label: set_scores[names.index(held_out.name)] for label, set_scores in refit.scores.items()
         }
-        baseline = interpolated(held_out, [fit_map for fit_map in maps if fit_map.kind == held_out.kind])
+        baseline = interpolate_map(held_out, [fit_map for fit_map in maps if fit_map.kind == held_out.kind])
         folds[name].append(Fold(rows, scores[JUDGED], baseline, scores.get(MEAN)))

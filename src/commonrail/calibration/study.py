@@ -32,7 +32,7 @@ from commonrail.calibration.optimisers.registry import REGISTERED, registered
 from commonrail.calibration.parameter import Condition, Mark, Parameter, Priors, percent_bounds
 from commonrail.calibration.space import Space
 from commonrail.data.base import DataSet, Role
-from commonrail.data.metering import check_meters, meters_of
+from commonrail.data.metering import check_meters, list_meters
 from commonrail.data.quantities.data import QuantityData, levels
 from commonrail.data.registry import of_role
 from commonrail.engine.time_step import (
@@ -268,7 +268,7 @@ class Study(Shown):
     @property
     def meters(self) -> tuple[Meter, ...]:
         """Meters of the data, each once."""
-        return meters_of(self.data)
+        return list_meters(self.data)
 
     @property
     def synthetic(self) -> str:

@@ -29,7 +29,7 @@ from commonrail.calibration.study_keys import (
 )
 from commonrail.data.base import DataSet
 from commonrail.data.quantities.reading import AFTER_ENERGISING
-from commonrail.data.registry import kind_of
+from commonrail.data.registry import get_kind
 from commonrail.data.study_block import Context, DataModel
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.time_step import check_step
@@ -37,8 +37,8 @@ from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, para
 from commonrail.physics.law import Domain, Q
 from commonrail.physics.meters import QUANTITIES, Meter, parameter_name
 from commonrail.readers.injector import load_injector, load_meters
-from commonrail.readers.location import Place, Reach, located
-from commonrail.readers.meters import Amount, MeterHead, installed_meters, meters_of_tables
+from commonrail.readers.location import Place, Reach, locate_errors
+from commonrail.readers.meters import Amount, MeterHead, meters_of_tables, read_installed_meters
 from commonrail.readers.toml import UNSTATED, parse_toml, read_model, read_model_file, read_toml
 
 MOST_SAMPLES = 3_000_000  # of curves and courses; a course takes 64 bytes for each
@@ -97,10 +97,10 @@ def _study(file: Path, model: StudyModel, at: Place, reach: Reach, text: str) ->
     elif not model.parameter:
         raise (at / "parameter").error("this key is missing; add [[parameter]] tables, or name a type")
     injector = _started(injector, model, at)
-    tables = {**installed_meters((block.meter for block in model.data), model.meters), **model.meters}
+    tables = {**read_installed_meters((block.meter for block in model.data), model.meters), **model.meters}
     free = free_parameters(tables, at / "meters")
     space = _space(model.parameter, model.constraints, injector, at, free)
-    with located(at / "time_step"):
+    with locate_errors(at / "time_step"):
         time_step = step_for_all(injector, space) if model.time_step is None else check_step(model.time_step)
     meters = meters_of_tables(tables, at / "meters")
     data = _data(model.data, Context(injector, time_step, reach, at, meters), at / "data")
@@ -113,7 +113,7 @@ def _study(file: Path, model: StudyModel, at: Place, reach: Reach, text: str) ->
     method = method_of(model.optimiser, space, at / "optimiser")
     conditions = _conditions(model.condition, injector, at / "condition")
     logo = "" if model.logo is None else read_logo(reach.path(file.parent, model.logo, at / "logo"), at / "logo")
-    with located(at):
+    with locate_errors(at):
         return Study(
             model.title,
             injector,
@@ -140,7 +140,7 @@ def named_injector(text: str, folder: Path, reach: Reach, at: Place) -> Injector
     """Injector that a file in a folder names: one of the catalogue, or a TOML file."""
     if text.endswith(".toml"):
         return load_injector(reach.path(folder, text, at), reach)
-    with located(at):
+    with locate_errors(at):
         return load_injector(text, reach)
 
 
@@ -175,7 +175,7 @@ def _check_own(name: str, injector: Injector, at: Place) -> None:
             f"{injector.name} is a {injector.variant.actuation.value} injector and has no {name}"
             f"{nearest(name, injector.values)}"
         )
-    with located(at / "name"):
+    with locate_errors(at / "name"):
         injector.check_read([name])
 
 
@@ -190,11 +190,11 @@ def _prior(model: ParameterModel, at: Place) -> Prior | None:
     if model.prior is None:
         return None
     unit = parameter_quantities()[model.name].unit
-    with located(at / "prior" / "value"):
+    with locate_errors(at / "prior" / "value"):
         value = parse(model.prior.value, unit)
-    with located(at / "prior" / "sigma"):
+    with locate_errors(at / "prior" / "sigma"):
         sigma = parse(model.prior.sigma, unit)
-    with located(at / "prior"):
+    with locate_errors(at / "prior"):
         return Prior(value, sigma, model.prior.source)
 
 
@@ -210,7 +210,7 @@ def _data(models: Sequence[DataModel], context: Context, at: Place) -> tuple[Dat
     data_sets: list[DataSet] = []
     samples = 0
     for i, model in enumerate(models):
-        kind = kind_of(model.kind)
+        kind = get_kind(model.kind)
         noise = model.noise.read(kind.sigma_unit, at[i] / "noise")
         for read in kind.read_all(model, context._replace(at=at[i])):
             stated = noise.sigma is not None or bool(noise.shots)
@@ -250,10 +250,10 @@ def method_of(stated: Optimisers, space: Space, at: Place) -> Method:
     not suit the space.
     """
     values = {key: tuple(value) if isinstance(value, list) else value for key, value in stated.settings.items()}
-    with located(at):
+    with locate_errors(at):
         settings = stated.optimiser.settings(**values)
     for key, check in stated.optimiser.checks.items():
-        with located(at / key):
+        with locate_errors(at / key):
             check(settings, space)
     return Method(settings, stated.polish, stated.polish_iterations, stated.stop_when_converged)
 
@@ -267,14 +267,14 @@ def _space(
     rows = sum(sign in "<>" for text in texts for sign in text)
     if rows > MOST_CONSTRAINTS:
         raise (at / "constraints").error(f"there are {rows} relations, and at most {MOST_CONSTRAINTS} are read")
-    with located(at):
+    with locate_errors(at):
         return Space(parameters, texts)
 
 
 def _conditions(models: list[ConditionModel], injector: Injector, at: Place) -> tuple[Condition, ...]:
     conditions = []
     for i, model in enumerate(models):
-        with located(at[i]):
+        with locate_errors(at[i]):
             for rail, time in itertools.product(model.rail_pressure, model.energising_time):
                 horizon = time + AFTER_ENERGISING
                 point = OperatingPoint(rail, time, model.cylinder_pressure, model.return_pressure, horizon=horizon)
@@ -289,7 +289,7 @@ def _with_products(space: Space, texts: list[str], injector: Injector, data: Seq
         return space
     fixed_values = {name: value for name, value in injector.values.items() if name not in space.names}
     largest = max(point.initial_pressures()[0] for d in data for point in d.points)
-    with located(at / "products"):
+    with locate_errors(at / "products"):
         return replace(
             space, products=parse_products(texts, space.names, {**fixed_values, "rail_pressure_max": largest})
         )
@@ -303,7 +303,7 @@ def _parameter(model: ParameterModel, injector: Injector, at: Place) -> Paramete
     reference = injector.values[model.name] if model.reference is None else model.reference
     lower, upper = _bounds(model, reference, at)
     source = _origin(model, injector.sources.get(model.name, UNSTATED))
-    with located(at):
+    with locate_errors(at):
         parameter = Parameter(
             model.name,
             reference,
@@ -325,7 +325,7 @@ def _bounds(model: ParameterModel, reference: float, at: Place) -> tuple[float, 
     """Lower and upper bound [SI] by one of the two ways to state them."""
     below, above, lower, upper = model.below, model.above, model.lower, model.upper
     if below is not None and above is not None and lower is upper is None:
-        with located(at):
+        with locate_errors(at):
             return percent_bounds(reference, below, above, model.name)
     if lower is not None and upper is not None and below is above is None:
         return lower, upper
@@ -438,7 +438,7 @@ def _of_meter(name: str, amount: Amount, q: Q, default: Source, at: Place) -> Pa
     source, start = amount.origin(default), amount.at_start(q)
     assert amount.lower is not None
     assert amount.upper is not None
-    with located(at):
+    with locate_errors(at):
         parameter = Parameter(
             name,
             start,
@@ -461,5 +461,5 @@ def _prior_of_meter(amount: Amount, start: float, at: Place) -> Prior | None:
     if amount.prior is None:
         return None
     value = start if amount.prior.value is None else amount.prior.value
-    with located(at):
+    with locate_errors(at):
         return Prior(value, amount.prior.sigma, amount.prior.source)

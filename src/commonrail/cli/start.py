@@ -24,11 +24,11 @@ def main() -> None:
     # A start, imports and all, makes 150,000 objects that stay: searches for garbage among them take 90 ms.
     gc.set_threshold(300_000)
     from commonrail.base.hooks import end_at_second, set_compiling_listener, tell_notes
-    from commonrail.cli.console import compiling, say, say_of_ending
+    from commonrail.cli.console import compiling, say_of_ending, say_once
     from commonrail.cli.grammar import cli
 
     set_compiling_listener(compiling)
-    tell_notes(say)
+    tell_notes(say_once)
     end_at_second(say_of_ending)
     try:
         cli(prog_name="commonrail")

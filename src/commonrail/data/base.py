@@ -50,7 +50,7 @@ class Term(NamedTuple):
     to_horizon: bool = False  # simulate to the horizon of each point, where it else ends once the injector is at rest
 
 
-def term_of(
+def make_term(
     data: DataSet,
     values: Callable[[Batch, Candidates], Floats],
     failed: Callable[[Ints], Bools],
@@ -146,7 +146,7 @@ class DataSet(ABC):
     # all single injections that a candidate takes in a search; set by the kind, as the next two
     simulated_points: tuple[OperatingPoint, ...]
     measured: Floats  # (n,)
-    judged: Bools  # (n,): values of the kind itself; not those that stand for another figure, such as a dead time
+    judged: Bools  # (n,): values of the kind itself, without substitutes such as dead times
     # (n,) or for all: density [kg/m³] that made volumes of masses; NaN where volumes were measured
     mass_density: Floats | float
     # (n + 1,): bounds [s] of the samples, if the values are a course in time; None if there is one for each point
@@ -159,7 +159,7 @@ class DataSet(ABC):
     @classmethod
     @abstractmethod
     def read_all(cls, model: Any, context: Context) -> Sequence[Self]:
-        """Read the data sets that a block of a study file holds, those that it asks to hold out among them.
+        """Read the data sets that a block of a study file holds, held-out ones included.
 
         `model`: the block, of the kind's own `model`. Raises `InputError` if a file or a value cannot be read, or makes
         no sense, and `ConfigurationError` if values contradict one another, or the data do not fit the injector.
@@ -252,12 +252,12 @@ def is_metered(data: DataSet, simulator: Simulator) -> bool:
     return data.meter is not None and not (data.meter.neutral and not simulator.varies(data.meter))
 
 
-def widths_of(data: DataSet) -> Floats:
+def value_widths(data: DataSet) -> Floats:
     """Time [s] that each value counts for, or 1, (n,)."""
     return np.ones(len(data.measured)) if data.bounds is None else np.diff(data.bounds)
 
 
-def share_of(error: float, level: float) -> float:
+def relative_to(error: float, level: float) -> float:
     """Error over a level, 0 or greater; NaN for a level that is not."""
     return float(max(error, 0.0) / level) if level > 0.0 else float("nan")
 
@@ -280,7 +280,7 @@ class Past(NamedTuple):
 def past_stops(simulator: Simulator, point: OperatingPoint, values: Floats) -> Past:
     """Distances of candidates beyond the stops of needle and valve at an operating point.
 
-    The stops touch at `plunger_needle.stop_lift` and `valve.lift` of each candidate; they give way as springs, so that
+    The stops touch at `plunger_needle.stop_lift` and `valve.lift` of each candidate; as they are springs,
     a part that rests on its stop lies beyond it.
 
     `values` (candidates, names) in [SI].

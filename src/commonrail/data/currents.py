@@ -41,7 +41,7 @@ class Reading(NamedTuple):
     error: float
 
 
-def flow_of(time: Floats, value: Floats) -> tuple[Floats, Bools]:
+def find_flow(time: Floats, value: Floats) -> tuple[Floats, Bools]:
     """Current less its level at rest (samples,) [A], and whether it flows, without pauses of noise."""
     low = value[value <= 0.5 * (value.min() + value.max())]
     current = value - np.median(low)
@@ -60,7 +60,7 @@ def read_energisings(time: Floats, value: Floats) -> list[Reading]:
     time, value = (array[: len(array) // many * many].reshape(-1, many).mean(axis=1) for array in (time, value))
     if len(time) < 2:
         return []  # shorter than two averages: no edge to be read
-    current, on = flow_of(time, value)
+    current, on = find_flow(time, value)
     ends = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]))).reshape(-1, 2).tolist()
     complete = [(first, end) for first, end in ends if first > 0 and end < len(time)]
     rises = [_rise(time, current, first, end) for first, end in complete]

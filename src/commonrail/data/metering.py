@@ -1,4 +1,4 @@
-"""Meters of data sets: those that several share, and checks of what they say together."""
+"""Meters of data sets, shared by several, and checks of their consistency."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from commonrail.physics.meters import QUANTITIES, Meter, is_of_meter, parts_of
 from commonrail.readers.toml import UNSTATED
 
 
-def meters_of(data: Iterable[DataSet]) -> tuple[Meter, ...]:
+def list_meters(data: Iterable[DataSet]) -> tuple[Meter, ...]:
     """Meters of data sets, each once, in their order."""
     return tuple({d.meter.name: d.meter for d in data if d.meter is not None}.values())
 
@@ -29,7 +29,7 @@ def check_meters(injector: Injector, data: Sequence[DataSet], limits: Mapping[st
     Raises `ConfigurationError` if two meters have one name, a temperature leaves the fuel's range, a bound leaves the
     domain of its quantity, or no data set depends on a free quantity.
     """
-    meters = {meter.name: meter for meter in meters_of(data)}
+    meters = {meter.name: meter for meter in list_meters(data)}
     for d in data:
         if d.meter is not None and d.meter != meters[d.meter.name]:
             raise ConfigurationError(
@@ -71,7 +71,7 @@ def _check_temperatures(meter: Meter, temperatures: Sequence[float], injector: I
 
 
 def meter_records(meters: Sequence[Meter]) -> dict[str, Any]:
-    """JSON-able meters under the key "meters"; nothing if there are none."""
+    """JSON-able meters under the key "meters"; empty without meters."""
     records = [
         {
             "name": meter.name,

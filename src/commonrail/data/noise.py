@@ -16,7 +16,7 @@ from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.units import parse
 from commonrail.physics.injector import FUEL_TEMPERATURE, parameter_quantities
 from commonrail.physics.meters import QUANTITIES, is_of_meter
-from commonrail.readers.location import Place, located
+from commonrail.readers.location import Place, locate_errors
 from commonrail.readers.toml import FileModel, Unit
 
 # Quantities of the bench that may be uncertain by their own names; an injector's parameter is one by its dotted name.
@@ -43,7 +43,7 @@ class Correlation(StrEnum):
     """Correlation of the noise along a course in time."""
 
     AUTO = "auto"
-    """Autoregressive, of the order up to 15 that has the least AIC; white for values that are no course in time."""
+    """Autoregressive, of the order up to 15 that has the least AIC; white for values that are not a time series."""
 
     WHITE = "white"
     AUTOREGRESSIVE = "autoregressive"
@@ -73,16 +73,16 @@ class Noise:
         Time over which the discrepancy is correlated [s]: along a course, or between the energising times of a map;
         0 for none.
     pressure_length : float
-        Rail pressure over which the discrepancy of a map is correlated [Pa]; infinite for all pressures alike.
+        Rail pressure over which the discrepancy of a map is correlated [Pa]; infinite for full correlation.
     uncertain : mapping of str to float
-        Standard deviations [SI] of what is not fitted and not exactly known: delay, gain, offset, quantity_offset and
+        Standard deviations [SI] of uncertain values that are not fitted: delay, gain, offset, quantity_offset and
         cutoff of the meter, fuel_temperature, or an injector's parameter by its dotted name.
     relative : float
         Share of the rate that the standard deviation of a curve grows by: it is sigma + relative · rate. Shots scatter
         in proportion to the rate. Where no sigma is stated, the residuals tell whether it grows.
     scatter : float
         Standard error of the whole curve as a share of it, such as that of a mean of shots whose quantities scatter:
-        it is common to all samples, so that no noise of single samples shows it.
+        common to all samples, and invisible in the noise of single samples.
     scatter_freedom : float
         Degrees of freedom of `scatter`: shots − 1; infinite where it is exactly known.
 
@@ -156,7 +156,7 @@ class Noise:
 def uncertain_unit(key: str) -> str:
     """SI unit of a quantity that may be uncertain.
 
-    Raises `ConfigurationError` if there is none of that name.
+    Raises `ConfigurationError` for an unknown name.
     """
     if key in OF_METER:
         return QUANTITIES[key].unit
@@ -191,7 +191,7 @@ MOST_UNCERTAIN = 20
 
 
 class NoiseModel(FileModel):
-    """Noise of a data set; what is left out is estimated from the residuals, or zero."""
+    """Noise of a data set; omitted keys are estimated from the residuals, or zero."""
 
     law: Law = Field(default=Law.AUTO, strict=False)
     correlation: Correlation = Field(default=Correlation.AUTO, strict=False)
@@ -209,17 +209,17 @@ class NoiseModel(FileModel):
         `unit`: SI unit of a standard deviation of the kind's noise. Raises `InputError` and `ConfigurationError` if a
         number has another unit or makes no sense; the message names the key.
         """
-        sigma, relative = (None, 0.0) if self.sigma is None else _stated_deviation(self.sigma, unit, at / "sigma")
-        discrepancy = _read(self.discrepancy, unit, at / "discrepancy") if self.discrepancy else 0.0
-        with located(at):
+        sigma, relative = (None, 0.0) if self.sigma is None else _read_deviation(self.sigma, unit, at / "sigma")
+        discrepancy = _read_number(self.discrepancy, unit, at / "discrepancy") if self.discrepancy else 0.0
+        with locate_errors(at):
             return Noise(**dict(self) | {"sigma": sigma, "relative": relative, "discrepancy": discrepancy})
 
 
-def _stated_deviation(item: str | float | int, unit: str, at: Place) -> tuple[float, float]:
+def _read_deviation(item: str | float | int, unit: str, at: Place) -> tuple[float, float]:
     """Standard deviation at a rate of zero and the share of the rate that is added, as in "0.02 mm3/ms + 1 %"."""
     first, plus, second = item.rpartition(" + ") if isinstance(item, str) else (item, "", "")
     if not plus:
-        return _read(item, unit, at), 0.0
+        return _read_number(item, unit, at), 0.0
     if unit == "1":
         raise at.error(
             f'"{item}" has two parts, and a sigma here is a multiple of the tolerance; state one number, and the part '
@@ -227,9 +227,9 @@ def _stated_deviation(item: str | float | int, unit: str, at: Place) -> tuple[fl
         )
     if "%" not in second:
         raise at.error(f'the second part of "{item}" must be percent of the rate, as in "0.02 mm3/ms + 1 %"')
-    return _read(first, unit, at), _read(second, "1", at)
+    return _read_number(first, unit, at), _read_number(second, "1", at)
 
 
-def _read(item: str | float | int, unit: str, at: Place) -> float:
-    with located(at):
+def _read_number(item: str | float | int, unit: str, at: Place) -> float:
+    with locate_errors(at):
         return parse(item, unit)

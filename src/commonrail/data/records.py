@@ -28,7 +28,7 @@ JUDGED = "best"  # the label whose errors are told
 MEASURED = "measured"
 
 
-def origin_of(data: Record) -> str:
+def origin_word(data: Record) -> str:
     """Word for the values of a data set: synthetic ones are never shown as measured."""
     return "synthetic" if data.get("synthetic") else "measured"
 
@@ -39,7 +39,7 @@ def record_head(kind: str, title: str, synthetic: str) -> dict[str, Any]:
     return {"schema": SCHEMA, "kind": kind, **head, "title": title, "synthetic": synthetic}
 
 
-def record_of(kind: str, result: Any) -> dict[str, Any]:
+def make_record(kind: str, result: Any) -> dict[str, Any]:
     """Record that a folder keeps of a typed result with a title: its head, and its fields by `to_record`."""
     record: dict[str, Any] = to_record(result)
     return record_head(kind, result.title, result.synthetic) | record

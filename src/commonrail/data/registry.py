@@ -10,9 +10,9 @@ from commonrail.data.base import DataSet, Role
 
 
 def find_kind(name: str) -> type[DataSet] | None:
-    """Kind of a name, that ships or is installed; None if there is none.
+    """Kind of a name, shipped or installed, else None.
 
-    Raises `PluginError` if that of an installed package cannot be loaded, derives from no `DataSet`, or has another
+    Raises `PluginError` if the kind of an installed package cannot be loaded, derives from no `DataSet`, or has another
     name.
     """
     entry = registry.find("data", name)
@@ -24,19 +24,19 @@ def find_kind(name: str) -> type[DataSet] | None:
     return kind_class
 
 
-def kind_of(name: str) -> type[DataSet]:
+def get_kind(name: str) -> type[DataSet]:
     """Kind of a name; see `find_kind`.
 
-    Raises `InputError` if there is none: the package that had it is not installed.
+    Raises `InputError` for an unknown kind: its package is not installed.
     """
     if (kind := find_kind(name)) is None:
         raise InputError(f'There is no kind of data "{name}"; install the package that has it.')
     return kind
 
 
-def kinds_of(names: Iterable[str]) -> list[type[DataSet]]:
-    """Kinds of these names, each once: those that ship in their order, those of installed packages by name behind."""
-    return [kind_of(name) for name in sorted(set(names), key=_place)]
+def get_kinds(names: Iterable[str]) -> list[type[DataSet]]:
+    """Kinds of these names, each once: shipped kinds in their order, then installed ones by name."""
+    return [get_kind(name) for name in sorted(set(names), key=_place)]
 
 
 def _place(name: str) -> tuple[int, str]:
@@ -45,7 +45,7 @@ def _place(name: str) -> tuple[int, str]:
 
 
 def in_order(data: Sequence[DataSet]) -> tuple[DataSet, ...]:
-    """Data sets by kind, in the order of `kinds_of`; those of one kind stay in theirs."""
+    """Data sets by kind, in the order of `get_kinds`; those of one kind stay in theirs."""
     return tuple(sorted(data, key=lambda data_set: _place(data_set.kind)))
 
 

@@ -15,13 +15,13 @@ class Averaged(NamedTuple):
     """Means of repeated values."""
 
     mean: Floats  # (points, …)
-    counts: IndexArray  # (points,): values behind each mean
+    counts: IndexArray  # (points,): values in each mean
     sigma: float | None  # standard error of a mean, root mean square over all; None where nothing is repeated
     # degrees of freedom of `sigma`: repeats less groups, times the independent samples of a course; 0 without one
     freedom: float = 0.0
 
 
-def groups_of(places: Floats, same: float) -> list[IndexArray]:
+def group_rows(places: Floats, same: float) -> list[IndexArray]:
     """Rows of equal places, in the order of their first rows.
 
     `places` (n, k): positive coordinates of each row, such as rail pressure and energising time. `same`: relative
@@ -38,7 +38,7 @@ def groups_of(places: Floats, same: float) -> list[IndexArray]:
     return [np.flatnonzero(which.reshape(-1) == i) for i in np.argsort(first)]
 
 
-def averaged(values: Floats, groups: list[IndexArray], scale: Floats | float = 1.0) -> Averaged:
+def average_groups(values: Floats, groups: list[IndexArray], scale: Floats | float = 1.0) -> Averaged:
     """Means of groups of rows.
 
     `values` is (n, …). `groups`: rows of each mean. `scale` (n,) or float: unit of the scatter, for each row.
@@ -58,7 +58,7 @@ def averaged(values: Floats, groups: list[IndexArray], scale: Floats | float = 1
 
 
 def _live(deviations: Floats, values: Floats) -> Floats:
-    """Deviations without the samples of courses that all rows state as exactly zero: these are no samples of the noise.
+    """Deviations without the samples of courses that all rows state as exactly zero: they hold no noise.
 
     Both arrays are (n, …).
     """
@@ -69,7 +69,7 @@ def _live(deviations: Floats, values: Floats) -> Floats:
 def _independent(deviations: Floats, spare: int) -> float:
     """Independent samples of a course in the mean of its squares: n/(1 + 2 Σ (1 − l/n) r_l²), by Satterthwaite.
 
-    All lags with an autocorrelation r_l that is more than chance count: that of a ringing meter passes through zero
+    All lags with an autocorrelation r_l beyond chance count: for a ringing meter r_l passes through zero
     and returns.
 
     The deviations (rows, …) are those of each course from its mean, numbers courses of one sample; `spare` of the

@@ -32,7 +32,7 @@ class Context(NamedTuple):
     time_step: float  # [s]
     reach: Reach  # folders where its files may lie
     at: Place  # of its block in the study file
-    meters: Mapping[str, Meter] = {}  # those that the study describes, by name
+    meters: Mapping[str, Meter] = {}  # described in the study, by name
 
     def meter(self, name: str | None) -> Meter | None:
         """Meter that a block names, or None; `InputError` if the study does not describe it."""
@@ -93,7 +93,7 @@ Name = Annotated[str, Field(min_length=1, max_length=LONGEST_NAME), AfterValidat
 
 
 class TraceModel(FormModel):
-    """A course in time from a file, by default that of the data set."""
+    """A time series from a file, by default the data set's file."""
 
     column: str
     file: str | None = None

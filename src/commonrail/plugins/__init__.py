@@ -5,8 +5,8 @@ from __future__ import annotations
 # Groups whose shipped parts are in lists of the core, with their names.
 ELSEWHERE = {
     "features": "commonrail.plugins.features.table:FEATURES",
-    "fuels": "commonrail.readers.fuel:shipped_fuels",
-    "injectors": "commonrail.readers.injector:shipped_injectors",
+    "fuels": "commonrail.readers.fuel:list_shipped_fuels",
+    "injectors": "commonrail.readers.injector:list_shipped_injectors",
     "optimisers": "commonrail.calibration.optimisers.registry:shipped_methods",
 }
 SHIPPED: dict[str, dict[str, str]] = {
@@ -25,7 +25,7 @@ SHIPPED: dict[str, dict[str, str]] = {
         "test plan": "commonrail.plugins.plans.page:VIEW",
     },
     "optimisers": {"multi-start least squares": "commonrail.plugins.multistart:REGISTERED"},
-    "readers": {  # by what `format_of` returns; all else is a text
+    "readers": {  # by what `find_format` returns; all else is a text
         "csv": "commonrail.readers.table_sheet:open_table",
         "txt": "commonrail.readers.table_sheet:open_table",
         "tsv": "commonrail.readers.table_sheet:open_table",

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
 from commonrail.base.child import SAFE_PATH
 from commonrail.base.errors import InputError, StudyError
 from commonrail.base.hooks import note
-from commonrail.workers.pool import SLICE, Refused, check_count, reply, shielded, unchanged, waited
+from commonrail.workers.pool import SLICE, Refused, check_count, reply, restore_variables, shield_children, waiting_time
 from commonrail.workers.task import Answer, Lost, Outcome, Package, Task, failure
 
 if TYPE_CHECKING:
@@ -207,10 +207,12 @@ def _local(count: int, opened: ExitStack) -> Client:
         raise InputError(_MISSING.format(package="cryptography")) from None
     opened.enter_context(config.set({"distributed.deploy.lost-worker-timeout": f"{RETURN:.0f} s"}))
     folder = opened.enter_context(tempfile.TemporaryDirectory(prefix="commonrail-", ignore_cleanup_errors=True))
-    opened.enter_context(unchanged(SAFE_PATH))  # Dask sets what its workers need in this process, and leaves it there
+    opened.enter_context(
+        restore_variables(SAFE_PATH)
+    )  # Dask sets what its workers need in this process, and leaves it there
     # the scheduler's web server, on loopback, has no page; workers that Dask starts again run no module of this folder
     settings = {"distributed.scheduler.http.routes": [], f"distributed.nanny.pre-spawn-environ.{SAFE_PATH}": "1"}
-    with shielded(), quiet(), config.set(settings):
+    with shield_children(), quiet(), config.set(settings):
         cluster = distributed.LocalCluster(
             n_workers=count,
             threads_per_worker=1,
@@ -338,7 +340,7 @@ class Cluster:
         try:
             future = self._done.get(timeout=SLICE)
         except queue.Empty:
-            yield from self._after_silence(waited(start))
+            yield from self._after_silence(waiting_time(start))
             return
         sent = self._open.pop(future, None)
         if sent is None:  # cancelled, and sent again

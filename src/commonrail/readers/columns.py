@@ -27,8 +27,8 @@ from commonrail.readers.toml import FileModel, fault
 class FileForm(NamedTuple):
     """Form of a file, as stated by whoever reads it.
 
-    The encoding and the decimal sign, "." or ",", are those of a text, the sheet that of a workbook; empty ones
-    stand for UTF-8, for a point unless it may separate thousands, and for the first sheet that is not empty.
+    The encoding and the decimal sign, "." or ",", apply to a text, the sheet to a workbook. Empty
+    means UTF-8, a point unless it may separate thousands, and the first sheet that is not empty.
     """
 
     encoding: str = ""
@@ -45,7 +45,7 @@ _NOT_OF_FILES = ("idna", "punycode", "raw-unicode-escape", "undefined", "unicode
 def check_encoding(name: str, at: str) -> str:
     """Return the name of an encoding of texts.
 
-    Raises `InputError` if there is none of that name; `at` is the place where it was stated.
+    Raises `InputError` for an unknown name; `at` is the place where it was stated.
     """
     try:
         return _known_encoding(name)
@@ -90,7 +90,7 @@ class Column(NamedTuple):
     domain: Domain = Domain.ANY  # values outside are refused
     # whether every cell must hold a number; if not, an empty one is NaN, and without a domain also the word "nan"
     required: bool = True
-    otherwise: str = ""  # unit where the file has none and none is stated; empty refuses it
+    otherwise: str = ""  # unit if neither the file nor the caller states one; empty refuses the file
     stating: str = "the study"  # where a unit can be stated, as an option; empty if nowhere but in the file
 
     @property
@@ -134,7 +134,7 @@ class Sheet(Protocol):
         """Content of columns in the units of the file; once only, unless `independent_columns`."""
 
 
-def unit_of(sheet: Sheet, name: str) -> str:
+def find_unit(sheet: Sheet, name: str) -> str:
     """Unit of a column as the file states it; empty if it does not, or the format has no `unit`."""
     unit = getattr(sheet, "unit", None)
     return "" if unit is None else str(unit(name))
@@ -168,9 +168,9 @@ _TIME = re.compile(r"(?:.*[^a-z])?(?:time|zeit|t)", re.I)
 
 
 def name_and_unit(cell: str) -> tuple[str, str]:
-    """Name and unit of a cell of a header; the unit is empty if there is none.
+    """Name and unit of a cell of a header; the unit may be empty.
 
-    It is in square brackets, ``rate [mm3/ms]``; a unit of every day may also be in round ones or behind the name,
+    It is in square brackets, ``rate [mm3/ms]``; a unit of every day may also be in round ones or after the name,
     ``rate (mm3/ms)``, ``ET us``, ``p / bar``, unless a number is before it, as in "400 bar".
     """
     if cell.endswith("]") and "[" in cell:
@@ -263,7 +263,7 @@ def find_headings(sheet: Sheet, columns: Sequence[Column]) -> dict[str, str]:
     A name as it is counts before a usual heading for it, and that before the only column with such a unit.
     """
     exact = {name: name for name in sheet.names}
-    exact |= {f"{name} [{unit}]": name for name in sheet.names if (unit := unit_of(sheet, name))}
+    exact |= {f"{name} [{unit}]": name for name in sheet.names if (unit := find_unit(sheet, name))}
     headings = {column.name: exact[column.name] for column in columns if column.name in exact}
     columns = [
         column for column in columns if column.name in headings or not (sheet.independent_columns and column.increasing)
@@ -275,7 +275,7 @@ def find_headings(sheet: Sheet, columns: Sequence[Column]) -> dict[str, str]:
     for column in columns:
         if column.name not in headings and column.name in BY_UNIT:
             free = [name for name in sheet.names if name not in headings.values() and BAND not in name]
-            fitting = [name for name in free if any(fits(unit_of(sheet, name), kind) for kind in column.units)]
+            fitting = [name for name in free if any(fits(find_unit(sheet, name), kind) for kind in column.units)]
             if len(fitting) == 1:
                 headings[column.name] = fitting[0]
     return {column.name: headings[column.name] for column in columns if column.name in headings}
@@ -318,7 +318,7 @@ class ChannelSheet:
         self.names = list(self._channels)
 
     def unit(self, name: str) -> str:
-        """Unit of a channel, empty if the file has none."""
+        """Unit of a channel, or empty."""
         return self._channels[name].unit
 
     def remark(self, name: str) -> str:

@@ -1,4 +1,4 @@
-"""Format of a data file: told by its first bytes, and only where these are of no format by the ending of its name."""
+"""Format of a data file: recognised by its first bytes, else by the ending of its name."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _READABLE = {
     b"TDSm": "tdms",
     b"KONSERVIERUNG_FORMAT": "dcm",
 }
-# Bytes further behind of formats that are read: comments, or a head that is common to XML, come first.
+# Later bytes of formats that are read: comments, or a head that is common to XML, come first.
 _READABLE_INSIDE = {b"\nKONSERVIERUNG_FORMAT": "dcm", b"<MSRSW": "cdfx", b"<tableData": "table"}
 _HDF5, _ZIP = b"\x89HDF\r\n\x1a\n", b"PK\x03\x04"
 # First bytes of formats that are not read, by their names.
@@ -35,7 +35,7 @@ _UNREAD = {
     b"LOGG": "BLF",
     b"%PDF": "PDF",
 }
-# Bytes further behind by which a format is known.
+# Later bytes by which a format is known.
 _INSIDE = {b"WAVEDESC": "LeCroy", b":WFM#": "Tektronix", b"<usi:tdm": "DIAdem", b"urn:schemas-microsoft-com": "XML"}
 # Binary formats without such bytes, by their endings.
 _ENDINGS = {"nc": "NetCDF", "xls": "old Excel", "ifl": "IFL", "tdx": "DIAdem"}
@@ -47,7 +47,7 @@ _CURES = {
 }
 
 
-def format_of(path: Path) -> str:
+def find_format(path: Path) -> str:
     """Ending under which a reader of the file's format is registered.
 
     It is the ending of the name in small letters where the first bytes are those of no known format, also if there is
@@ -65,7 +65,7 @@ def format_of(path: Path) -> str:
 
 
 def unread_format(path: Path) -> str:
-    """Name of the format of a file that has no reader; empty for a text, or if there is no such file."""
+    """Name of the format of a file that has no reader; empty for a text or a missing file."""
     first, ending = _first_bytes(path), path.suffix.lower().removeprefix(".")
     if name := next((name for start, name in _UNREAD.items() if first.lstrip().startswith(start)), ""):
         return name

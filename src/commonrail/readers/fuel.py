@@ -26,11 +26,11 @@ _CATALOGUE = Catalogue("commonrail.physics", "catalogue/fuels", 'There is no fue
 
 
 def fuel_catalogue() -> list[str]:
-    """Names that `load_fuel` knows, those of installed packages behind those that ship."""
+    """Names that `load_fuel` knows: shipped fuels, then those of installed packages."""
     return _CATALOGUE.names()
 
 
-def shipped_fuels() -> list[str]:
+def list_shipped_fuels() -> list[str]:
     """Names of the fuels that ship, sorted."""
     return _CATALOGUE.shipped()
 
@@ -58,11 +58,11 @@ def load_fuel(source: str | Path) -> Fuel:
 
 def catalogue_fuel(name: str) -> Fuel:
     """Fuel of the catalogue; errors are those of `load_fuel`."""
-    return _of_catalogue(plain_text(name, "name of a fuel"))
+    return _load_cached(plain_text(name, "name of a fuel"))
 
 
 @functools.cache
-def _of_catalogue(name: str) -> Fuel:
+def _load_cached(name: str) -> Fuel:
     file = f"catalogue/{name}.toml"
     return parse_fuel(parse_toml(_CATALOGUE.text(name), file), name, file)
 

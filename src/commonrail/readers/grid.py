@@ -1,7 +1,7 @@
 """Cells of a table from anywhere: a text, or a sheet of a workbook.
 
-Encoding, separator and decimal sign are detected unless they are stated, and `Grid.said` states what was taken, so that
-whoever asked can check it.
+Encoding, separator and decimal sign are detected unless they are stated. `Grid.said` reports the choices for the user
+to check.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE, read_plain
 from commonrail.readers.columns import PLAIN, FileForm
-from commonrail.readers.formats import format_of, refuse_unread
+from commonrail.readers.formats import find_format, refuse_unread
 from commonrail.readers.guarded import read_apart
 from commonrail.readers.location import Shape
 from commonrail.readers.text import (
@@ -26,9 +26,9 @@ from commonrail.readers.text import (
     NumberedRows,
     find_decimal_comma,
     find_separator,
-    lines_of,
-    number_of,
+    number_lines,
     read_encoded,
+    read_number,
     split_lines,
 )
 
@@ -49,7 +49,7 @@ class Grid:
 
     path: Path
     read: Callable[[], NumberedRows]  # goes through the rows
-    said: tuple[str, ...]  # what was taken for encoding, separator, decimal sign and sheet
+    said: tuple[str, ...]  # encoding, separator, decimal sign and sheet in words
     comma: bool  # whether numbers that are texts have decimal commas
     comments: tuple[str, ...] = ()  # without their sign
     word: str = "line"  # for a row in messages
@@ -69,7 +69,7 @@ class Grid:
     @cached_property
     def rows(self) -> tuple[tuple[Cell, ...], ...]:
         """Rows of cells; numbers are floats."""
-        return tuple(tuple(number_of(cell, self.comma) for cell in row) for _, row in self._cells)
+        return tuple(tuple(read_number(cell, self.comma) for cell in row) for _, row in self._cells)
 
     @cached_property
     def lines(self) -> tuple[int, ...]:
@@ -83,13 +83,13 @@ def read_grid(path: Path, form: FileForm = PLAIN) -> Grid:
     Encoding and decimal sign of a text are detected unless `form` states them; of a workbook the first sheet that is
     not empty is taken by default. Raises `InputError` if the file cannot be read, is too large or holds nothing.
     """
-    if format_of(path) == "xlsx":
+    if find_format(path) == "xlsx":
         return read_sheet(path, form)
     refuse_unread(path)
     data, encoding = read_encoded(path, LARGEST_FILE, form.encoding)
 
     def filled() -> Iterator[tuple[int, str]]:
-        return ((n, line) for n, line in lines_of(path, data) if line.strip()[:1] not in ("", "#"))
+        return ((n, line) for n, line in number_lines(path, data) if line.strip()[:1] not in ("", "#"))
 
     if next(filled(), None) is None:
         raise InputError(f"{path}: the file has no rows; a header row and rows of numbers are expected.")
@@ -98,15 +98,15 @@ def read_grid(path: Path, form: FileForm = PLAIN) -> Grid:
     def each() -> NumberedRows:
         return split_lines(path, filled(), separator)
 
-    each = _kept(each) if len(data) <= KEPT else each
+    each = _cache_rows(each) if len(data) <= KEPT else each
     comma = find_decimal_comma(path, each(), form.decimal, separator)
     said = f"encoding {encoding}", f"separated by {_SIGNS[separator]}", f"decimal {'comma' if comma else 'point'}"
     comments = tuple(comment[1].strip() for comment in islice(_COMMENT.finditer(data.decode("utf-8")), MOST_COMMENTS))
     return Grid(path, each, said, comma, comments)
 
 
-def _kept(each: Callable[[], NumberedRows]) -> Callable[[], NumberedRows]:
-    """Function that goes through rows as another one does, which it calls no more once it has come to the end."""
+def _cache_rows(each: Callable[[], NumberedRows]) -> Callable[[], NumberedRows]:
+    """Return a function that yields the same rows and caches them after the first complete pass."""
     cached: list[list[tuple[int, Sequence[Cell]]]] = []
 
     def rows() -> NumberedRows:
@@ -131,30 +131,30 @@ def read_sheet(path: Path, form: FileForm = PLAIN) -> Grid:
     numbered = list(zip(about["lines"], map(tuple, about["rows"]), strict=True))
     comma = find_decimal_comma(path, iter(numbered), form.decimal)
     said: tuple[str, ...] = (f'sheet "{about["sheet"]}"',)
-    if any(isinstance(cell, str) and cell != number_of(cell, comma) for _, row in numbered for cell in row):
+    if any(isinstance(cell, str) and cell != read_number(cell, comma) for _, row in numbered for cell in row):
         said += (f"numbers written as texts, decimal {'comma' if comma else 'point'}",)
     return Grid(path, lambda: iter(numbered), said, comma, word="row")
 
 
 def check_width(grid: Grid, line: int, row: Sequence[Cell], columns: int) -> None:
-    """Refuse a row of a text with a cell behind the last of the `columns`: `TooManyCells`.
+    """Refuse a row of a text with a cell after the last of the `columns`: `TooManyCells`.
 
     A decimal comma between commas splits a number in two, and moves what follows it. Rows below a lone title and those
     of a workbook, whose cells are where they are, are let pass.
     """
-    if 1 < columns < len(row) and grid.word == "line" and (width := width_of(row)) > columns:
+    if 1 < columns < len(row) and grid.word == "line" and (width := filled_width(row)) > columns:
         cure = "name the column of each cell, or remove what is behind the last one"
         if "separated by commas" in grid.said:
             cure = "write a decimal sign as a point, or separate the columns by semicolons"
         raise TooManyCells(f"{grid.path}, line {line}: the row has {width} cells, the header {columns}; {cure}.")
 
 
-def width_of(row: Sequence[Cell]) -> int:
+def filled_width(row: Sequence[Cell]) -> int:
     """Number of cells up to the last one that is filled."""
     return max((i for i, cell in enumerate(row, 1) if cell != ""), default=0)
 
 
-def numbers_of(cells: Sequence[Cell]) -> list[float] | None:
+def read_numbers(cells: Sequence[Cell]) -> list[float] | None:
     """Numbers of cells, NaN for empty ones; None if one is a text."""
     if any(isinstance(cell, str) and cell for cell in cells):
         return None

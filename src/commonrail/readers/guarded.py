@@ -91,7 +91,7 @@ def _content(reader: str, data: bytes, options: str, memory: int, seconds: int) 
                 raise _beyond(f"{memory / 1e6:.0f} MB of memory", len(data))
             arrays = {name: parts[name] for name in parts.files if name != "about.json"}
     for array in arrays.values():
-        array.setflags(write=False)  # what is cached is handed out again
+        array.setflags(write=False)  # cached arrays are shared
     return Content(about, arrays)
 
 

@@ -25,7 +25,7 @@ from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source, para
 from commonrail.physics.law import Q
 from commonrail.physics.variants import INSTALLED_LAWS, Variant, apply_words, model_of, reader_of, unread_parameters
 from commonrail.readers.fuel import FuelModel, catalogue_fuel, parse_fuel
-from commonrail.readers.location import Place, Reach, located
+from commonrail.readers.location import Place, Reach, locate_errors
 from commonrail.readers.toml import (
     FileModel,
     Given,
@@ -99,12 +99,12 @@ class Drawing(Sourced):
 
 
 class DrawnTable(ParameterTable):
-    """Table of plunger and needle: a number of its own goes before that of the drawing."""
+    """Table of plunger and needle: stated numbers take precedence over the drawing."""
 
     drawing: Drawing | None = None
 
     def values(self) -> Values:
-        """Numbers of the drawing, and those that are given."""
+        """Numbers of the drawing, replaced by stated ones."""
         return (self.drawing.values() if self.drawing else {}) | super().values()
 
 
@@ -112,7 +112,7 @@ _DEFAULT = Source("E", "default of commonrail")
 _FUEL = ("name", "file", "definition")  # ways to state it
 
 
-def components_of(*actuations: Actuation) -> list[str]:
+def list_components(*actuations: Actuation) -> list[str]:
     """Components of injectors, each a table of the file; by default those of all."""
     models = map(model_of, actuations or Actuation)
     return list(dict.fromkeys(component for model in models for component in get_type_hints(model.Parameters)))
@@ -151,7 +151,7 @@ class _Head(FileModel):
     """Keys of an injector's file besides its parts."""
 
     format: Literal["commonrail-injector/1"]
-    base: str | None = None  # injector of the catalogue, or file: what is not given is as there
+    base: str | None = None  # injector of the catalogue, or file: source of values that are not stated
     name: str | None = None
     title: str | None = None
     synthetic: str = ""
@@ -168,47 +168,47 @@ class _Head(FileModel):
 
 
 @cache
-def _model_of(*actuations: Actuation) -> type[_Head]:
+def _file_model(*actuations: Actuation) -> type[_Head]:
     """Whole file of an injector of an actuation; by default with the parts of all."""
     tables: dict[str, Any] = {}
-    for component in components_of(*actuations):
+    for component in list_components(*actuations):
         kind = DrawnTable if component == "plunger_needle" else ParameterTable
         quantities = Quantities(component_quantities(component, *actuations))
         tables[component] = Annotated[kind, quantities], kind.model_construct()
     return create_model("_InjectorModel", __base__=_Head, **tables)
 
 
-def _checked(document: Mapping[str, Any], at: Place) -> Any:
+def _check_file(document: Mapping[str, Any], at: Place) -> Any:
     """Model of a parsed file; parts are left to be checked with the base, where there is one."""
     stated = document.get("actuation", Actuation.SERVO.value)
     actuations = [kind for kind in Actuation if kind.value == stated and "base" not in document]
     for actuation in actuations:
         _refuse_foreign(document, actuation, at)
-    return read_model(_model_of(*actuations), document, at)
+    return read_model(_file_model(*actuations), document, at)
 
 
 def _refuse_foreign(document: Mapping[str, Any], actuation: Actuation, at: Place) -> None:
     """Refuse a part of injectors that are actuated otherwise."""
-    parts = components_of(actuation)
+    parts = list_components(actuation)
     for key in document:
-        if key not in parts and key not in _Head.model_fields and key in components_of():
+        if key not in parts and key not in _Head.model_fields and key in list_components():
             raise (at / key).error(
                 f'an injector with actuation = "{actuation.value}" has no such part; its parts are {", ".join(parts)}'
             )
 
 
-def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach | None) -> Injector:
+def build_injector(document: Mapping[str, Any], at: Place, stem: str, reach: Reach | None) -> Injector:
     """Injector of a parsed file.
 
     `stem`: name of an injector whose file gives none. `reach`: where the file of its fuel may lie. Raises `InputError`
     and `ConfigurationError` as `load_injector`.
     """
-    model = _checked(document, at)
+    model = _check_file(document, at)
     reach = reach or Reach(Path(at.file), model.allow_outside)
     base = None if model.base is None else _base(model.base, at, reach)
     variant = _variant(model, base, at)
     _refuse_foreign(document, variant.actuation, at)
-    components = components_of(variant.actuation)
+    components = list_components(variant.actuation)
     values = {
         f"{component}.{name}": item
         for component in components
@@ -217,19 +217,19 @@ def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach 
     _refuse_unread(model, variant, components, at)
     if model.fuel.temperature is not None:
         values[FUEL_TEMPERATURE] = model.fuel.temperature.with_source(model.fuel.origin())
-    values = _filled(values, model, base, variant.actuation, at)
+    values = _fill_values(values, model, base, variant.actuation, at)
     _check_knots(values, document.get("nozzle", {}), at / "nozzle")
     for path, item in values.items():
         if words := not_whole(path, item.value):
             raise at.error(words)
     usual = parameter_quantities(variant.actuation)
     for path in (path for path in _DISC_OF if path in values and path.partition(".")[2] in document.get("valve", {})):
-        # the default is no wish: files that the project writes have all values
+        # a default is ignored: files that the project writes have all values
         if values[path].value != usual[path].default and (words := idle_words(path, lambda p: values[p].value)):
             note(f"{at / path}: {words}.")
     fuel = _fuel(model.fuel, base, values[FUEL_TEMPERATURE].value, at / "fuel", reach)
     name = stem if model.name is None else model.name
-    with located(at):  # a drawing may lead to a stiffness without bounds
+    with locate_errors(at):  # a drawing may lead to a stiffness without bounds
         return Injector(
             name,
             name if model.title is None else model.title,
@@ -242,7 +242,7 @@ def injector_of(document: Mapping[str, Any], at: Place, stem: str, reach: Reach 
 
 
 def _base(name: str, at: Place, reach: Reach) -> Injector:
-    """The injector that a file builds on: of the catalogue, or a complete file beside it."""
+    """Base of a file: an injector of the catalogue, or a complete file."""
     key = at / "base"
     if name.endswith(".toml"):
         path = reach.path(Path(at.file).parent, name, key)
@@ -250,7 +250,7 @@ def _base(name: str, at: Place, reach: Reach) -> Injector:
         document, place = read_toml(path)[0], Place(str(path))
     else:
         place = Place(f"{name}.toml")
-        with located(key):
+        with locate_errors(key):
             document = parse_toml(CATALOGUE.text(name), place.file)
         reach = Reach(Path(place.file), False)
     further = document.get("base")
@@ -259,10 +259,10 @@ def _base(name: str, at: Place, reach: Reach) -> Injector:
         raise key.error(
             f'"{name}" has a base itself; name a file that states all values, such as calibrated.toml of a run'
         )
-    return injector_of(document, place, Path(place.file).stem, reach)
+    return build_injector(document, place, Path(place.file).stem, reach)
 
 
-def _filled(stated: Values, model: Any, base: Injector | None, actuation: Actuation, at: Place) -> Values:
+def _fill_values(stated: Values, model: Any, base: Injector | None, actuation: Actuation, at: Place) -> Values:
     """All values by dotted name: as given, else of the base, else the default.
 
     Raises `InputError` with all that are missing.
@@ -286,7 +286,7 @@ def _filled(stated: Values, model: Any, base: Injector | None, actuation: Actuat
 def _incomplete(missing: Mapping[str, Q], has_fuel: bool, actuation: Actuation, at: Place) -> InputError:
     """Error about all that a file lacks; its notes state them with the values of the injectors that ship."""
     documents = {n: parse_toml(CATALOGUE.text(n), n) for n in CATALOGUE.shipped()}
-    shipped = [injector_of(d, Place(n), n, None) for n, d in documents.items() if "base" not in d]
+    shipped = [build_injector(d, Place(n), n, None) for n, d in documents.items() if "base" not in d]
     alike = [injector for injector in shipped if injector.variant.actuation is actuation]
     notes = {} if has_fuel else {"fuel.name": "of the catalogue, such as iso4113, or fuel.file"}
     for path, q in missing.items():
@@ -313,7 +313,11 @@ VARIANT_KEYS = {
     "actuation": "actuation",
     **{name: name for name in INSTALLED_LAWS},
 }
-_DECIDING = {"rail": "rail_boundary", "drive": "drive_kind", "plunger_needle": "variant"}  # keys that say what is read
+_DECIDING = {
+    "rail": "rail_boundary",
+    "drive": "drive_kind",
+    "plunger_needle": "variant",
+}  # keys that select the values in use
 
 
 def _refuse_unread(model: Any, variant: Variant, components: Collection[str], at: Place) -> None:
@@ -333,7 +337,7 @@ def _refuse_unread(model: Any, variant: Variant, components: Collection[str], at
 
 
 def _variant(model: Any, base: Injector | None, at: Place) -> Variant:
-    """Variant of a file; what it does not state is that of the base."""
+    """Variant of a file; keys it does not state come from the base."""
     stated = {field: getattr(model, key) for key, field in VARIANT_KEYS.items() if key in model.model_fields_set}
     words = (base.variant if base else Variant())._asdict() | stated
     if base and words["actuation"] is not base.variant.actuation:
@@ -342,10 +346,10 @@ def _variant(model: Any, base: Injector | None, at: Place) -> Variant:
             "name a base of that kind"
         )
     laws = {key: words.pop(key) for key in INSTALLED_LAWS}
-    with located(at):
+    with locate_errors(at):
         variant = Variant(**words)
     for key, name in laws.items():
-        with located(at / key):
+        with locate_errors(at / key):
             variant = variant._replace(**{key: name})
     return variant
 
@@ -360,7 +364,7 @@ def idle_words(name: str, value: Callable[[str], float]) -> str:
 
 
 def _check_knots(values: Values, stated: Mapping[str, Any], at: Place) -> None:
-    """Refuse knots of the shape of c_d over lift that do not rise; one of zero behind the first is none.
+    """Refuse knots of the shape of c_d over lift that do not rise; zero after the first means absent.
 
     All values are `values` by dotted name; an error names the key of one that the file has `stated` for the nozzle.
     """
@@ -385,7 +389,7 @@ def _fuel(table: _FuelTable, base: Injector | None, temperature: float, at: Plac
         raise (at / "temperature").error(
             f"{temperature:g} K lies outside the range of {fuel.name}, {low:g} K to {high:g} K"
         )
-    with located(at / "compression"):
+    with locate_errors(at / "compression"):
         return replace(fuel, adiabatic=table.compression == "adiabatic") if table.compression else fuel
 
 
@@ -398,7 +402,7 @@ def _read_fuel(table: _FuelTable, at: Place, reach: Reach) -> Fuel:
     if table.file is not None:
         path = reach.path(Path(at.file).parent, table.file, at / "file")
         return parse_fuel(read_toml(path)[0], path.stem, str(path))
-    with located(at / "name"):
+    with locate_errors(at / "name"):
         return catalogue_fuel(table.name or "")
 
 
@@ -409,7 +413,7 @@ def _read_fuel(table: _FuelTable, at: Place, reach: Reach) -> Fuel:
 
 
 def injector_catalogue() -> list[str]:
-    """Names that `load_injector` knows, those of installed packages behind those that ship."""
+    """Names that `load_injector` knows: shipped injectors, then those of installed packages."""
     return CATALOGUE.names()
 
 
@@ -418,7 +422,7 @@ def in_catalogue(name: object) -> bool:
     return name in CATALOGUE
 
 
-def shipped_injectors() -> list[str]:
+def list_shipped_injectors() -> list[str]:
     """Names of the injectors that ship, sorted."""
     return CATALOGUE.shipped()
 
@@ -451,11 +455,11 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     source = read_source(source, "source of an injector")
     if isinstance(source, Path):
         check_sum(source)
-        return injector_of(read_toml(source)[0], Place(str(source)), source.stem, reach)
+        return build_injector(read_toml(source)[0], Place(str(source)), source.stem, reach)
     name, at, words = source.rpartition("@")
     if at and reach is None:
         injector = load_injector(name)
-        with located(Place(source)):
+        with locate_errors(Place(source)):
             return replace(injector, variant=apply_words(injector.variant, words))
     if at:
         raise InputError(
@@ -468,11 +472,11 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     except (OSError, ValueError):  # a name that no file can have
         is_file = False
     text = CATALOGUE.text(source, f' (did you mean the file "{file}"?)' if is_file else "")
-    return injector_of(parse_toml(text, file), Place(file), source, Reach(Path(file), False))
+    return build_injector(parse_toml(text, file), Place(file), source, Reach(Path(file), False))
 
 
 def load_meters(path: str | Path) -> tuple[Meter, ...]:
-    """Read the meters that a calibration has left beside its injector, in ``calibrated.toml``.
+    """Read the meters that a calibration wrote with its injector to ``calibrated.toml``.
 
     Parameters
     ----------
@@ -482,20 +486,20 @@ def load_meters(path: str | Path) -> tuple[Meter, ...]:
     Returns
     -------
     tuple of Meter
-        Empty if there are none.
+        Empty if the file has no meters.
 
     Raises
     ------
     InputError
         If the file cannot be read, or something in it is unknown or of the wrong kind.
     ConfigurationError
-        If `path` is no path, or a meter makes no sense.
+        If `path` is not a path, or a meter makes no sense.
     """
     from commonrail.readers.meters import MeterHead, meters_of_tables
 
     file = file_path(path, "path of an injector")
     at = Place(str(file))
-    tables: Mapping[str, MeterHead] = _checked(read_toml(file)[0], at).meters
+    tables: Mapping[str, MeterHead] = _check_file(read_toml(file)[0], at).meters
     for name, table in tables.items():
         for key, amount in table.amounts():
             if amount.free:

@@ -14,7 +14,7 @@ from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, Source
 from commonrail.physics.law import Q
 from commonrail.physics.variants import INSTALLED_LAWS, Variant
-from commonrail.readers.fuel import fuel_document, load_fuel, shipped_fuels
+from commonrail.readers.fuel import fuel_document, list_shipped_fuels, load_fuel
 from commonrail.readers.injector import VARIANT_KEYS
 from commonrail.readers.toml import UNSTATED, inline_table, key_text, table_lines, value_text
 
@@ -42,7 +42,7 @@ def dump_injector(
     header : str
         Comment at the top of the file.
     meters : sequence of Meter
-        Those that the injector was calibrated with, to be kept beside it; `load_meters` reads them.
+        Meters that the injector was calibrated with, written to the same file; `load_meters` reads them.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def _fuel_lines(fuel: Fuel, table: str) -> Iterator[str]:
     """By name if this very fuel ships with the package, else law by law."""
     if fuel.adiabatic:
         yield 'compression = "adiabatic"'
-    if fuel.name in shipped_fuels() and load_fuel(fuel.name) == replace(fuel, adiabatic=False):
+    if fuel.name in list_shipped_fuels() and load_fuel(fuel.name) == replace(fuel, adiabatic=False):
         yield f"name = {value_text(fuel.name)}"
     else:
         yield from table_lines(f"{table}.definition", fuel_document(fuel))

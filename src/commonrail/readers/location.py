@@ -43,10 +43,10 @@ class Place:
 
     def check_format(self, document: Mapping[str, Any], expected: str) -> None:
         """Refuse a document whose key ``format`` is not `expected`, and say so if it is a file of another kind."""
-        stated, kind = document.get("format"), _file_of(expected)
+        stated, kind = document.get("format"), _describe_file(expected)
         if stated == expected:
             return
-        if isinstance(stated, str) and _FORMAT.fullmatch(stated) and (other := _file_of(stated)) != kind:
+        if isinstance(stated, str) and _FORMAT.fullmatch(stated) and (other := _describe_file(stated)) != kind:
             raise self.error(f'this is {other} (format = "{stated}"), and {kind} is expected; name that file instead')
         what = "format is missing" if stated is None else f"format is {stated!r}"
         raise self.error(f'{what}; {kind} begins with format = "{expected}"')
@@ -58,14 +58,14 @@ class Place:
                 raise self.error(f'there is no key "{key}"{nearest_key(key, keys)}')
 
 
-def _file_of(format_: str) -> str:
+def _describe_file(format_: str) -> str:
     """Words for a file of a format, as "a study file" of "commonrail-study/1"."""
     name = format_.partition("/")[0].removeprefix("commonrail-")
     return f"{'an' if name[:1] in 'aeiou' else 'a'} {name} file"
 
 
 @contextmanager
-def located(place: Place) -> Iterator[None]:
+def locate_errors(place: Place) -> Iterator[None]:
     """Put the place before the message of any error of the project raised inside."""
     try:
         yield
@@ -76,7 +76,7 @@ def located(place: Place) -> Iterator[None]:
         raise placed from error
 
 
-# Folder that the names in a file must not lead out of: a study from anywhere must not read what is not its own.
+# Folder that the names in a file must not lead out of: a study from anywhere must not read foreign files.
 
 ALLOW = "allow_outside"
 
@@ -98,7 +98,7 @@ class Reach:
         """Path of a file named in a file of `folder`.
 
         Raises `InputError` if it lies outside, be it by its name or because it is a link, and that is not allowed; or
-        if there is none.
+        if it does not exist.
         """
         path = folder / name
         # both with their links followed: a folder that is itself a link stays the folder that was meant
@@ -112,7 +112,7 @@ class Reach:
         if not (inside or self.announced):
             note(f"{self.file}: {ALLOW} = true, so files elsewhere are read, such as {path}.")
             self.announced = True
-        if not os.path.lexists(path) and name.isprintable():  # a name that no file can have is told when it is read
+        if not os.path.lexists(path) and name.isprintable():  # an impossible name is reported when it is read
             raise at.error(f"{path}: there is no such file{similar_names(path)}")
         return path
 
@@ -158,7 +158,7 @@ class Shape:
             )
 
 
-# Text from disk: one sentence for each way in which it is no text.
+# Text from disk: one sentence for each reason why it is not text.
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")

@@ -14,7 +14,7 @@ from commonrail.base.registry import read_installed
 from commonrail.physics.injector import Source
 from commonrail.physics.law import Q
 from commonrail.physics.meters import HIGHEST_ORDER, QUANTITIES, LowPass, Meter, parameter_name
-from commonrail.readers.location import Place, located
+from commonrail.readers.location import Place, locate_errors
 from commonrail.readers.toml import (
     UNSTATED,
     FileModel,
@@ -133,8 +133,8 @@ class _MeterFile(FileModel):
     meters: Annotated[Any, PlainValidator(meter_tables)]
 
 
-def installed_meters(names: Iterable[str | None], described: Collection[str]) -> dict[str, MeterHead]:
-    """Tables of the meters of installed packages among `names`, but for those that are described already, `described`.
+def read_installed_meters(names: Iterable[str | None], described: Collection[str]) -> dict[str, MeterHead]:
+    """Tables of the meters of installed packages among `names`, except the `described` ones.
 
     Raises `PluginError` and `InputError` if the file of one cannot be read, or has no meter of that name.
     """
@@ -149,9 +149,10 @@ def installed_meters(names: Iterable[str | None], described: Collection[str]) ->
     return meters
 
 
-def installed_meter(name: str) -> Meter:
-    """Meter of an installed package, with its start values; `PluginError` or `InputError` as `installed_meters`."""
-    return meters_of_tables(installed_meters([name], ()), Place(f"{name}.toml"))[name]
+def load_installed_meter(name: str) -> Meter:
+    """Meter of an installed package, with its start values; `PluginError` or `InputError` as "
+    "`read_installed_meters`."""
+    return meters_of_tables(read_installed_meters([name], ()), Place(f"{name}.toml"))[name]
 
 
 def free_names(tables: Mapping[str, MeterHead]) -> list[str]:
@@ -168,7 +169,7 @@ def meters_of_tables(tables: Mapping[str, MeterHead], at: Place) -> dict[str, Me
     """
     meters = {}
     for name, table in tables.items():
-        with located(at / name):
+        with locate_errors(at / name):
             meters[name] = Meter(
                 name,
                 {key: amount.at_start(QUANTITIES[key]) for key, amount in table.amounts()},

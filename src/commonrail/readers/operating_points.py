@@ -1,4 +1,4 @@
-"""Tables of many traces beside each other, with the operating point of each in rows above the numbers.
+"""Tables of many traces side by side, with the operating point of each in rows above the numbers.
 
 ::
 
@@ -20,9 +20,9 @@ from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.errors import InputError
 from commonrail.base.units import FAST, compatible, convert, fits
 from commonrail.readers.columns import Table, is_heading, name_and_unit
-from commonrail.readers.grid import Grid, numbers_of
+from commonrail.readers.grid import Grid, read_numbers
 from commonrail.readers.location import Place
-from commonrail.readers.quantity_matrix import kind_of, plain_unit, unit_in
+from commonrail.readers.quantity_matrix import find_kind, plain_unit, unit_in
 
 # Names of columns that state an operating point, ``800bar_300us``, and the pattern that reads them.
 
@@ -34,7 +34,7 @@ _SHOT = r"(\w+?)"
 
 
 class NamedPoint(NamedTuple):
-    """Content of a name: rail pressure [Pa], energising time [s], shot; None or empty where the pattern has none."""
+    """Content of a name: rail pressure [Pa], energising time [s], shot; None or empty if not in the pattern."""
 
     column: str
     rail_pressure: float | None
@@ -45,7 +45,7 @@ class NamedPoint(NamedTuple):
 class ColumnPattern:
     """Pattern such as ``{p}bar_{et}us`` or ``{p} MPa, {et} us, shot {shot}``.
 
-    `text`: ``{p}`` or ``{rail_pressure}``, ``{et}`` or ``{energising_time}``, and ``{shot}``; the unit stands behind
+    `text`: ``{p}`` or ``{rail_pressure}``, ``{et}`` or ``{energising_time}``, and ``{shot}``; the unit follows
     the number, or is stated. `stated`: units by SI unit, "Pa" and "s". Raises `InputError` if the pattern has no
     placeholder, an unknown one or one twice, or a number has no unit.
     """
@@ -84,7 +84,7 @@ class ColumnPattern:
 
 
 def _unit(behind: str, kind: str, stated: str, at: Place) -> str:
-    """Unit of a number: the longest one with which the text behind it begins, else what is stated."""
+    """Unit of a number: the longest one at the start of the following text, else the stated one."""
     text = behind.lstrip(" ")
     for end in range(min(len(text), 12), 0, -1):
         if text[:end].isalpha() and fits(text[:end], kind):
@@ -121,7 +121,7 @@ def point_of_name(text: str) -> dict[str, str]:
     return {key: values[0].replace(",", ".") for key, values in texts.items() if len(set(values)) == 1}
 
 
-def pattern_of(names: Sequence[str]) -> str | None:
+def find_pattern(names: Sequence[str]) -> str | None:
     """Pattern of names that state operating points, if all have one form."""
     if len(names) < 2:
         return None
@@ -137,9 +137,9 @@ def pattern_of(names: Sequence[str]) -> str | None:
     return pattern if all(read.read(name) for name in names) else None
 
 
-def named_points(names: Sequence[str]) -> tuple[NamedPoint, ...]:
+def read_points(names: Sequence[str]) -> tuple[NamedPoint, ...]:
     """Operating points that the names of columns state; empty where there is one name, or not all state one."""
-    text = pattern_of(names)
+    text = find_pattern(names)
     if text is None:
         return ()
     pattern = ColumnPattern(text, {}, Place(""))
@@ -200,7 +200,7 @@ def _points(grid: Grid, stated: dict[str, str]) -> tuple[dict[str, Floats], int]
     points: dict[str, Floats] = {}
     start = 0
     for i, row in enumerate(grid.rows[:30]):
-        numbers, head = numbers_of(row[1:]), row[0]
+        numbers, head = read_numbers(row[1:]), row[0]
         if isinstance(head, float):
             break
         if numbers is None or not np.isfinite(numbers).any():
@@ -211,7 +211,7 @@ def _points(grid: Grid, stated: dict[str, str]) -> tuple[dict[str, Floats], int]
             for point_kind in _SI
             if stated.get(point_kind) and is_heading(head, point_kind.replace(" ", "_"))
         )
-        kind = kind_of(units[0]) if units else next(kinds, "")
+        kind = find_kind(units[0]) if units else next(kinds, "")
         if kind in _SI and kind not in points:
             values = np.array(numbers)
             if not np.isfinite(values).all():
@@ -227,7 +227,7 @@ def _body(grid: Grid, start: int) -> tuple[list[Sequence[str]], IndexArray, Floa
     lines: list[int] = []
     body: list[list[float]] = []
     for line, row in zip(grid.lines[start:], grid.rows[start:], strict=True):
-        numbers = numbers_of(row)
+        numbers = read_numbers(row)
         if numbers is not None:
             lines.append(line)
             body.append(numbers)

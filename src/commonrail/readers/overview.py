@@ -18,10 +18,10 @@ from commonrail.base import registry
 from commonrail.base.arguments import file_path
 from commonrail.base.errors import InputError
 from commonrail.base.units import convert, fits, to_text
-from commonrail.readers.columns import PLAIN, TIME, ChannelSheet, Column, FileForm, Sheet, find_headings, unit_of
-from commonrail.readers.formats import format_of
+from commonrail.readers.columns import PLAIN, TIME, ChannelSheet, Column, FileForm, Sheet, find_headings, find_unit
+from commonrail.readers.formats import find_format
 from commonrail.readers.grid import Grid, TooManyCells, read_grid
-from commonrail.readers.operating_points import find_traces, pattern_of, point_of_name, unit_of_name
+from commonrail.readers.operating_points import find_pattern, find_traces, point_of_name, unit_of_name
 from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, HoldsOnlyMaps, NearMap, find_map, map_in
 from commonrail.readers.table_sheet import TableSheet
 from commonrail.readers.tables import is_grid, open_sheet
@@ -82,14 +82,14 @@ class Channel(NamedTuple):
         return f"{self.size} values, {self.low:.6g} to {self.high:.6g} {unit}{every}{further}"
 
 
-def channels_of(sheet: Sheet) -> tuple[list[Channel], dict[str, str]]:
+def read_channels(sheet: Sheet) -> tuple[list[Channel], dict[str, str]]:
     """Channels with numbers; why others are not read, by their names."""
     own_times = isinstance(sheet, ChannelSheet)
     channels = []
     unread: dict[str, str] = dict(getattr(sheet, "unread", {}))
-    by_name = not any(unit_of(sheet, name) for name in sheet.names)
+    by_name = not any(find_unit(sheet, name) for name in sheet.names)
     for name in sheet.names:
-        unit = unit_of_name(name) if by_name else unit_of(sheet, name)
+        unit = unit_of_name(name) if by_name else find_unit(sheet, name)
         columns = [Column(name, "1", required=False)]
         try:
             table = sheet.take([Column(TIME, "s", increasing=True), *columns] if own_times else columns)
@@ -116,14 +116,14 @@ def channels_of(sheet: Sheet) -> tuple[list[Channel], dict[str, str]]:
             channel = channel._replace(step=float(np.median(np.diff(times))), times=ends)
         channels.append(channel)
     if not channels:
-        with_units = (reason for name, reason in unread.items() if name in sheet.names and unit_of(sheet, name))
+        with_units = (reason for name, reason in unread.items() if name in sheet.names and find_unit(sheet, name))
         reason = next(with_units, "no column holds numbers below a header.")
         raise InputError(f"{sheet.path}: {reason.removeprefix('not read: ')}")
     return channels, unread
 
 
-def block_of(path: Path, channels: Sequence[Channel], own_times: bool) -> tuple[str, dict[str, Any]]:
-    """Purpose that channels are taken for, and the block of a study that reads them; `UNKNOWN` is to be told."""
+def propose_block(path: Path, channels: Sequence[Channel], own_times: bool) -> tuple[str, dict[str, Any]]:
+    """Purpose of channels, and the block of a study that reads them; `UNKNOWN` marks missing values."""
     rates = [c for c in channels if c.kind in RATES]
     if not rates:
         return (
@@ -147,10 +147,10 @@ def block_of(path: Path, channels: Sequence[Channel], own_times: bool) -> tuple[
     zero = {"time_zero": UNKNOWN}
     if not taken:
         low, high = time.times or convert(np.array([time.low, time.high]), time.unit, "s").tolist()
-        zero = zero_of((low, high), rates[0].size)
+        zero = propose_time_zero((low, high), rates[0].size)
     stated = point_of_name(path.stem if len(rates) > 1 else f"{path.stem} {rates[0].name}")
     point = {key: stated.get(key, UNKNOWN) for key in ("rail_pressure", "energising_time")}
-    pattern = pattern_of([c.name for c in rates])
+    pattern = find_pattern([c.name for c in rates])
     if pattern is not None:
         point = {key: value for key, value in point.items() if _PLACEHOLDERS[key] not in pattern}
         said = f'{len(rates)} traces whose names state their operating points, "{pattern}"'
@@ -167,7 +167,7 @@ def block_of(path: Path, channels: Sequence[Channel], own_times: bool) -> tuple[
     return f"a trace{taken}", base | zero | point
 
 
-def zero_of(times: tuple[float, float], size: int) -> dict[str, str]:
+def propose_time_zero(times: tuple[float, float], size: int) -> dict[str, str]:
     """Key of a block with the time of the file at which energising starts: 0, where the file's times hold it.
 
     `times` are the first and the last one [s]. `size`: number of samples; the first one may end, rather than begin, at
@@ -202,15 +202,15 @@ class Survey:
     path: Path
     taken_for: str
     facts: dict[str, str]  # channels, axes and ranges
-    said: str = ""  # what was detected of the file's form
-    # keys of a block that reads the file, none if it is no data of a study; `UNKNOWN` stands for what must be stated
+    said: str = ""  # detected form of the file
+    # keys of a block that reads the file, empty if it cannot be data of a study; `UNKNOWN` marks missing values
     block: dict[str, Any] = field(default_factory=dict)
     quantity_map: FoundMap | None = None  # quantity map of the file
     channels: tuple[Channel, ...] = ()
     synthetic: str = ""  # what the file itself says of this, empty if nothing
 
     def reason(self) -> str:
-        """Why the file is no data of a study, in one sentence."""
+        """Why the file cannot be data of a study, in one sentence."""
         why = self.facts.get("reason") or self.facts.get("no map")
         return f"taken for {self.taken_for}{f' ({why.removesuffix(chr(46))})' if why else ''}"
 
@@ -238,7 +238,7 @@ def inspect(path: str | Path, form: FileForm = PLAIN, units: GivenUnits = GivenU
         If the file cannot be read.
     """
     path = file_path(path, "data file")
-    if inspector := registry.find("inspectors", format_of(path)):
+    if inspector := registry.find("inspectors", find_format(path)):
         return Survey(path, "", dict(inspector.call(path)))
     return survey(path, form, units)
 
@@ -263,7 +263,7 @@ def survey(path: Path, form: FileForm = PLAIN, units: GivenUnits = GivenUnits())
     for way in (_map, _traces, _columns):
         try:
             content = way(grid, form, units)
-        except TooManyCells:  # of no way to read it are its numbers those that were meant
+        except TooManyCells:  # no way of reading it gives the intended numbers
             raise
         except InputError as error:
             taken = "a quantity map that lacks something" if isinstance(error, NearMap) else taken
@@ -272,7 +272,7 @@ def survey(path: Path, form: FileForm = PLAIN, units: GivenUnits = GivenUnits())
         if content.block or not taken.startswith("a quantity map"):
             return replace(content, synthetic=_synthetic(grid))
         listed = content.facts
-    facts = listed | {"reason": reasons[0], "rows": str(len(grid.rows)), "first row": _shown(grid.rows[0])}
+    facts = listed | {"reason": reasons[0], "rows": str(len(grid.rows)), "first row": _list_cells(grid.rows[0])}
     return Survey(path, taken, facts, "; ".join(grid.said))
 
 
@@ -331,7 +331,7 @@ def _traces(grid: Grid, form: FileForm, units: GivenUnits) -> Survey:
     time = wide.table.columns[TIME]
     facts |= {"time": f"{len(time)} samples from {to_text(float(time[0]), 's')} to {to_text(float(time[-1]), 's')}"}
     block = {"kind": "rate", "file": grid.path.name, "layout": "header rows"} | _form_keys(form)
-    block |= zero_of((float(time[0]), float(time[-1])), len(time))
+    block |= propose_time_zero((float(time[0]), float(time[-1])), len(time))
     missing = {key: UNKNOWN for key in ("rail pressure", "energising time") if key not in wide.points}
     block |= {key.replace(" ", "_"): value for key, value in missing.items()}
     taken = f"{len(wide.names)} traces below rows with their operating points"
@@ -357,7 +357,7 @@ def _of_channels(path: Path, sheet: Sheet, units: GivenUnits) -> Survey:
             return Survey(path, sheet.taken_for, facts, synthetic=mark)
         taken = f"{sheet.taken_for}, and {content.taken_for}"
         return replace(content, taken_for=taken, facts=facts | content.facts, synthetic=mark)
-    channels, unread = channels_of(sheet)
+    channels, unread = read_channels(sheet)
     facts, no_map = {channel.name: channel.text() for channel in channels} | unread, ""
     if not isinstance(sheet, ChannelSheet | TableSheet):
         try:
@@ -367,7 +367,7 @@ def _of_channels(path: Path, sheet: Sheet, units: GivenUnits) -> Survey:
             )
         except InputError as error:
             no_map = str(error).removeprefix(f"{path}: ")
-    taken, block = block_of(path, channels, isinstance(sheet, ChannelSheet))
+    taken, block = propose_block(path, channels, isinstance(sheet, ChannelSheet))
     facts |= {"no map": no_map} if no_map and not block else {}
     return Survey(path, taken, facts, "", block, channels=tuple(channels))
 
@@ -377,6 +377,6 @@ def _form_keys(form: FileForm) -> dict[str, Any]:
     return {key: value for key, value in stated.items() if value}
 
 
-def _shown(row: Sequence[str | float], most: int = 12) -> str:
+def _list_cells(row: Sequence[str | float], most: int = 12) -> str:
     heads = [str(cell) for cell in row]
     return ", ".join(heads[:most]) + (f" and {len(heads) - most} more" if len(heads) > most else "")

@@ -26,11 +26,11 @@ from commonrail.readers.columns import (
     Table,
     find_column,
     find_headings,
+    find_unit,
     is_heading,
     name_and_unit,
-    unit_of,
 )
-from commonrail.readers.grid import Grid, TooManyCells, numbers_of
+from commonrail.readers.grid import Grid, TooManyCells, read_numbers
 from commonrail.readers.table_sheet import SAMPLE, TableSheet, find_header, join_heads
 
 KINDS = {"rail pressure": ("Pa",), "energising time": ("s",), "quantity": ("m3", "kg")}
@@ -160,12 +160,12 @@ def bench_notes(grid: Grid, head: int) -> dict[str, str]:
 
 def unit_in(text: str) -> list[str]:
     """Units that a text names, in its order."""
-    units = [unit for unit in _BRACKETED.findall(text) if kind_of(unit)]
-    units = units or [unit for unit in (name_and_unit(text)[1], text) if kind_of(unit)][:1]
-    return units or [unit for piece in text.split("\\") if kind_of(unit := piece.strip())]
+    units = [unit for unit in _BRACKETED.findall(text) if find_kind(unit)]
+    units = units or [unit for unit in (name_and_unit(text)[1], text) if find_kind(unit)][:1]
+    return units or [unit for piece in text.split("\\") if find_kind(unit := piece.strip())]
 
 
-def kind_of(unit: str) -> str:
+def find_kind(unit: str) -> str:
     """Kind of a map's quantity that a unit measures, empty if none."""
     return next(
         (kind for kind, si_units in KINDS.items() if any(fits(plain_unit(unit), si_unit) for si_unit in si_units)), ""
@@ -202,7 +202,7 @@ def _axis(grid: Grid) -> _Axis:
         return _Axis(places, [i + 1 for i in indices], first, start, texts + above, heads[1], said)
     if _heads(names[2:]):
         raise NearMap(f'{grid.path}: the column "{names[0]}" is before that of the axis; remove columns of labels.')
-    numbers = (numbers_of(row[1:]) or [] for row in grid.rows)
+    numbers = (read_numbers(row[1:]) or [] for row in grid.rows)
     start = next((i for i, numbers_of_row in enumerate(numbers) if int(np.isfinite(numbers_of_row).sum()) >= 2), -1)
     if start < 0:
         raise InputError(f"{grid.path}: there are no rows of numbers.")
@@ -213,7 +213,7 @@ def _axis(grid: Grid) -> _Axis:
             f"{grid.path}, {grid.word} {grid.lines[start - 1]}: no map is found: "
             f'"{above_axis[0]}" and "{above_axis[1]}" are not places on an axis with units, such as "400 bar".'
         )
-    across = numbers_of(grid.rows[start][1:]) or []
+    across = read_numbers(grid.rows[start][1:]) or []
     if not np.all(np.isfinite(across)):
         raise InputError(f"{grid.path}: no map is found: neither columns of pressure, time and quantity nor a matrix.")
     corner = str(grid.rows[start][0])
@@ -245,10 +245,10 @@ def _matrix(grid: Grid, given_units: GivenUnits) -> FoundMap:
     last, cells = max(axis.columns, default=0), np.full((len(body), len(axis.columns)), np.nan)
     down = np.full(len(body), np.nan)
     heads = _heads([str(row[0]) for _, row in body])
-    head_units = {kind_of(unit): unit for unit in (heads and heads[1], axis.unit) if unit}
+    head_units = {find_kind(unit): unit for unit in (heads and heads[1], axis.unit) if unit}
     fault = NearMap if head_units else InputError
     for i, (line, row) in enumerate(body):
-        numbers = numbers_of((heads[0][i], *row[1:]) if heads else row)
+        numbers = read_numbers((heads[0][i], *row[1:]) if heads else row)
         if numbers is None or (not axis.unit and len(numbers) > last + 1) or not np.isfinite(numbers[0]):
             text = next((f', and "{cell[:40]}" is none' for cell in row if isinstance(cell, str) and cell), "")
             raise fault(
@@ -305,7 +305,7 @@ def map_of_matrix(
     way = ("down", "across") if kinds[0] == "rail pressure" else ("across", "down")
     durations = "quantity" in kinds
     form = f"a matrix with rail pressures {way[0]} and {'quantities' if durations else 'energising times'} {way[1]}"
-    return filled_points(path, form, _by_kind(matrix, kinds), matrix.lines, units, said, durations, texts)
+    return drop_empty_points(path, form, _by_kind(matrix, kinds), matrix.lines, units, said, durations, texts)
 
 
 def _by_kind(matrix: Matrix, order: Order) -> dict[str, Floats]:
@@ -332,7 +332,7 @@ def _is_sensible(matrix: Matrix, units: dict[str, str], order: Order) -> bool:
     return bool(falls and np.all(quantity <= LARGEST_FLOW * time))
 
 
-def filled_points(
+def drop_empty_points(
     path: Path,
     form: str,
     values: dict[str, Floats],
@@ -342,7 +342,7 @@ def filled_points(
     durations: bool = False,
     texts: Iterable[str] = (),
 ) -> FoundMap:
-    """Map of the points that hold numbers; `InputError` if there is none.
+    """Map of the points that hold numbers; `InputError` if all are empty.
 
     `values` (n,) in `units` are by the names of `KINDS`, with the line of each. Of `durations`, cells without pressure,
     quantity or time are omitted, those whose time is that of another quantity at their pressure, and those from the
@@ -378,7 +378,7 @@ def filled_points(
 def _heads(cells: Sequence[str]) -> tuple[list[float], str] | None:
     """Places on an axis that cells state with their unit, "400 bar", in the unit of the first; None for other cells."""
     places = [_PLACE.search(cell) for cell in cells]
-    kinds = {kind_of(place[2]) if place else "" for place in places}
+    kinds = {find_kind(place[2]) if place else "" for place in places}
     if len(places) < 2 or len(kinds) > 1 or "" in kinds:
         return None
     texts = [(place[1].replace(",", "."), place[2]) for place in places if place]
@@ -393,7 +393,7 @@ def _units(
     stated = set(units)
     for text in (*axis.texts, *grid.comments):
         for unit in unit_in(text):
-            kind = kind_of(unit)
+            kind = find_kind(unit)
             is_free = kind not in stated and text not in grid.comments
             if is_free and not same_scale(units.get(kind, unit), unit):
                 raise InputError(
@@ -401,7 +401,7 @@ def _units(
                     "corner or above the numbers; keep the right one, or state it."
                 )
             units.setdefault(kind, unit)
-    kinds = list(dict.fromkeys(kind_of(unit) for unit in unit_in(axis.texts[0])))
+    kinds = list(dict.fromkeys(find_kind(unit) for unit in unit_in(axis.texts[0])))
     missing = [kind for kind in KINDS if kind not in units]
     if missing:
         bracketed = [unit for text in axis.texts for unit in _BRACKETED.findall(text)]
@@ -415,7 +415,7 @@ def _units(
         kinds = [kind for kind in kinds if kind != "quantity"]
     orders = [order for order in ORDERS if list(order) == kinds] or ORDERS
     if head_units:  # in one or both directions
-        ends = [(i, kind) for kind in head_units for i in (0, 1) if (kind == kind_of(axis.unit)) == bool(i)]
+        ends = [(i, kind) for kind in head_units for i in (0, 1) if (kind == find_kind(axis.unit)) == bool(i)]
         orders = [order for order in ORDERS if all(order[i] == kind for i, kind in ends)]
         if "energising time" in kinds and "energising time" not in head_units:
             orders = [order for order in orders if "energising time" in order]
@@ -436,7 +436,7 @@ class HoldsMap(Protocol):
     """File that finds a map in itself, where rows and columns do not tell, as in the variables of MATLAB."""
 
     def quantity_map(self, given_units: GivenUnits) -> FoundMap:
-        """Quantity map of the file; `InputError` if it has none."""
+        """Quantity map of the file; `InputError` if it has no map."""
 
 
 @runtime_checkable
@@ -467,7 +467,7 @@ def find_column_map(file: Sheet, given_units: GivenUnits = GivenUnits()) -> Foun
     names = find_headings(file, COLUMNS)
     for column, kind in zip(COLUMNS, KINDS, strict=True):
         if column.name not in names:
-            fitting = [name for name in file.names if BAND not in name and kind_of(unit_of(file, name)) == kind]
+            fitting = [name for name in file.names if BAND not in name and find_kind(find_unit(file, name)) == kind]
             quoted = " and ".join(f'"{name}"' for name in fitting[:4])
             those = f"the columns {quoted} have" if fitting else "no column has"
             raise InputError(
@@ -475,8 +475,10 @@ def find_column_map(file: Sheet, given_units: GivenUnits = GivenUnits()) -> Foun
                 '"rail_pressure [MPa]", "energising_time [us]" and "quantity [mm3]".'
             )
     stated = given_units.by_kind().values()
-    units = {kind: unit or unit_of(file, name) for kind, unit, name in zip(KINDS, stated, names.values(), strict=True)}
-    if lacking := [kind for kind, unit in units.items() if kind_of(unit) != kind]:
+    units = {
+        kind: unit or find_unit(file, name) for kind, unit, name in zip(KINDS, stated, names.values(), strict=True)
+    }
+    if lacking := [kind for kind, unit in units.items() if find_kind(unit) != kind]:
         raise NearMap(f"{file.path}: no unit of the {' and the '.join(lacking)} is in the header; write or state it.")
     columns = [Column(name, "1", required=i == 0) for i, name in enumerate(names.values())]
     states = [Column("state")] if "state" in file.names else []  # of a map that the product has written
@@ -495,7 +497,7 @@ def find_column_map(file: Sheet, given_units: GivenUnits = GivenUnits()) -> Foun
         said.append(f"{np.count_nonzero(~simulated)} not simulated omitted")
         values = {kind: column[simulated] for kind, column in values.items()}
     plain = {kind: plain_unit(unit) for kind, unit in units.items()}
-    return filled_points(file.path, FORM, values, table.rows[simulated], plain, said, durations, table.comments)
+    return drop_empty_points(file.path, FORM, values, table.rows[simulated], plain, said, durations, table.comments)
 
 
 def _is_grid_of_quantities(values: dict[str, Floats]) -> bool:

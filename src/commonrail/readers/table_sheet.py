@@ -21,7 +21,7 @@ from commonrail.base.errors import InputError
 from commonrail.base.units import fits, read_decimal
 from commonrail.physics.law import Domain
 from commonrail.readers.columns import LARGEST, PLAIN, Column, FileForm, Table, cell_place, find_column, name_and_unit
-from commonrail.readers.grid import MOST_COMMENTS, Grid, check_width, read_grid, width_of
+from commonrail.readers.grid import MOST_COMMENTS, Grid, check_width, filled_width, read_grid
 from commonrail.readers.location import LONGEST_NAME, check_columns, read_bytes
 from commonrail.readers.text import (
     LONGEST_NUMBER,
@@ -29,7 +29,7 @@ from commonrail.readers.text import (
     NumberedRows,
     has_decimal_comma,
     is_number,
-    lines_of,
+    number_lines,
     split_lines,
 )
 
@@ -70,7 +70,7 @@ class TableSheet:
         )
         if not any(self._units):
             self._units = _axis_units(sample[: self.first], len(self.names))
-        self._width = max(map(width_of, heads))
+        self._width = max(map(filled_width, heads))
         above = tuple(cell for row in sample[: self.first] for cell in row if isinstance(cell, str) and cell)
         self.comments: Sequence[str] = (*grid.comments, *above)
 
@@ -87,7 +87,7 @@ class TableSheet:
             yield line, row
 
     def unit(self, name: str) -> str:
-        """Unit of a column in the header, empty if there is none."""
+        """Unit of a column in the header, or empty."""
         return self._units[self.names.index(name)]
 
     def take(self, columns: Sequence[Column]) -> Table:
@@ -138,7 +138,7 @@ class TableSheet:
 
 
 def _read(text: str, comma: bool) -> float:
-    """Number of a text, NaN if it is none."""
+    """Number of a text, else NaN."""
     try:
         return read_decimal(text.replace(",", ".") if comma else text) if len(text) <= LONGEST_NUMBER else math.nan
     except ValueError:
@@ -160,7 +160,7 @@ class WrittenTable(TableSheet):
         data = read_bytes(path, LARGEST_PLAIN)
         self._most, comments = most, list[str]()
         begin = 0
-        for number, line in lines_of(path, data):
+        for number, line in number_lines(path, data):
             if line.lstrip()[:1] not in ("#", ""):
                 break
             begin = number
@@ -168,7 +168,7 @@ class WrittenTable(TableSheet):
                 comments.append(restore_note(line.lstrip()[1:].strip()))
 
         def each() -> NumberedRows:
-            lines = ((n, line) for n, line in lines_of(path, data) if n > begin and line.strip())
+            lines = ((n, line) for n, line in number_lines(path, data) if n > begin and line.strip())
             width = 0
             for line, row in split_lines(path, lines, ",", plain=True):
                 width = width or len(row)
@@ -186,7 +186,7 @@ class WrittenTable(TableSheet):
 
 
 def find_header(rows: Sequence[Sequence[Cell]]) -> tuple[int, int]:
-    """First row of the names and units above the numbers, and the first row of these; zeros if there are no names.
+    """First row of names and units, and first row of numbers; zeros if there are no names.
 
     It is the row without numbers above the rows with numbers; of several the first that is not above much fewer than
     another one. Without numbers, and where only the first cell is a text, it is the first row.
@@ -201,7 +201,7 @@ def find_header(rows: Sequence[Sequence[Cell]]) -> tuple[int, int]:
     most = max((count for _, count in runs), default=0)
     start = next((i for i, count in runs if count >= FEWEST * most), 1)
     if start == 0:
-        head = rows[0][: width_of(rows[0])]
+        head = rows[0][: filled_width(rows[0])]
         return 0, int(not is_number(head[0]) and "" not in head)
     first = start - 1
     while first > 0 and start - first < MOST_HEADS and not has_number[first - 1] and _goes_on(rows[first - 1 : start]):
@@ -212,13 +212,13 @@ def find_header(rows: Sequence[Sequence[Cell]]) -> tuple[int, int]:
 def _goes_on(rows: Sequence[Sequence[Cell]]) -> bool:
     """Return whether the first of some rows is a part of the header that the others are the rest of."""
     above, below = rows[0], rows[1:]
-    if 2 * sum(cell != "" for cell in above) <= width_of(below[0]):
+    if 2 * sum(cell != "" for cell in above) <= filled_width(below[0]):
         return False  # a title
     names = below[:-1] if len(below) > 1 and _are_units(below[-1]) else below
     if _are_units(below[-1]) and len(below) == 1:
         return True
     cells = [cell for cell in names[0] if cell != ""]
-    return len({*cells}) < len(cells) or "" in names[0][: width_of(names[0])]
+    return len({*cells}) < len(cells) or "" in names[0][: filled_width(names[0])]
 
 
 def _are_units(row: Sequence[Cell]) -> bool:

@@ -1,6 +1,6 @@
 """Measured columns of a file as SI values: every number with its unit, every fault with its line and column.
 
-The unit of a column stands in the file, or is stated by whoever reads it; it is never guessed from a name.
+The unit of a column is in the file or stated by the caller; it is never guessed from a name.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from commonrail.base.hooks import note
 from commonrail.base.units import NAMES, compatible, convert, same_scale
 from commonrail.physics.law import Domain
 from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet, Table, find_headings
-from commonrail.readers.formats import format_of, refuse_unread
+from commonrail.readers.formats import find_format, refuse_unread
 from commonrail.readers.grid import read_grid
-from commonrail.readers.location import Place, located
+from commonrail.readers.location import Place, locate_errors
 from commonrail.readers.quantity_matrix import FoundMap, GivenUnits, find_map, map_in
 from commonrail.readers.table_sheet import open_table
 
@@ -93,7 +93,7 @@ def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
 
     Raises `InputError` if it cannot be read, or its format is not.
     """
-    if reader := _format(format_of(path)):
+    if reader := _format(find_format(path)):
         opener = reader.load()
         with reader.blame(f"fails on {path}"):
             return cast(Sheet, opener(path, form))
@@ -113,12 +113,12 @@ def read_found_map(path: Path, form: FileForm = PLAIN, given_units: GivenUnits =
 
 def is_grid(path: Path) -> bool:
     """True if a file holds cells, in which a table may be anywhere: a text or a workbook, not named columns."""
-    name = format_of(path)
+    name = find_format(path)
     return name in _GRIDS or _format(name) is None
 
 
 def idle_key(form: FileForm, files: Sequence[Path]) -> tuple[str, str] | None:
-    """Stated field of a form by which none of the files is read, and a clause on it; None if there is none."""
+    """First stated field of a form that has no effect on any of the files, and a clause on it; else None."""
     for key in (key for key in _READ_BY if getattr(form, key)):
         if not any(key in form_keys(file) for file in files):
             return key, f"it is for {_READ_BY[key]}, and does nothing for {files[0]}; omit it"
@@ -127,7 +127,7 @@ def idle_key(form: FileForm, files: Sequence[Path]) -> tuple[str, str] | None:
 
 def form_keys(path: Path) -> tuple[str, ...]:
     """Fields of a `FileForm` by which a file is read; all of them for a format of an installed package."""
-    ending = format_of(path)
+    ending = find_format(path)
     if path.is_dir() or registry.find("inspectors", ending):
         return ()
     reader = _format(ending)
@@ -142,13 +142,13 @@ def _format(name: str) -> registry.Entry | None:
 
 
 def _example(column: Column) -> str:
-    """Units that people write for what is wanted, "mm3/ms or mg/ms"; of a share "%"."""
+    """Example units for a column, "mm3/ms or mg/ms"; "%" for a share."""
     return " or ".join(NAMES[unit][1].partition(" ")[2] or "%" if unit in NAMES else unit for unit in column.units)
 
 
 def _unit(column: Column, written: str, at: Place) -> str:
-    """Unit of a column, of what is written in the file and what is stated elsewhere."""
-    with located(at):
+    """Unit of a column, from the file or stated elsewhere."""
+    with locate_errors(at):
         is_other = written and column.stated and not same_scale(written, column.stated)
     if is_other:
         raise at.error(f'the file gives the unit "{written}", {column.stating} "{column.stated}"; keep one of them')
@@ -162,7 +162,7 @@ def _unit(column: Column, written: str, at: Place) -> str:
 
 def _kind(column: Column, written: str, at: Place) -> str:
     """The wanted unit that measures the same kind of quantity as the column's own."""
-    with located(at):
+    with locate_errors(at):
         fitting = [unit for unit in column.units if compatible(written, unit)]
     if not fitting:
         raise at.error(f'a unit like {_example(column)} is expected, not "{written}"')

@@ -1,7 +1,7 @@
 """Lines and cells of a text: encoding, separator and decimal sign are detected unless they are stated.
 
-A file may have comment lines (``#``) and empty ones anywhere. Rows come one after the other, so that a large file never
-stands in memory as cells.
+A file may have comment lines (``#``) and empty ones anywhere. Rows are read one by one: a large file is never
+in memory as cells.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def _likely(data: bytes) -> list[str]:
     return [mark] if mark else ["utf-8", "cp1252"]
 
 
-def lines_of(path: Path, data: bytes) -> Iterator[tuple[int, str]]:
+def number_lines(path: Path, data: bytes) -> Iterator[tuple[int, str]]:
     """Lines of UTF-8 text with their numbers, without their ends; decoded one by one, to save memory.
 
     Raises `InputError` if a line is too long, or is not UTF-8 text.
@@ -158,8 +158,8 @@ def has_decimal_comma(cell: str) -> bool:
     return bool(_COMMA.fullmatch(cell))
 
 
-def number_of(cell: Cell, comma: bool) -> Cell:
-    """Number of a cell, or the cell where it is none; `comma` reads decimal commas too."""
+def read_number(cell: Cell, comma: bool) -> Cell:
+    """Number of a cell, or the cell itself if it is a text; `comma` reads decimal commas too."""
     if not isinstance(cell, str) or not cell or len(cell) > LONGEST_NUMBER:
         return cell
     if comma and _COMMA.fullmatch(cell):
@@ -172,4 +172,4 @@ def number_of(cell: Cell, comma: bool) -> Cell:
 
 def is_number(cell: Cell) -> bool:
     """Return whether a cell holds a number with either decimal sign, or a word for a missing one."""
-    return not isinstance(cell, str) or not isinstance(number_of(cell, True), str) or cell.lower() in _EMPTY
+    return not isinstance(cell, str) or not isinstance(read_number(cell, True), str) or cell.lower() in _EMPTY

@@ -33,7 +33,7 @@ from commonrail.physics.injector import Source
 from commonrail.physics.law import Q
 from commonrail.readers.location import Place, Reach, read_text
 
-# Types of what stands in the tables of a TOML file: numbers with their units, marks, sources and choices.
+# Types of values in the tables of a TOML file: numbers with their units, marks, sources and choices.
 #
 # A number with its unit is ``Annotated[float, Unit("Pa")]``. Where a file may add mark and source it is
 # ``Annotated[Number, Stated(quantity)]``, and a table of such numbers ``Annotated[ParameterTable, Quantities(known)]``.
@@ -43,7 +43,7 @@ UNSTATED = Source("E", "no source stated")
 
 
 def fault(sentence: str) -> PydanticCustomError:
-    """Error of a validator; the sentence stands behind the place and has no full stop."""
+    """Error of a validator; the sentence follows the place and has no full stop."""
     return PydanticCustomError("sentence", "{sentence}", {"sentence": sentence})
 
 
@@ -124,7 +124,7 @@ class Number(Sourced):
     value: SkipValidation[float] = 0.0
 
     def with_source(self, default: Source) -> Given:
-        """Value and source; what is not stated is that of the table around it."""
+        """Value and source; mark and source default to the surrounding table's."""
         return Given(self.value, self.origin(default))
 
 
@@ -159,7 +159,7 @@ def _number(item: tuple[Q, Any], read: ValidatorFunctionWrapHandler) -> Number:
 
 
 class ParameterTable(Sourced):
-    """Table of numbers, whose mark and source are those of every number that has none."""
+    """Table of numbers, with default mark and source of all its numbers."""
 
     numbers: dict[str, Annotated[Number, WrapValidator(_number)]] = Field(
         default={}, alias="<numbers>"
@@ -208,7 +208,7 @@ def choice(kind: type[Enum]) -> PlainValidator:
 class OneOf:
     """Type of a table whose form follows from the value of a key.
 
-    `more` finds further forms when they are met, those that are None among them.
+    `more` returns further forms by name, or None.
     """
 
     key: str
@@ -257,10 +257,10 @@ def read_model(kind: type[_Model], document: Mapping[str, Any], at: Place) -> _M
     try:
         return kind.model_validate(document)
     except ValidationError as error:
-        raise _translated(kind, error.errors(include_url=False)[0], at) from error
+        raise _translate_error(kind, error.errors(include_url=False)[0], at) from error
 
 
-def _translated(kind: type[BaseModel], details: ErrorDetails, at: Place) -> InputError:
+def _translate_error(kind: type[BaseModel], details: ErrorDetails, at: Place) -> InputError:
     if details["type"] == "list_type" and not at.key and details["loc"] in _lists_of_tables(kind):
         key = details["loc"][0]
         return (at / str(key)).error(f"this must be a list, and a list of tables is written [[{key}]]")
@@ -388,7 +388,7 @@ def _check_lines(text: str, where: str) -> None:
 
 
 def _check(tables: dict[str, Any], at: Place) -> None:
-    """Refuse values beyond the limits; a list of what is still to be looked at, because the depth is not known."""
+    """Refuse values beyond the limits; iterative, because the depth is not known."""
     waiting: list[tuple[Any, Place, int]] = [(tables, at, 0)]
     while waiting:
         value, place, depth = waiting.pop()
@@ -485,7 +485,7 @@ def inline_table(values: Mapping[str, Any]) -> str:
 def table_lines(path: str, values: Mapping[str, Any]) -> Iterator[str]:
     """Lines of a table and of those in it, each below an empty line.
 
-    The path is its dotted key; behind texts, numbers and lists the values hold mappings.
+    The path is its dotted key; mappings follow texts, numbers and lists.
     """
     yield ""
     yield f"[{path}]"

@@ -47,7 +47,7 @@ def _cells(path: Path, sheet: Any, formulas: Any) -> tuple[list[list[str | float
     """Rows and their numbers; a cell that is empty but in the sheet with `formulas`, if given, is `UNCOMPUTED`."""
     rows: list[list[str | float]] = []
     lines: list[int] = []
-    merged = _merged(sheet)
+    merged = _find_merged(sheet)
     shape, left = Shape(path, "row"), MOST_TEXT
     if not hasattr(sheet, "iter_rows"):  # a sheet that is a chart
         return rows, lines
@@ -77,7 +77,7 @@ def _cells(path: Path, sheet: Any, formulas: Any) -> tuple[list[list[str | float
     return rows, lines
 
 
-def _merged(sheet: Any) -> list[tuple[int, int, int, int]]:
+def _find_merged(sheet: Any) -> list[tuple[int, int, int, int]]:
     """Ranges of merged cells: first column, first row, last column and last row, from 1."""
     with sheet._get_source() as source:  # what openpyxl reads cell by cell has no list of them
         ranges = re.findall(rb'<mergeCell ref="([A-Z]{1,3}[0-9]{1,7}:[A-Z]{1,3}[0-9]{1,7})"', source.read())

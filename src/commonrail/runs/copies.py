@@ -1,4 +1,4 @@
-"""Copies of all files that a study reads, so that its run folder can be moved and is not changed from outside."""
+"""Copies of all files that a study reads: its run folder can be moved and is independent of the originals."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def copy_files(
         if not copied and text != plain_lines(content).decode():
             content = text.encode()
         if source.suffix == ".toml":
-            content = _relocated(content, source, places)
+            content = _relocate(content, source, places)
         text = text if copied else plain_lines(content).decode()
         path = folder / places[source]
         with writing(path):
@@ -81,7 +81,7 @@ def copy_files(
     return copied, text
 
 
-def _relocated(content: bytes, source: Path, places: Mapping[Path, Path]) -> bytes:
+def _relocate(content: bytes, source: Path, places: Mapping[Path, Path]) -> bytes:
     """A TOML file whose paths lead to the copies; the same bytes if they do so already."""
     text = content.decode("utf-8-sig")
     if not _redirect(tomllib.loads(text), source, places):

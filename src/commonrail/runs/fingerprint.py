@@ -32,11 +32,11 @@ _TOLD = frozenset(
 )  # fields of a study that reports tell, and that decide nothing
 
 
-def content_of(study: Study) -> str:
+def hash_study(study: Study) -> str:
     """SHA-256 of all that decides over a study's result but the number of generations; file names do not."""
     space = study.space
     parts = {f.name: getattr(study, f.name) for f in fields(study) if f.name not in _TOLD}
-    return fingerprint_of(
+    return hash_values(
         parts
         | {
             "injector": injector_text(study.injector, {}, ""),
@@ -46,8 +46,8 @@ def content_of(study: Study) -> str:
     )
 
 
-def fingerprint_of(*values: Any) -> str:
-    """SHA-256 of values as `content_of` takes them."""
+def hash_values(*values: Any) -> str:
+    """SHA-256 of values as `hash_study` takes them."""
     pieces: list[bytes] = []
     _add_pieces(values, pieces)
     return sha256(b"\0".join(pieces))
@@ -85,11 +85,11 @@ TRIED = 8  # candidates that are simulated again: one block of the vectorised lo
 def other_targets(journal: Journal, study: Searched, objective: Objective) -> tuple[Finding, ...]:
     """Warning that a run need not end as one that was never stopped; none where this target finds the same bits.
 
-    The best candidate so far, and some beside it, are simulated again by the objective of the search, on threads of
-    this process, and compared bit for bit. The journal's last session is that of this process.
+    The best candidate so far and some others are simulated again by the objective of the search, on threads of
+    this process, and compared bit for bit. The journal's last session belongs to this process.
     """
     records = journal.targets
-    if study.same_bits and study.method.is_evolution:  # which rounds alike on all processors
+    if study.same_bits and study.method.is_evolution:  # which rounds equally on all processors
         records = [{name: text for name, text in record.items() if name in package_versions()} for record in records]
     text = other_bits(
         differing(records),
@@ -101,7 +101,7 @@ def other_targets(journal: Journal, study: Searched, objective: Objective) -> tu
 
 
 def differing(targets: Sequence[Mapping[str, str]]) -> str:
-    """Differences of the last target from each earlier one, as a part of a sentence; "" where there are none."""
+    """Differences of the last target from each earlier one, as a part of a sentence, or ""."""
     said: dict[str, str] = {}
     for number, before in enumerate(targets[:-1], 1):
         if (text := differences(before, targets[-1])) and text not in said:
@@ -110,7 +110,7 @@ def differing(targets: Sequence[Mapping[str, str]]) -> str:
 
 
 def other_bits(differing: str, candidates: str, recorded: float, recomputed: float) -> str:
-    """Description of what is not as it was, "" if nothing: what `differing` says, and the bits of a candidate.
+    """Description of all differences, or "": those of `differing`, and the bits of a candidate.
 
     `recorded` and `recomputed` are the objectives of one candidate in the journal and here: of the first one that
     differs, if any does.
@@ -124,7 +124,7 @@ def other_bits(differing: str, candidates: str, recorded: float, recomputed: flo
 
 
 def _best_again(journal: Journal, objective: Objective) -> tuple[float, float]:
-    """Objective of the best candidate in the journal and here; of the first one beside it if only that differs."""
+    """Objective of the best candidate in the journal and here; or of another candidate if only that differs."""
     trials, costs = journal.best_step()
     candidates = np.argsort(costs, kind="stable")[:TRIED]
     candidates = candidates[np.isfinite(costs[candidates])]

@@ -27,14 +27,14 @@ from commonrail.calibration.search import Checkpoint, CheckpointError, Progress,
 from commonrail.calibration.study import Study, objective_of
 from commonrail.calibration.study_file import load_study
 from commonrail.runs.copies import copy_files, copy_paths, set_in_text
-from commonrail.runs.fingerprint import check_files, content_of, other_targets
+from commonrail.runs.fingerprint import check_files, hash_study, other_targets
 from commonrail.runs.folder import STUDY, Results, refuse_used, write_results
 from commonrail.runs.journal import ESTIMATED, JOURNAL, LOCK, STARTS, Input, Journal, State, read_about
 
 if TYPE_CHECKING:
     from commonrail.workers.workers import Workers
 
-_LEFT = (JOURNAL, LOCK, SUMS)  # and what SQLite puts beside them
+_LEFT = (JOURNAL, LOCK, SUMS)  # and files that SQLite adds
 
 
 class Fitted(Protocol):
@@ -148,7 +148,7 @@ class FitKind(Generic[_Study, _Fit]):
             with write_set(folder, inputs={item.name: item.copy for item in journal.inputs}):
                 pass  # as they are in the journal, if the checksums were lost or are those of an earlier version
             if generations:
-                settings = _extended(journal, settings, generations)
+                settings = _extend(journal, settings, generations)
             return _run(journal, settings, journal.checkpoint(), work)
 
     def copies(self, study: _Study) -> list[str]:
@@ -158,7 +158,7 @@ class FitKind(Generic[_Study, _Fit]):
     def copy(self, study: _Study, folder: Path) -> tuple[list[Input], _Study, str]:
         """Copy the files of settings into a run folder; with the settings as the copies state them and the fingerprint.
 
-        There are no copies, and the settings are those given, if they were made or changed in Python beyond what
+        There are no copies, and the given settings are used, if they were made or changed in Python beyond what
         options may change and the number of generations. `StudyError` if a file has changed since it was read.
         """
         content, as_read = self.content(study), study.as_read
@@ -166,7 +166,7 @@ class FitKind(Generic[_Study, _Fit]):
             return [], study, content
         options: dict[str, Any] = {name: getattr(study, name) for name in self.options}
         total, text = _generations(study), study.text
-        settings: _Study = _with_generations(_changed(as_read, **options), total)
+        settings: _Study = _with_generations(_change(as_read, **options), total)
         if text != as_read.text or self.content(settings) != content:
             return [], study, content
         for name, value in options.items():
@@ -178,7 +178,7 @@ class FitKind(Generic[_Study, _Fit]):
             places = copy_paths(study.files, self.file, self.results)
             inputs, text = copy_files(study.files, folder, places, text)
         files = {folder.absolute() / item.name: item.copy for item in inputs}
-        return inputs, _changed(settings, files=files, text=text), content
+        return inputs, _change(settings, files=files, text=text), content
 
     def _nothing_to_resume(self, folder: Path) -> str:
         if not folder.is_dir():
@@ -259,15 +259,15 @@ def _generations(study: Settings) -> int:
 
 def _with_generations(study: _Study, generations: int) -> _Study:
     evolution = replace(study.method.evolution, generations=generations)
-    return _changed(study, method=replace(study.method, evolution=evolution))
+    return _change(study, method=replace(study.method, evolution=evolution))
 
 
-def _changed(study: _Study, **fields: Any) -> _Study:
+def _change(study: _Study, **fields: Any) -> _Study:
     changed: _Study = replace(study, **fields)  # type: ignore[type-var]
     return changed
 
 
-def _extended(journal: Journal, study: _Study, more: int) -> _Study:
+def _extend(journal: Journal, study: _Study, more: int) -> _Study:
     """The settings with more generations, in journal and file too."""
     total = journal.generations + more
     if total > MOST_GENERATIONS:
@@ -282,7 +282,7 @@ def _extended(journal: Journal, study: _Study, more: int) -> _Study:
         facts["study"] = set_in_text(study.text, ("optimiser", "generations"), total)
         facts["before"] = inputs[0].copy
         inputs[0] = inputs[0]._replace(copy=sha256(facts["study"].encode()))
-        longer = _changed(longer, text=facts["study"])
+        longer = _change(longer, text=facts["study"])
     journal.describe(facts, inputs)
     if inputs:
         with write_set(journal.folder):
@@ -293,7 +293,7 @@ def _extended(journal: Journal, study: _Study, more: int) -> _Study:
 
 @dataclass(frozen=True)
 class Listener:
-    """Functions called after every generation and refinement, with sentences for the user, and with what was written.
+    """Functions called after every generation and refinement, with sentences for the user, and with the written files.
 
     `written` is called with the results of the finished run of a study.
     """
@@ -348,7 +348,7 @@ def calibrate_into(
 
     Notes
     -----
-    Warnings are told to `listener.note` when they are found, and are in the result.
+    Warnings go to `listener.note` when they occur, and are in the result.
     """
     path = file_path(folder, "folder")
     instance(study, Study, "study")
@@ -365,14 +365,14 @@ def resume(
     workers: Workers | None = None,
     listener: Listener = Listener(),
 ) -> Calibration:
-    """Go on with a run that was stopped, however it was; the result is that of a run never stopped, bit by bit.
+    """Continue a stopped run; the result is bit for bit the same as without the stop.
 
     Parameters
     ----------
     folder : str or Path
         Run folder; it may have been moved or copied.
     generations : int
-        More generations of the evolution than the study asks for; refinements are then done anew.
+        More generations of the evolution than the study asks for; refinements are then repeated.
     study : Study, optional
         The study, if it was made in Python and not read from a file.
     as_begun : bool
@@ -485,5 +485,5 @@ STUDIES: FitKind[Study, Calibration] = FitKind(
     command="commonrail calibrate STUDY",
     again="commonrail.resume(folder, study=study)",
     load=load_study,
-    content=content_of,
+    content=hash_study,
 )

@@ -1,4 +1,4 @@
-"""The run folder: what a calibration leaves behind."""
+"""The run folder: files that a calibration writes."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from commonrail.runs.traces import Curve, Traces, read_traces, write_traces
 LARGEST_RECORD = 20_000_000  # [bytes]; its tables take up to 30 times as much
 
 
-# Control characters of JSON, those that are escaped as a group: a terminal would obey texts of a stranger's run.
+# Control characters of JSON, escaped as a group: a terminal would obey texts of a stranger's run.
 _ESCAPES = re.compile(
     r"\\(?:(u000[0-8b-f]|u001|u007f|u00[89]|u20(?:2[a-e]|6[6-9])|[bfr])|.)|([\x7f-\x9f\u202a-\u202e\u2066-\u2069])",
     re.IGNORECASE,
@@ -103,7 +103,7 @@ def _broken(path: Path, made_by: str, reason: str) -> InputError:
     return InputError(f"{path.parent}: not a run folder of {made_by} ({path.name}: {reason}); make it again.")
 
 
-# Runs whose search was stopped before its end: who takes their values is told.
+# Runs whose search was stopped early: users of their values are warned.
 
 _RESULT = "result.json"
 
@@ -111,7 +111,7 @@ _RESULT = "result.json"
 def note_stopped(folder: Path, record: Mapping[str, Any] | None = None) -> None:
     """Note, once a process, that the values of a run are those of a search that was stopped.
 
-    By default its record is read; a folder that has none is not judged. `InputError` if a file of the run was changed.
+    By default its record is read; a folder without a record is not judged. `InputError` if a file was changed.
     """
     if record is None:
         check_sums(folder)
@@ -139,7 +139,7 @@ def create_run_folder(path: str | Path) -> Path:
     Raises
     ------
     ConfigurationError
-        If it is no path.
+        If it is not a path.
     InputError
         If it exists and is not empty.
     OutputError
@@ -262,7 +262,7 @@ def read_results(folder: Path, record: Mapping[str, Any]) -> Results:
 def read_draws(folder: str | Path, names: Sequence[str], most: int | None = None) -> Floats:
     """Draws (m, d) [SI] of a run folder, for parameters of these names, at most so many of them.
 
-    Raises `InputError` if there are none, or they are of other parameters.
+    Raises `InputError` if they are missing or of other parameters.
     """
     path = file_path(folder, "folder") / DRAWS
     again = f"`{command('certainty', folder)}` draws them"
@@ -289,7 +289,7 @@ def read_run(folder: str | Path) -> tuple[dict[str, Any], Traces]:
     InputError
         If the folder is not a run folder, or a file of it is broken or not the one that was written.
     ConfigurationError
-        If it is no path.
+        If it is not a path.
     """
     folder = file_path(folder, "folder")
     return read_result(folder), read_traces(folder / TRACES)
@@ -299,7 +299,7 @@ def read_fit(folder: str | Path) -> tuple[Study, dict[str, float]]:
     """Study of a run folder, and the best values [SI] of its result.
 
     Raises `InputError` if the folder is not a run folder, its result is of another study, or a file of it is broken.
-    Raises `ConfigurationError` if it is no path.
+    Raises `ConfigurationError` if it is not a path.
     """
     folder = file_path(folder, "folder")
     record = read_result(folder)

@@ -21,7 +21,7 @@ from commonrail.base.input import check_plain
 from commonrail.base.output import PART, check_target
 from commonrail.calibration.search import Checkpoint, Generation, Stage, Step
 from commonrail.compiler.target import describe
-from commonrail.runs.lock import UNTRUE, Lock, explained, refuse_rollback, trusted
+from commonrail.runs.lock import UNTRUE, Lock, check_trust, explain_errors, refuse_rollback
 from commonrail.runs.tables import RUN, Schema, Statement, digest, number_bytes, pack, put, read_rows, unpack
 
 # An SQLite file in a folder that one process holds and others read: what all journals have in common.
@@ -61,7 +61,7 @@ class JournalFile:
         try:
             check_target(self.path)
             refuse_rollback(self.path)
-            with explained(self.path), trusted(self.path):
+            with explain_errors(self.path), check_trust(self.path):
                 self._open()
         except BaseException:
             self._lock.close()
@@ -115,7 +115,7 @@ class JournalFile:
 
     def _shorten_log(self) -> None:
         """Take the log into the main file, which keeps that a log belongs to it; a reader may put that off."""
-        with explained(self.path):
+        with explain_errors(self.path):
             self._note(log=NEEDED)
             self._connection.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
             self._note(log=THERE)
@@ -124,7 +124,7 @@ class JournalFile:
     def _write(self, *statements: Statement, durable: bool = False) -> None:
         """Execute statements as one transaction; a `durable` one waits for the disk in any case."""
         self.check_place()
-        with explained(self.path):
+        with explain_errors(self.path):
             self._connection.execute(_synchronous(durable or self.DURABLE))
             self._connection.execute("BEGIN")
             try:
@@ -141,12 +141,12 @@ class JournalFile:
 
     def _table(self, name: str) -> list[tuple[Any, ...]]:
         """Rows of a table without their seals, by key or in the order of writing; `StudyError` if one was changed."""
-        with explained(self.path), trusted(self.path):
+        with explain_errors(self.path), check_trust(self.path):
             return list(read_rows(self._connection, name))
 
     def _next(self, table: str) -> int:
         """Number of the next row of a table that counts from 1."""
-        with explained(self.path), trusted(self.path):
+        with explain_errors(self.path), check_trust(self.path):
             (last,) = self._connection.execute(f"SELECT COALESCE(MAX(number), 0) FROM {table}").fetchone()
             return int(last) + 1
 
@@ -177,7 +177,7 @@ def opened_to_read(path: Path, schema: Schema) -> Iterator[sqlite3.Connection]:
     """
     refuse_rollback(path)
     with_log = _has_log(path)
-    with explained(path), trusted(path), closing(_read_only(path)) as connection:
+    with explain_errors(path), check_trust(path), closing(_read_only(path)) as connection:
         if _check(connection, path, schema, with_log or _has_log(path)):
             yield connection
             return
@@ -189,7 +189,7 @@ def opened_to_read(path: Path, schema: Schema) -> Iterator[sqlite3.Connection]:
 def _check(connection: sqlite3.Connection, path: Path, schema: Schema, with_log: bool) -> bool:
     """True if a file holds a journal of which every row is the one that was written; False if it is empty.
 
-    `with_log`: there is a write-ahead log beside it.
+    `with_log`: it has a write-ahead log.
     """
     # the tables first: SQLite evaluates the conditions of foreign ones while it checks the rest, whatever that takes
     if not schema.check(connection, path):
@@ -210,7 +210,7 @@ def _check(connection: sqlite3.Connection, path: Path, schema: Schema, with_log:
 
 
 def _has_log(path: Path) -> bool:
-    """Return whether there is a write-ahead log beside a journal; an empty one says nothing."""
+    """Return whether a journal has a write-ahead log that is not empty."""
     with suppress(OSError):
         return path.with_name(f"{path.name}-wal").stat().st_size > 0
     return False
@@ -307,7 +307,7 @@ class Journal(JournalFile):
     @property
     def generations(self) -> int:
         """Generations wanted after the initial population."""
-        with trusted(self.path):
+        with check_trust(self.path):
             count = int(self.about["generations"])
             if count < 0:
                 raise ValueError("a count is no number")
@@ -316,7 +316,7 @@ class Journal(JournalFile):
     def describe(self, about: Mapping[str, str], inputs: list[Input] | None = None) -> None:
         """Write facts of the run, and in place of the former ones the files that the study reads; wait for the disk.
 
-        They are in the main file then, so that no damage to the log takes them.
+        They are then in the main file, safe from damage to the log.
         """
         statements = facts(about.items())
         if inputs is not None:
@@ -339,7 +339,7 @@ class Journal(JournalFile):
     @property
     def targets(self) -> list[dict[str, str]]:
         """Versions, and the processor that was compiled for, of each session."""
-        with trusted(self.path):
+        with check_trust(self.path):
             targets = [json.loads(row[-1]) for row in self._table("session")]
             return [{str(name): str(text) for name, text in target.items()} for target in targets]
 
@@ -358,8 +358,8 @@ class Journal(JournalFile):
         )
 
     def checkpoint(self) -> Checkpoint | None:
-        """State to resume from; None at the very beginning. `StudyError` if it is not what was written."""
-        with trusted(self.path):
+        """State to resume from; None at the very beginning. `StudyError` if it was changed."""
+        with check_trust(self.path):
             history = tuple(Generation(*row[:3]) for row in self._table("generation"))
             stages: list[Stage] = []
             for number, text, arrays, written in self._table("state"):
@@ -387,7 +387,7 @@ class Journal(JournalFile):
 
     def best_step(self) -> tuple[Floats, Floats]:
         """Trials (n, d) [SI] and costs (n,) of the step that found the lowest cost; empty before the first one."""
-        with trusted(self.path):
+        with check_trust(self.path):
             nothing = (np.empty((0, 0)), np.empty(0))
             return min(self._trials(), key=lambda step: step[1].min(initial=np.inf), default=nothing)
 
@@ -418,7 +418,7 @@ def read_inputs(folder: Path) -> list[Input]:
 
 
 def read_about(folder: Path) -> dict[str, Any]:
-    """Facts of the run in a folder, without holding it; `StudyError` if there is no journal, or it cannot be read.
+    """Facts of the run in a folder, without holding it; `StudyError` if the journal is missing or cannot be read.
 
     Those of the table about, and "generations done", "refinements", "best", "seconds", "changed" (UTC).
     """

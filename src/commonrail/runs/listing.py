@@ -34,7 +34,7 @@ class Run:
     refinements : int
         Done.
     best : float
-        Objective; inf if there is none.
+        Objective; inf if unknown.
     age : float
         Since the last session ended or, if it has not, began [s].
     seconds : float
@@ -59,9 +59,9 @@ def list_runs(folder: str | Path) -> list[Run]:
     Raises
     ------
     InputError
-        If there is no such folder.
+        If the folder does not exist.
     ConfigurationError
-        If it is no path.
+        If it is not a path.
     """
     top = file_path(folder, "folder")
     if not top.is_dir():

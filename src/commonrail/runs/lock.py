@@ -28,8 +28,8 @@ UNTRUE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeErro
 
 
 @contextmanager
-def trusted(path: Path) -> Iterator[None]:
-    """Say so with a `StudyError` if what a journal holds is not what was written."""
+def check_trust(path: Path) -> Iterator[None]:
+    """Raise `StudyError` if the content of a journal was changed."""
     try:
         yield
     except UNTRUE as error:
@@ -39,7 +39,7 @@ def trusted(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def explained(path: Path) -> Iterator[None]:
+def explain_errors(path: Path) -> Iterator[None]:
     """Turn an error of SQLite on a file into a sentence.
 
     `OutputError` if the disk is full, or the file cannot be written or made; `StudyError` if it is not what it should
@@ -88,7 +88,7 @@ class Lock:
     """Lock that this process holds until it is closed; SQLite's own locking serves, which works on every system.
 
     The file stays empty. `BlockingIOError` if somebody else holds it, `OutputError` if it cannot be made, or is a link
-    or a device; `StudyError` if it is not empty, or a rollback journal is beside it.
+    or a device; `StudyError` if it is not empty, or has a rollback journal next to it.
     """
 
     def __init__(self, path: Path) -> None:
@@ -106,10 +106,10 @@ class Lock:
             raise
 
     def _lock_file(self, path: Path) -> None:
-        with explained(path):
+        with explain_errors(path):
             self._connection = sqlite3.connect(path, isolation_level=None, timeout=0.5)  # who only looks is quick
             try:
-                self._connection.execute("PRAGMA journal_mode=MEMORY")  # no further file beside it
+                self._connection.execute("PRAGMA journal_mode=MEMORY")  # no further file next to it
                 self._connection.execute("BEGIN EXCLUSIVE")
             except sqlite3.OperationalError as error:
                 self._connection.close()

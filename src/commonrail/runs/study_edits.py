@@ -13,7 +13,7 @@ from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file import edit_study, load_study
 from commonrail.calibration.usual import USUAL, USUAL_OF_METER, usual_parameter, with_usual_prior
-from commonrail.data.registry import kind_of
+from commonrail.data.registry import get_kind
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.meters import QUANTITIES, is_of_meter, known_quantity, parameter_name, parts_of
 from commonrail.runs.folder import read_result
@@ -25,7 +25,7 @@ def exact(value: float, unit: str) -> str | float:
 
 
 def complete(document: Any, free: Sequence[str]) -> None:
-    """State in a document what a type frees and what an installed package describes, so that it can be changed.
+    """Write the values of a type and of installed packages into a document, to make them editable.
 
     `free`: names of all free parameters of the study.
     """
@@ -51,7 +51,7 @@ def append(document: Any, key: str, values: Mapping[str, Any]) -> None:
     items.append(table)
 
 
-def table_of(document: Any, parameter: Mapping[str, Any]) -> Any:
+def parameter_table(document: Any, parameter: Mapping[str, Any]) -> Any:
     """Table of a free parameter in a `complete` document, its bounds stated outright.
 
     `parameter`: its record in result.json.
@@ -94,13 +94,13 @@ def widen_bound(parameter: Mapping[str, Any], is_log: bool = False) -> MovedBoun
 
 
 def can_widen(parameter: Mapping[str, Any]) -> bool:
-    """True if the bound that a parameter has met can be moved: it is no end of the domain nor of what is built."""
+    """True if the bound that a parameter has met can be moved: it is not an end of the domain or of the usual range."""
     moved = widen_bound(parameter)
     return moved.name != FUEL_TEMPERATURE and abs(moved.after - moved.before) > 1e-9 * abs(moved.before)
 
 
 def widen_study(path: Path, run: Path) -> tuple[Study, list[MovedBound]]:
-    """Read a study with the bounds that a run of it had, those that it has met moved; the file stays as it is.
+    """Read a study with the bounds of a run, after moving the bounds that were met; the file is unchanged.
 
     Raises `StudyError` if the run is of another study or has met no bound that can be moved, and `InputError` as
     `read_result` and `load_study`.
@@ -121,7 +121,7 @@ def widen_study(path: Path, run: Path) -> tuple[Study, list[MovedBound]]:
             for side in ("lower", "upper"):
                 before, after = getattr(free[parameter["name"]], side), moved_bounds.get(side, float(parameter[side]))
                 if after < before if side == "lower" else after > before:
-                    table, unit = table_of(document, parameter), parameter["unit"]
+                    table, unit = parameter_table(document, parameter), parameter["unit"]
                     table[side] = to_text(after, unit)
                     if not is_of_meter(parameter["name"]):
                         table[side].comment(f"widened from {to_text(before, unit)}, which a run has met")
@@ -133,7 +133,7 @@ def free_in(injector: Injector, free: Sequence[str], names: Sequence[str]) -> Ca
     """Edit for `edit_study` that frees parameters within their usual ranges, those of the injector with a prior.
 
     `free`: names that the study has free; `names`: dotted names of parameters, or of quantities of meters as
-    "meter.bench.delay". A meter that is not there is that of all data which state none and see the quantity. Raises
+    "meter.bench.delay". A new meter applies to all data without a meter that depend on the quantity. Raises
     `InputError` for a name that is unknown, or free before.
     """
     for name in names:
@@ -171,7 +171,7 @@ def _free_of_injector(document: Any, parameter: Parameter) -> None:
         values["prior"] = tomlkit.inline_table() | {"value": value, "sigma": sigma, "source": USUAL}
     fixed = document.get("fixed", [])
     for i in reversed([i for i, table in enumerate(fixed) if table["name"] == parameter.name]):
-        del fixed[i]  # its value is that of the injector here
+        del fixed[i]  # the injector has its value
     append(document, "parameter", values)
 
 
@@ -181,14 +181,14 @@ def _free_of_meter(document: Any, meter: str, key: str, *, is_new: bool) -> None
     meters = document.setdefault("meters", tomlkit.table(is_super_table=True))
     if meter not in meters:
         meters[meter] = tomlkit.table() | {"mark": "E", "source": USUAL}
-    seeing = [block for block in document["data"] if key in kind_of(block["kind"]).meter_inputs]
+    seeing = [block for block in document["data"] if key in get_kind(block["kind"]).meter_inputs]
     if is_new:
         for block in seeing:
             block.setdefault("meter", meter)
     if not any(block.get("meter") == meter for block in seeing):
         raise InputError(f"--free {parameter_name(meter, key)}: no data of this meter depend on it; name another one.")
     quantity = tomlkit.inline_table() | USUAL_OF_METER[key]
-    stated = meters[meter].get(key)  # the search starts from what is stated
+    stated = meters[meter].get(key)  # the search starts from the stated value
     if stated is not None:
         value = stated["value"] if isinstance(stated, Mapping) else stated
         at, unit = parse(value, QUANTITIES[key].unit), QUANTITIES[key].unit

@@ -114,7 +114,7 @@ CREATE TABLE state (
 )
 
 
-_ARRAY = "array"  # key of what stands for an array in the JSON: its type, and its shape
+_ARRAY = "array"  # key of an array in the JSON: its type and shape
 
 
 def pack(state: Mapping[str, Any]) -> tuple[str, bytes]:

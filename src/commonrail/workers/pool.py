@@ -26,7 +26,7 @@ CROWD = 8  # workers for each processor; more would only take memory
 SLICE = 0.5  # how long to wait at a time [s]
 
 
-def waited(start: float) -> float:
+def waiting_time(start: float) -> float:
     """Time since `start`, on the clock of `time.monotonic`, that counts as waiting [s].
 
     It is not what the clock says: where this process was halted too (Ctrl-Z, a lid), nobody was late.
@@ -95,7 +95,7 @@ def serve(pipe: Connection) -> None:
             message = pipe.recv()
             if isinstance(message, Package):
                 package = message
-                with suppress(Exception):  # met again, and told, when the work is to be done
+                with suppress(Exception):  # occurs again, and is reported, when the work is done
                     unpack(package)
                     pipe.send(Up())
             else:
@@ -117,16 +117,16 @@ def reply(package: Package, argument: Any) -> Answer | Lost | Refused:
         return perform(package, argument)
     except CommonrailError as error:
         return Refused(error)
-    except (Exception, KeyboardInterrupt) as error:  # told in a sentence after some attempts
+    except (Exception, KeyboardInterrupt) as error:  # reported after some attempts
         return failure(error)
 
 
-_STARTING = threading.Lock()  # the environment is that of all threads
+_STARTING = threading.Lock()  # all threads share the environment
 
 
 @contextmanager
-def unchanged(*names: str) -> Iterator[None]:
-    """Environment variables are afterwards what they were before."""
+def restore_variables(*names: str) -> Iterator[None]:
+    """Restore environment variables at the end of the block."""
     before = {name: os.environ.get(name) for name in names}
     try:
         yield
@@ -138,17 +138,17 @@ def unchanged(*names: str) -> Iterator[None]:
 
 
 @contextmanager
-def shielded() -> Iterator[None]:
+def shield_children() -> Iterator[None]:
     """Processes started inside compute on one thread, run no module of the current folder, and get no stop signal."""
     settings = (*SINGLE_THREADED, SAFE_PATH)
-    with unchanged(*settings):
+    with restore_variables(*settings):
         os.environ.update(dict.fromkeys(settings, "1"))  # before the first process, which is multiprocessing's own
-        with _blocked_signals():
+        with _block_signals():
             yield
 
 
 @contextmanager
-def _blocked_signals() -> Iterator[None]:
+def _block_signals() -> Iterator[None]:
     """Hold back stop signals; threads and processes started inside never get them, from their first instruction on."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -172,7 +172,7 @@ class _Worker:
         self.pipe, other = context.Pipe()
         self.process = context.Process(target=serve, args=(other,), daemon=True, name="commonrail worker")
         try:
-            with _STARTING, shielded():
+            with _STARTING, shield_children():
                 self.process.start()
         except OSError as error:
             raise StudyError(
@@ -267,7 +267,7 @@ class ProcessPool:
         """Wait a while, and yield the tasks in hand that are done or lost; StudyError if workers do not start."""
         start = time.monotonic()
         ready = wait([worker.pipe for worker in self._workers], SLICE)
-        passed = waited(start)
+        passed = waiting_time(start)
         for i, worker in enumerate(self._workers):
             if worker.pipe in ready:
                 outcome = self._take(i, worker)

@@ -25,7 +25,7 @@ class Work(Protocol):
         """Result of a task's argument; a `CommonrailError` is raised in the calling process too."""
 
     def probe(self) -> bytes:
-        """Bits of a result that the calling process and every worker find alike."""
+        """Bits of a result that must be equal in the calling process and every worker."""
 
 
 class Package(NamedTuple):

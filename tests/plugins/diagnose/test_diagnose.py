@@ -20,11 +20,21 @@ from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
 from commonrail.plugins.diagnose.evidence import FREEDOM, RESOLUTION, BenchNoise, Response, judge, moments
-from commonrail.plugins.diagnose.faults import SEAT_LEAK, Change, Fault, FaultTable, Parts, load_faults, shipped_faults
-from commonrail.plugins.diagnose.page import diagnosis_lines
+from commonrail.plugins.diagnose.faults import (
+    SEAT_LEAK,
+    Change,
+    Fault,
+    FaultTable,
+    Parts,
+    load_faults,
+    load_shipped_faults,
+)
+from commonrail.plugins.diagnose.page import diagnosis_lines, quantity_figure
 from commonrail.plugins.diagnose.run import (
     BENCHES,
     FAILS,
+    UNDECIDED,
+    UNEXPLAINED,
     WORKSHOP,
     Diagnosis,
     PlanBench,
@@ -75,7 +85,7 @@ def results(injector: Injector) -> TestPlan:
 
 
 def fault(name: str) -> Fault:
-    return next(f for f in shipped_faults().faults if f.name == name)
+    return next(f for f in load_shipped_faults().faults if f.name == name)
 
 
 def diagnosed(injector: Injector, bench: TestPlan, faults: FaultTable, **how: Any) -> Diagnosis:
@@ -92,7 +102,7 @@ def injector() -> Injector:
 
 @pytest.fixture(scope="module")
 def table() -> FaultTable:
-    return FaultTable(tuple(map(fault, (NOZZLE, SPRING, LIFT))), shipped_faults().scatter)
+    return FaultTable(tuple(map(fault, (NOZZLE, SPRING, LIFT))), load_shipped_faults().scatter)
 
 
 def found(injector: Injector, table: FaultTable, **changes: float) -> Diagnosis:
@@ -218,16 +228,16 @@ def test_a_planted_fault_is_found_with_its_size(
 def test_a_sound_part_is_sound_and_a_strange_one_unexplained(injector: Injector, table: FaultTable) -> None:
     assert next(iter(found(injector, table).probabilities)) == "sound"
     strange = found(injector, table, control_chamber__z_hole_diameter=1.2, nozzle__hole_diameter=1.2)
-    assert strange.verdict == "unexplained"
+    assert strange.verdict == UNEXPLAINED
     record = strange.record()
     assert "--nominal" in diagnosis_lines(record)[0]
     assert "--nominal" not in diagnosis_lines(record | {"nominal": True})[0]
 
 
-def test_faults_that_look_alike_cannot_be_told_and_a_next_test_is_named(injector: Injector, table: FaultTable) -> None:
+def test_equal_faults_are_undecided_and_a_next_test_is_named(injector: Injector, table: FaultTable) -> None:
     twin = fault(SPRING)._replace(name="twin")
     diagnosis = found(injector, table._replace(faults=(fault(SPRING), twin)), valve__spring_preload=0.75)
-    assert diagnosis.verdict == "cannot be told"
+    assert diagnosis.verdict == UNDECIDED
     assert set(diagnosis.leading) == {SPRING, "twin"}
     assert diagnosis.next[0].separation < 0.1  # no test can tell what is the same
 
@@ -290,7 +300,7 @@ def test_sound_parts_scatter_as_the_table_says(injector: Injector, table: FaultT
     np.testing.assert_allclose(parts.values.mean(axis=0), middle, rtol=5e-3)
     spread = [table.scatter[name] * injector.values[name] for name in parts.names]
     np.testing.assert_allclose(parts.values.std(axis=0), spread, rtol=0.05)
-    with pytest.raises(InputError, match="scatter of no parameter"):
+    with pytest.raises(InputError, match=injector.name):
         sound_parts(injector, table._replace(scatter={"solenoid.eddy_lag": 0.1}), 64)  # which is 0 there
 
 
@@ -303,19 +313,19 @@ TOLERANCE = '[[tolerance]]\nname = "valve.lift"\nsigma = "3 %"\n'
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (FAULT.format('"5 %"', '"2 um"') + TOLERANCE, ("both be in percent",)),
-        (FAULT.format('"5 %"', '"2 %"') + TOLERANCE, ("nearer to zero",)),
-        (FAULT.format('"-5 %"', '"20 %"') + TOLERANCE, ("same sign",)),
+        (FAULT.format('"5 %"', '"2 um"') + TOLERANCE, ("fault[1].changes[1]",)),
+        (FAULT.format('"5 %"', '"2 %"') + TOLERANCE, ("fault[1].changes[1]",)),
+        (FAULT.format('"-5 %"', '"20 %"') + TOLERANCE, ("fault[1].changes[1]", "sign")),
         (FAULT.format('"5 bar"', '"20 bar"') + TOLERANCE, ("least", "bar")),
-        (FAULT.format('"-5 %"', '"-120 %"') + TOLERANCE, ("-100 %",)),
+        (FAULT.format('"-5 %"', '"-120 %"') + TOLERANCE, ("fault[1].changes[1]", "-100 %")),
         (FAULT.format('"5 %"', '"20 %"').replace("lift", "lit") + TOLERANCE, ("valve.lift",)),
-        (FAULT.format('"5 %"', '"20 %"') * 2 + TOLERANCE, ('"f" is taken',)),
+        (FAULT.format('"5 %"', '"20 %"') * 2 + TOLERANCE, ("fault[2]", '"f"')),
         (FAULT.format('"5 %"', '"20 %"') + TOLERANCE.replace("3 %", "60 %"), ("sigma", "50 %")),
         (FAULT.format('"5 %"', '"20 %"'), ("tolerance",)),
-        (LIFTED + TOLERANCE * 2, ("tolerance[2]", "valve.lift is there twice")),
+        (LIFTED + TOLERANCE * 2, ("tolerance[2]", "valve.lift")),
         (
             LIFTED.replace("changes = [", "changes = [" + CHANGE + ", ") + TOLERANCE,
-            ("fault[1].changes[2]", "valve.lift is there twice"),
+            ("fault[1].changes[2]", "valve.lift"),
         ),
     ],
 )
@@ -328,18 +338,18 @@ def test_a_senseless_table_of_faults_is_refused(text: str, words: tuple[str, ...
 
 
 @pytest.mark.parametrize(("rate", "told"), [(None, 1), (RATE, 0)])
-def test_a_return_without_a_stroke_rate_is_told(
+def test_a_return_without_a_stroke_rate_is_noted(
     injector: Injector, table: FaultTable, rate: float | None, told: int
 ) -> None:
     without = replace(results(injector), tests=tuple(replace(t, stroke_rate=None) for t in results(injector).tests))
     with warnings.catch_warnings(record=True) as notes:
         warnings.simplefilter("always")
         diagnosed(injector, without, table, stroke_rate=rate)
-    assert ["VL (return) lacks what the guides leak" in str(one.message) for one in notes] == [True] * told
+    assert ["VL (return)" in str(one.message) for one in notes] == [True] * told
 
 
 def test_a_plan_without_results_is_refused(injector: Injector) -> None:
-    with pytest.raises(InputError, match=r"1 of 4 tests .* column bench"):
+    with pytest.raises(InputError, match=r"\b1 of 4 tests\b"):
         diagnose(injector, plan(1.0, None, None, None))
 
 
@@ -358,7 +368,7 @@ def test_the_verb_prints_json_writes_a_report_and_refuses(command: Command, tmp_
     assert done.record["verdict"] == "sound"
     assert len(done.record["tests"]) == 4
     page, said = report.read_text(encoding="utf-8"), command("diagnose", *how).out
-    assert "Measured beside sound parts" in page
+    assert quantity_figure(done.record).title in page
     assert "SYNTHETIC part" in page
     assert "SYNTHETIC part" in said
     assert len(said.splitlines()) <= 22
@@ -368,4 +378,4 @@ def test_the_verb_prints_json_writes_a_report_and_refuses(command: Command, tmp_
     file.write_text("\n".join([HEAD, rows[0]]), encoding="utf-8")
     refused = command("diagnose", *how)
     assert refused.status == 2
-    assert "column bench" in refused.sentence
+    assert "1 of 1" in refused.sentence

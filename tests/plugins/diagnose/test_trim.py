@@ -88,7 +88,7 @@ def test_a_mistyped_result_is_warned_of_by_its_test(injector: Injector, part: In
     plan = results(part)
     wrong = replace(plan.tests[2], bench=0.1 * (plan.tests[2].bench or 0.0))
     at = {"rail_pressures": [60e6], "energising_times": [550e-6], "threads": 1}
-    with pytest.warns(RuntimeWarning, match=r"^plan: VL \(−\d.* more than 3 standard"):
+    with pytest.warns(RuntimeWarning, match=r"^plan: VL \(−\d"):
         found = trim(injector, replace(plan, tests=(*plan.tests[:2], wrong)), **at)
     assert np.abs(found.distances[:2]).max() < 3.0 < -found.distances[2]
     with warnings.catch_warnings():
@@ -98,34 +98,34 @@ def test_a_mistyped_result_is_warned_of_by_its_test(injector: Injector, part: In
 
 def test_what_cannot_be_trimmed_is_refused(injector: Injector, part: Injector) -> None:
     plan = results(part)
-    with pytest.raises(InputError, match=r"two deliveries .* not 1\."):
+    with pytest.raises(InputError, match=r"\b1 of the deliveries"):
         trim(injector, replace(plan, tests=plan.tests[:1]))
     returns = tuple(replace(test, measure=Measure.RETURN) for test in plan.tests)
-    with pytest.raises(InputError, match=r"two deliveries .* not 0\."):
+    with pytest.raises(InputError, match=r"\b0 of the deliveries"):
         trim(injector, replace(plan, tests=returns))
     short = replace(plan.tests[0], name="short", energisings=(Energising(0.0, 30e-6),))
-    with pytest.raises(InputError, match="test short hardly rises"):
+    with pytest.raises(InputError, match=r"\bshort\b"):
         trim(injector, replace(plan, tests=(*plan.tests, short)), threads=1)
-    with pytest.raises(InputError, match=r"No point of the map .* at 1 .* longer energising times"):
+    with pytest.raises(InputError, match=r"at 1 "):
         trim(injector, plan, rail_pressures=[80e6], energising_times=[30e-6], threads=1)
 
 
 def test_points_that_cannot_be_trimmed_are_counted(injector: Injector, part: Injector) -> None:
-    with pytest.warns(RuntimeWarning, match=r"^1 of 2 points .* at 1 a sound part does not inject .* longer"):
+    with pytest.warns(RuntimeWarning, match=r"^1 of 2 points .* at 1 "):
         found = trim(injector, results(part), rail_pressures=[80e6], energising_times=[30e-6, 600e-6], threads=1)
     assert [point.energisings[0].duration for point in found.points] == [600e-6]
 
 
 def test_a_point_without_a_simulation_asks_for_no_longer_time() -> None:
     text = _reasons(np.array([np.nan, 1.0, 0.0]), np.array([1e-8, 0.0, 1e-8]))
-    assert text.startswith("at 1 a sound part cannot be simulated (take shorter")
-    assert [f"at 1 {words}" in text for words in ("a sound part does not inject", "the nominal")] == [True, True]
+    assert text.count("at 1 ") == 3
+    assert text.index("shorter") < text.index("longer")
 
 
 def test_a_correction_that_leaves_no_time_is_refused(injector: Injector, part: Injector) -> None:
     plan = results(part)
     wrong = replace(plan.tests[2], bench=10.0 * (plan.tests[2].bench or 0.0))
-    with pytest.raises(InputError, match=r"at VL the correction of −\d+ µs would leave no energising time"):
+    with pytest.raises(InputError, match=r"VL .*−\d+ µs"):
         trim(injector, replace(plan, tests=(*plan.tests[:2], wrong)), threads=1)
 
 

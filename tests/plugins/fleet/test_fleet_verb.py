@@ -48,7 +48,7 @@ def test_a_fleet_from_end_to_end(
 @pytest.mark.usefixtures("forked_workers")
 def test_a_failure_is_told_as_it_comes_and_listed(command: Command, fleet_file: Path, tmp_path: Path) -> None:
     (fleet_file.parent / "data" / "SN000002_160MPa.csv").unlink()
-    done = command("fleet", fleet_file, "--workers", "1", "--out", tmp_path / "run")
+    done = command("fleet", fleet_file, "--workers", "1", "--out", tmp_path / "run", "--full")
     assert done.status == 4, done.err  # the others are calibrated; a script must not overlook this one
     assert "SN000002 failed: " in done.err
     assert "SN000002_160MPa.csv: there is no such file" in " ".join(done.out.split())

@@ -11,7 +11,7 @@ import pytest
 from commonrail.base.errors import InputError
 from commonrail.plugins.formats.records import MdfFile
 from commonrail.readers.columns import Column, Table
-from commonrail.readers.overview import channels_of
+from commonrail.readers.overview import read_channels
 from commonrail.readers.tables import read_columns
 from tests.child_in_process import read_in_process
 
@@ -116,7 +116,7 @@ def test_codes_of_texts_are_numbers_of_a_switch_or_gaps(tmp_path: Path, version:
         record.append([asammdf.Signal(frames, TIME, name="CAN_DataFrame")])
     path = record.save(tmp_path / "a", overwrite=True)
     record.close()
-    found, unread = channels_of(MdfFile(Path(path)))
+    found, unread = read_channels(MdfFile(Path(path)))
     assert {c.name: (c.size, c.low, c.high) for c in found if not c.name.startswith("CAN")} == {
         "TTL": (100, 0.0, 1.0),
         "p": (99, *(2 * (1200.0 if version > "4" else 12000.0,))),

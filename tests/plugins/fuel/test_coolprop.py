@@ -49,12 +49,12 @@ def test_twenty_points(
 @pytest.mark.parametrize(
     ("name", "pressure", "temperature", "word"),
     [
-        ("DME", "3:50MPa", "20:80degC", "misses the sound speed"),
-        ("DME", "0.5:50MPa", "20:40degC", "boils below 889.7 kPa"),
-        ("DME", "1:200MPa", "0:20degC", "holds up to 50 MPa"),
-        ("DME", "6:50MPa", "20:140degC", "has liquid DME from"),
+        ("DME", "3:50MPa", "20:80degC", "sound speed"),
+        ("DME", "0.5:50MPa", "20:40degC", "889.7 kPa"),
+        ("DME", "1:200MPa", "0:20degC", "up to 50 MPa"),
+        ("DME", "6:50MPa", "20:140degC", "--temperature: .*DME"),
         ("Methanl", "1:50MPa", "20:40degC", 'did you mean "Methanol"'),
-        ("Methanol&Water", "1:50MPa", "20:40degC", "no pure fluid"),
+        ("Methanol&Water", "1:50MPa", "20:40degC", "Methanol&Water"),
         ("SES36", "1:2MPa", "1:20degC", "[Vv]iscosity"),
         ("Methanol", "50:1MPa", "20:40degC", "increase"),
         ("Methanol", "1MPa", "20:40degC", "LOW:HIGH"),

@@ -36,7 +36,7 @@ def test_a_fuel_comes_back_from_its_own_table(command: Command, tmp_path: Path) 
     written = (tmp_path / "own.toml").read_bytes()
     again = command("fuel", table, "--title", "another", "--out", tmp_path / "own.toml")
     assert again.status == 2
-    assert "already exists" in again.sentence
+    assert "--out" in again.sentence
     assert (tmp_path / "own.toml").read_bytes() == written
     found = cr.load_fuel(tmp_path / "own.toml")
     p, t = np.meshgrid(np.linspace(1e6, 190e6, 12), np.linspace(295.0, 390.0, 7))
@@ -109,9 +109,9 @@ TINY = "pressure [MPa],temperature [K],density [kg/m3],viscosity [mm2/s]\n" + ""
             "pressure [MPa],temperature [K],density [kg/m3],viscosity [mm2/s]\n" + "1,300,800,2\n" * 6,
             "two temperatures",
         ),
-        (FALLING, "at 300 K density does not grow from 0.1 to 200 MPa"),
-        (FALLING + "50,350,800,2\n", "lines 7 and 14: both are at 50 MPa and 350 K, and their density differs"),
-        (TINY, "No law of a fuel comes near these values"),
+        (FALLING, "from 0.1 to 200 MPa"),
+        (FALLING + "50,350,800,2\n", "lines 7 and 14: both are at 50 MPa and 350 K"),
+        (TINY, "units of the columns"),
     ],
 )
 def test_a_table_that_cannot_be_fitted_is_refused(command: Command, tmp_path: Path, text: str, word: str) -> None:

@@ -159,7 +159,7 @@ def test_an_adiabatic_fuel_is_hotter_in_the_rail(cool: cr.Injector, solution: cr
 
 def test_simulate_shows_and_records_it(command: Command) -> None:
     asked = ("simulate", "virtual-lino-2016", "--rail-pressure", "120MPa", "--energising-time", "500us")
-    shown = command(*asked)
+    shown = command(*asked, "--full")
     assert shown.status == 0, shown.err
     assert "fuel temperatures" in shown.out
     heat = command(*asked, "--json").record["heating"]

@@ -13,7 +13,7 @@ from scipy.io import savemat
 
 import commonrail as cr
 from commonrail.plugins.new.study import _best_seen, usual_space
-from commonrail.readers.overview import survey, zero_of
+from commonrail.readers.overview import propose_time_zero, survey
 from tests.cli.conftest import Done, run_command
 from tools.bench_files import INTERVAL, SHOT_POINTS, TRUTH, quantities, rate, true_injector, write_bench_files
 
@@ -182,7 +182,7 @@ def test_time_zero_is_taken_for_the_start_of_energising_where_the_times_hold_it(
     first: float, last: float, zero: str
 ) -> None:
     """A first sample may stand at the end of its interval."""
-    assert zero_of((first, last), 200) == {"time_zero": zero}
+    assert propose_time_zero((first, last), 200) == {"time_zero": zero}
 
 
 @pytest.mark.parametrize(
@@ -324,12 +324,12 @@ def test_a_test_plan_is_named(tmp_path: Path) -> None:
 
 def test_new_refuses_what_it_cannot_do(bench: Path, tmp_path: Path) -> None:
     raw = bench / "raw" / "rates.csv"
-    assert "Give --injector and one or more files" in run_command("new", tmp_path / "s", "--from", raw).sentence
-    assert "belong to --from" in run_command("new", tmp_path / "s", "--cylinder-pressure", "5MPa").sentence
+    assert "--injector" in run_command("new", tmp_path / "s", "--from", raw).sentence
+    assert "--from" in run_command("new", tmp_path / "s", "--cylinder-pressure", "5MPa").sentence
     twice = run_command(
         "new", tmp_path / "s", "--injector", "cri2-16", "--from", raw, "--from", raw.parent / ".." / "raw" / raw.name
     )
-    assert "Two of the data files are called rates.csv" in twice.sentence
+    assert "rates.csv" in twice.sentence
     for pressure, words in (("5GPa", "--cylinder-pressure must lie between"), ("-3MPa", "and -3 MPa was read")):
         beyond = ("--injector", "cri2-16", "--from", raw, "--cylinder-pressure", pressure)
         assert words in run_command("new", tmp_path / "s", *beyond).sentence
@@ -340,7 +340,7 @@ def test_new_refuses_what_it_cannot_do(bench: Path, tmp_path: Path) -> None:
 
 def test_a_pressure_of_no_bench_is_warned_of(bench: Path, tmp_path: Path) -> None:
     words = ("--from", bench / "raw" / "map_january.csv", "--cylinder-pressure", "500MPa", "--free", "valve.lift")
-    with pytest.warns(RuntimeWarning, match="--cylinder-pressure: 500MPa was read, and 50 kPa to 30 MPa is usual"):
+    with pytest.warns(RuntimeWarning, match="--cylinder-pressure: 500MPa .*50 kPa to 30 MPa"):
         run_command("new", tmp_path / "s", "--injector", "cri2-16", *words)
 
 

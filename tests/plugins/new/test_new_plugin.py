@@ -48,7 +48,7 @@ def test_a_name_that_cannot_be_is_refused(tmp_path: Path, name: str) -> None:
 
 def test_options_of_a_study_are_refused_beside_it(tmp_path: Path) -> None:
     done = run_command("new", tmp_path / "new", "--plugin", "own-parts", "--injector", "crin")
-    assert "--plugin stands alone" in done.sentence
+    assert "--plugin" in done.sentence
 
 
 def test_a_study_needs_a_folder() -> None:

@@ -17,8 +17,8 @@ from commonrail.plugins.certainty.noise_fit import Block
 from commonrail.plugins.next.file import plan_record, write_plan
 from commonrail.plugins.next.page import plan_figures, plan_html, plan_lines, plan_tiles
 from commonrail.plugins.next.problem import common_loads
-from commonrail.plugins.next.run import candidates_of
-from commonrail.plugins.next.study import grid, place_of, usual_axes
+from commonrail.plugins.next.run import list_candidates
+from commonrail.plugins.next.study import grid, locate, usual_axes
 from commonrail.plugins.plans.data import PlanData
 from commonrail.plugins.plans.study import PlanTest, TestPlan
 from tests.map_study import map_study
@@ -76,8 +76,8 @@ def test_the_standard_error_that_a_plan_promises_is_that_of_a_fit_with_its_point
 def test_a_plan_is_apart_from_what_was_measured_and_gains_with_each_point(
     study: cr.Study, plan: cr.design.MeasurementPlan
 ) -> None:
-    made = {place_of(point) for point in study.data[0].points}
-    assert not made & {place_of(one.candidate.point) for one in plan.measurements}
+    made = {locate(point) for point in study.data[0].points}
+    assert not made & {locate(one.candidate.point) for one in plan.measurements}
     factors = [1.0, *(one.factor for one in plan.measurements)]
     assert np.all(np.diff(factors) < 0.0)
 
@@ -134,7 +134,7 @@ def test_a_plan_is_written_as_a_table_and_as_a_record(plan: cr.design.Measuremen
     write_plan(tmp_path / "plan.csv", plan)
     lines = [line for line in (tmp_path / "plan.csv").read_text().splitlines() if not line.startswith("#")]
     assert len(lines) == 1 + len(plan.measurements)
-    rail, time = place_of(plan.measurements[0].candidate.point)[:2]
+    rail, time = locate(plan.measurements[0].candidate.point)[:2]
     assert lines[1].split(",")[:3] == ["1", "quantities", f"{rail * 1e-6:g}"]
     assert lines[1].split(",")[5] == f"{time * 1e6:g}"
     assert plan_record(plan)["cost"] == 2.0
@@ -181,13 +181,13 @@ def test_a_plan_that_gains_less_than_an_estimate_is_uncertain_by_is_not_worth_me
 
 def test_candidates_that_are_too_close_to_all_data_leave_no_plan(study: cr.Study) -> None:
     points = [cr.design.Candidate("quantities", point) for point in study.data[0].points]
-    with pytest.raises(ConfigurationError, match="No candidate may be measured"):
+    with pytest.raises(ConfigurationError, match="candidate"):
         cr.design.next_measurements(study, BEST, points, SETTINGS, threads=1)
 
 
 def test_a_kind_without_data_is_refused_with_what_there_is(study: cr.Study) -> None:
     notes: list[str] = []
-    with pytest.raises(ConfigurationError, match="plan for quantities"):
+    with pytest.raises(ConfigurationError, match=r"\bquantities\b"):
         cr.design.next_measurements(
             study, BEST, [cr.design.Candidate("rate", study.data[0].points[0])], SETTINGS, note=notes.append
         )
@@ -197,16 +197,16 @@ def test_a_kind_without_data_is_refused_with_what_there_is(study: cr.Study) -> N
 def test_a_test_plan_is_no_measurement_to_plan_for_and_a_map_beside_it_is(study: cr.Study) -> None:
     tests = TestPlan("plan", (PlanTest("VL", 80e6, ((0.0, 500e-6),), 1e-9, 0.5e-9, 2e-9),))
     data = PlanData.of(tests, study.injector, (5e6, 0.5e6), "plan", role=Role.FIT)
-    with pytest.raises(ConfigurationError, match="fits test plan alone"):
+    with pytest.raises(ConfigurationError, match=r"\btest plan\b"):
         cr.design.next_measurements(replace(study, data=(data,)), BEST, threads=1)
     beside = replace(study, data=(data, *study.data))
-    assert {one.kind for one in candidates_of(beside)} == {"quantities"}
+    assert {one.kind for one in list_candidates(beside)} == {"quantities"}
 
 
 def test_a_plan_that_is_shorter_than_asked_for_says_so(plan: cr.design.MeasurementPlan) -> None:
-    assert not any("asked for" in line for line in plan_lines(plan))
     short = replace(plan, settings=replace(plan.settings, points=10))
-    assert any("2 of the 10 measurements asked for" in line for line in plan_lines(short))
+    (line,) = set(plan_lines(short)) - set(plan_lines(plan))
+    assert "2 of 10" in line
 
 
 def test_a_criterion_may_be_a_word() -> None:

@@ -94,7 +94,7 @@ def test_a_setting_of_the_bench_is_paid_for_once() -> None:
     problem = polynomial(1, Criterion.D)
     rules = free(problem, 4)._replace(levels=np.arange(21) // 7, level_cost=2.0)
     assert rules.cost([0, 1, 20]) == 3.0 + 2 * 2.0
-    assert rules.added([0]).tolist() == [1.0] * 7 + [3.0] * 14
+    assert rules.added_cost([0]).tolist() == [1.0] * 7 + [3.0] * 14
     tight = rules._replace(budget=5.0)
     assert len({int(rules.levels[i]) for i in select(problem, tight)}) == 1
 

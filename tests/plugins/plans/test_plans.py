@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -14,9 +15,10 @@ from commonrail.base.choices import Drive
 from commonrail.base.errors import CommonrailError, ConfigurationError, SimulationError
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
+from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector
 from commonrail.plugins.plans.data import PlanData
-from commonrail.plugins.plans.page import part_verdict
+from commonrail.plugins.plans.page import part_verdict, without_rate
 from commonrail.plugins.plans.run import plan as run_plan
 from commonrail.plugins.plans.study import Bands, Measure, PlanTest, State, TestPlan, load_plan
 from commonrail.readers.injector import load_injector
@@ -98,23 +100,23 @@ def test_bands_of_a_file_in_percent_and_in_quantities(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (f"{HEAD},nominal [mm3]\nVL,80,500,20\n", ("line 2", "has no band")),
-        (f"{HEAD},lower_limit [mm3]\nVL,80,500,20\n", ("line 2", "lower_limit beside nominal")),
+        (f"{HEAD},nominal [mm3]\nVL,80,500,20\n", ("line 2", "VL", "half_band")),
+        (f"{HEAD},lower_limit [mm3]\nVL,80,500,20\n", ("line 2", "lower_limit", "nominal")),
         (f"{HEAD},half_band [%]\nVL,80,500,20\n", ("line 2", "nominal")),
         (f"{HEAD},upper_limit [%]\nVL,80,500,20\n", ("line 2", "nominal")),
-        (f"{HEAD},lower_limit [mm3],upper_limit [mm3]\nVL,80,500,20,10\n", ("line 2", "must increase")),
-        (f"{HEAD},nominal [mm3],half_band [%],upper_limit [mm3]\nVL,80,500,20,10,30\n", ("line 2", "not both")),
+        (f"{HEAD},lower_limit [mm3],upper_limit [mm3]\nVL,80,500,20,10\n", ("line 2", "lower limit", "VL")),
+        (f"{HEAD},nominal [mm3],half_band [%],upper_limit [mm3]\nVL,80,500,20,10,30\n", ("line 2", "half_band")),
         (f"{HEAD},upper_limit [bar]\nVL,80,500,20\n", ('column "upper_limit"', "bar")),
         (f"{HEAD},upper_limit [mm3]\nVL,80,much,20\n", ("line 2", 'column "energising_time"', "much")),
-        (f"{HEAD},upper_limit [mm3]\nVL,80,0,20\n", ("line 2", "greater than zero")),
+        (f"{HEAD},upper_limit [mm3]\nVL,80,0,20\n", ("line 2", "energising time")),
         (f"{HEAD},upper_limit [mm3]\nVL,80e6,500,20\n", ("line 2", "rail pressure")),
         (f"{HEAD},upper_limit [mm3]\n,80,500,20\n", ("line 2", 'column "test"')),
         (f"{HEAD},upper_limit [mm3],measure\nVL,80,500,20,back\n", ("line 2", 'column "measure"', "back")),
         (f"{HEAD},upper_limit [mm3],dwell [us]\nVL,80,500,20,900\n", ("line 2", "second_energising_time")),
-        (f"{HEAD},upper_limit [mm3],nominal [mg]\nVL,80,500,20,10\n", ('column "upper_limit"', "mixed")),
-        (f"{HEAD},upper_limit [mm3]\nVL,80,500,20\nVL,60,500,20\n", ("two tests VL",)),
-        (f"{HEAD},nominal [mm3],half_band [%]\nVL,80,500,20,100\n", ("line 2", "half_band", "100 %", "would pass")),
-        (f"{HEAD},upper_limit [mm3],bench [mm3]\nVL,80,500,20,nan\n", ("line 2", 'column "bench"', "not a finite")),
+        (f"{HEAD},upper_limit [mm3],nominal [mg]\nVL,80,500,20,10\n", ('column "upper_limit"',)),
+        (f"{HEAD},upper_limit [mm3]\nVL,80,500,20\nVL,60,500,20\n", ("VL", "delivery")),
+        (f"{HEAD},nominal [mm3],half_band [%]\nVL,80,500,20,100\n", ("line 2", "half_band", "100 %")),
+        (f"{HEAD},upper_limit [mm3],bench [mm3]\nVL,80,500,20,nan\n", ("line 2", 'column "bench"')),
         (f"{HEAD},nominal [mm3],half_band\nVL,80,500,20,10\n", ("half_band [%]",)),
         ("test,rail_pressure [MPa]\nVL,80\n", ("energising_time",)),
     ],
@@ -126,12 +128,12 @@ def test_a_senseless_plan_is_refused_with_its_place(text: str, words: tuple[str,
 
 
 def test_a_column_that_is_not_read_is_named(tmp_path: Path) -> None:
-    with pytest.warns(RuntimeWarning, match='"uper_limit" .* mean "upper_limit"'):
+    with pytest.warns(RuntimeWarning, match='"uper_limit".*"upper_limit"'):
         load_plan(plan_file(tmp_path, f"{HEAD},upper_limit [mm3],uper_limit [mm3]\nVL,160,700,90,3\n"))
 
 
 def test_a_stroke_rate_of_no_engine_is_warned_of(tmp_path: Path) -> None:
-    with pytest.warns(RuntimeWarning, match='line 2, column "stroke_rate": .* is usual; check the unit'):
+    with pytest.warns(RuntimeWarning, match='line 2, column "stroke_rate"'):
         load_plan(plan_file(tmp_path, f"{HEAD},upper_limit [mm3],stroke_rate [1/s]\nVL,160,700,90,1000\n"))
 
 
@@ -156,15 +158,15 @@ def test_a_usual_plan_has_no_warning(tmp_path: Path) -> None:
         (("MPa", "us", "mm3"), "500,700,90", ("rail_pressure", "500 MPa", "1 MPa to 400 MPa")),
         (("MPa", "ms", "mm3"), "160,70,90", ("energising_time", "70 ms", "50 us to 10 ms")),
         (("MPa", "us", "mm3"), "160,0.7,90", ("energising_time", "700 ns", "50 us to 10 ms")),
-        (("MPa", "us", "cm3"), "160,700,90", ("upper_limit", "at most")),
-        (("MPa", "us", "g"), "160,700,90", ("upper_limit", "at most")),
+        (("MPa", "us", "cm3"), "160,700,90", ("upper_limit", "2 cm3")),
+        (("MPa", "us", "g"), "160,700,90", ("upper_limit", "2 g")),
     ],
 )
 def test_a_number_that_a_wrong_unit_makes_is_warned_of_with_its_place(
     units: tuple[str, str, str], row: str, words: tuple[str, ...], tmp_path: Path
 ) -> None:
     (text,) = unit_warnings(tmp_path, units, f"VL,{row},\n")
-    assert all(word in text for word in ("plan.csv, line 2", "check the unit", *words)), text
+    assert all(word in text for word in ("plan.csv, line 2", *words)), text
 
 
 TESTS = (
@@ -256,20 +258,23 @@ def test_the_rms_is_that_of_the_distances_with_single_limits_by_their_excess(
 
 def test_some_tests_of_a_plan_are_chosen_by_name() -> None:
     plan = TestPlan("plan", TESTS)
-    assert [t.name for t in plan.chosen(["back flow", "VL"]).tests] == ["VL", "back flow"]
-    with pytest.raises(ConfigurationError, match='no test "VX"'):
-        plan.chosen(["VX"])
+    assert [t.name for t in plan.select(["back flow", "VL"]).tests] == ["VL", "back flow"]
+    with pytest.raises(ConfigurationError, match="VX"):
+        plan.select(["VX"])
 
 
 def test_a_plan_that_does_not_suit_the_injector_is_refused(direct: Injector, by_voltage: Injector) -> None:
-    for injector, measure, words in ((direct, "return", "has no return"), (by_voltage, "delivery", "voltage trace")):
+    for injector, measure, words in (
+        (direct, "return", "test b: .*return"),
+        (by_voltage, "delivery", "voltage trace"),
+    ):
         with pytest.raises(ConfigurationError, match=words):
             run_plan(injector, TestPlan("plan", (PlanTest("b", 20e6, PULSE, upper=1.0, measure=measure),)))
 
 
 def test_a_stroke_that_is_shorter_than_the_injection_is_refused(regulated: Injector) -> None:
     fast = PlanTest("b", 80e6, PULSE, upper=1.0, measure=Measure.RETURN, stroke_rate=500.0)
-    with pytest.raises(ConfigurationError, match="shorter than the longest simulated time"):
+    with pytest.raises(ConfigurationError, match="stroke"):
         run_plan(regulated, TestPlan("plan", (fast,)))
 
 
@@ -290,15 +295,15 @@ def test_a_test_that_fails_has_a_reason_and_the_others_a_number(regulated: Injec
     weak = regulated.with_values({"valve.spring_preload": 0.3 * regulated.values["valve.spring_preload"]})
     result = run_plan(weak, TestPlan("plan", TESTS[:2]), threads=1)
     assert [state is State.FAILED for state in result.score.states] == [True, False]
-    assert "does not rest on its seat" in result.reasons[0]
+    assert result.reasons[0] == Status.NOT_CLOSED_AT_START.sentence
     assert result.reasons[1] == ""
-    with pytest.raises(SimulationError, match="does not rest on its seat"):
+    with pytest.raises(SimulationError, match=re.escape(Status.NOT_CLOSED_AT_START.sentence)):
         run_plan(weak, TestPlan("plan", TESTS[:1]), threads=1)
 
 
 @pytest.mark.parametrize(
     ("pressure", "quantity", "words"),
-    [(0.1, 1.0, "ten times the rail"), (1.0, 1e3, "times 1000"), (1.0, 1e-3 * 0.83, "times 0.00083"), (1.0, 1.5, "")],
+    [(0.1, 1.0, "rail pressures"), (1.0, 1e3, " 1000 "), (1.0, 1e-3 * 0.83, " 0.00083 "), (1.0, 1.5, "")],
 )
 def test_a_wrong_unit_that_explains_all_deliveries_is_named(
     pressure: float, quantity: float, words: str, regulated: Injector
@@ -335,7 +340,7 @@ def test_the_verb_prints_json_and_writes_a_report(command: Command, tmp_path: Pa
     file.write_text(german, encoding="utf-8")
     assert command("plan", "virtual-lino-2016@regulated", file, "--decimal", ".").status == 2
     said = command("plan", "virtual-lino-2016@regulated", file)
-    assert "what the guides leak until the next stroke" in said.out
+    assert without_rate(["R (return)"]) in " ".join(said.out.split())
 
 
 @pytest.mark.parametrize(("keys", "told"), [("", 1), ('stroke_rate = "1000 1/min"\n', 0)])

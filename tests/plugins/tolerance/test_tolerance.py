@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 from dataclasses import replace
 
@@ -12,10 +13,11 @@ import pytest
 from commonrail.base.errors import ConfigurationError, SimulationError
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate, simulate_batch
+from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector
 from commonrail.plugins.tolerance.file import ToleranceResult
 from commonrail.plugins.tolerance.run import Progress, tolerance
-from commonrail.plugins.tolerance.statistics import Draws, Simulated
+from commonrail.plugins.tolerance.statistics import Draws, PartSimulator
 from commonrail.plugins.tolerance.study import (
     Dimension,
     Limit,
@@ -25,7 +27,7 @@ from commonrail.plugins.tolerance.study import (
     Tolerances,
     Uniform,
 )
-from commonrail.plugins.tolerance.trim import _with_time, trimmed
+from commonrail.plugins.tolerance.trim import _with_time, trim_parts
 
 HOLE, GAP = "nozzle.hole_diameter", "control_chamber.a_hole_diameter"
 FULL = TolerancePoint("full", OperatingPoint("160 MPa", "600 us"), Limit(-0.02, True), Limit(0.02, True))
@@ -70,7 +72,7 @@ def test_the_shares_are_those_of_one_dimension_at_a_time(study: Tolerances, foun
 
 
 def test_a_trimmed_part_is_simulated_at_its_own_energising_time(study: Tolerances, found: ToleranceResult) -> None:
-    simulated = Simulated(study)
+    simulated = PartSimulator(study)
     values = Draws(study).take(1000)
     parts = simulated.parts(values)
     nominal = simulated.parts(None).quantities[0]
@@ -102,9 +104,9 @@ def test_the_trim_narrows_the_spread_at_its_test_points(found: ToleranceResult) 
 
 def test_scatter_of_the_measurement_stays_in_the_trimmed_parts(study: Tolerances) -> None:
     loud = replace(study, trim=SeriesTrim(("full",), 1000, scatter=1e-9))
-    simulated = Simulated(loud)
+    simulated = PartSimulator(loud)
     parts, nominal = simulated.parts(Draws(loud).take(1000)), simulated.parts(None).quantities[0]
-    after = trimmed(simulated, parts, nominal, [(None, None)] * 2, 0.95, lambda *_: None).points[0].after
+    after = trim_parts(simulated, parts, nominal, [(None, None)] * 2, 0.95, lambda *_: None).points[0].after
     # 1 mm³ of the bench goes through the correction; 1000 parts tell it to 2.2 %
     assert after.deviation == pytest.approx(1e-9, rel=0.15)
 
@@ -138,22 +140,22 @@ def test_a_study_that_is_stopped_keeps_its_parts(study: Tolerances) -> None:
 
 def test_a_drawing_that_cannot_be_simulated_is_refused(study: Tolerances) -> None:
     short = TolerancePoint("short", OperatingPoint("160 MPa", "600 us", horizon="650 us"))
-    with pytest.raises(SimulationError, match="as drawn cannot be simulated at short: The needle had not closed"):
+    with pytest.raises(SimulationError, match=f"short: {re.escape(Status.STILL_INJECTING.sentence)}"):
         tolerance(replace(study, points=(short,), trim=None))
 
 
 def test_crossed_limits_are_refused(study: Tolerances) -> None:
     crossed = replace(FULL, lower=Limit(0.03, True))
-    with pytest.raises(ConfigurationError, match="full: the lower limit must be below the upper"):
+    with pytest.raises(ConfigurationError, match=r"^full: .*limit"):
         tolerance(replace(study, points=(crossed,), trim=None))
 
 
 def test_a_point_at_which_nothing_is_injected_cannot_trim(study: Tolerances) -> None:
     closed = TolerancePoint("closed", OperatingPoint("160 MPa", "60 us"))
-    with pytest.raises(SimulationError, match="closed: the nominal quantity does not rise"):
+    with pytest.raises(SimulationError, match=r"^closed: .*nominal"):
         tolerance(replace(study, points=(closed,), trim=SeriesTrim(("closed",), 100)))
 
 
 def test_a_count_has_no_tolerance() -> None:
-    with pytest.raises(ConfigurationError, match=r"nozzle\.holes counts pieces, so it has no tolerance"):
+    with pytest.raises(ConfigurationError, match=r"nozzle\.holes .*count"):
         Dimension("nozzle.holes", Uniform(6.5, 7.5))

@@ -13,7 +13,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.base.record import to_record
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import OK, Status
-from commonrail.plugins.tolerance.statistics import GROUPS, Draws, Shares, VarianceShares, spread_of
+from commonrail.plugins.tolerance.statistics import GROUPS, Draws, Shares, VarianceShares, describe_spread
 from commonrail.plugins.tolerance.study import (
     Correlation,
     Dimension,
@@ -64,12 +64,12 @@ def test_a_distribution_has_scipys_values_at_all_shares(own: Distribution, scipy
 @pytest.mark.parametrize(
     ("kind", "numbers", "words"),
     [
-        (Normal, (1.0, 0.0), "sigma of a normal distribution must be greater than zero"),
-        (Normal, (1.0, 1.0, 3.0, 2.0), "has nothing between 3 and 2"),
-        (Normal, (0.0, 1.0, 50.0, 60.0), "has nothing between 50 and 60"),
-        (Uniform, (2.0, 1.0), "must be below the upper, not 2 and 1"),
-        (Triangular, (0.0, 5.0, 4.0), "must lie between its limits, not 5 between 0 and 4"),
-        (Uniform, (float("nan"), 1.0), "lower of a uniform distribution must be finite"),
+        (Normal, (1.0, 0.0), r"\bsigma\b.* 0\."),
+        (Normal, (1.0, 1.0, 3.0, 2.0), "between 3 and 2"),
+        (Normal, (0.0, 1.0, 50.0, 60.0), "between 50 and 60"),
+        (Uniform, (2.0, 1.0), "uniform.* 2 and 1"),
+        (Triangular, (0.0, 5.0, 4.0), "5 between 0 and 4"),
+        (Uniform, (float("nan"), 1.0), "lower of a uniform"),
     ],
 )
 def test_a_distribution_that_cannot_be_is_refused(kind: type, numbers: tuple[float, ...], words: str) -> None:
@@ -166,7 +166,7 @@ def test_a_quantity_that_does_not_scatter_has_no_shares() -> None:
 def test_a_part_that_fails_is_out_of_limits_and_not_in_the_mean() -> None:
     quantities = np.array([1.0, 2.0, 3.0, 4.0, 5.0, np.nan])
     codes = np.array([OK] * 5 + [Status.RAN_AWAY], np.int8)
-    found = spread_of(quantities, codes, (1.5, 4.5), 0.95)
+    found = describe_spread(quantities, codes, (1.5, 4.5), 0.95)
     assert found is not None
     assert (found.parts, found.failed, found.below, found.above) == (6, 1, 1, 1)
     assert found.reasons == {Status.RAN_AWAY.sentence: 1}
@@ -179,7 +179,7 @@ def test_a_part_that_fails_is_out_of_limits_and_not_in_the_mean() -> None:
 
 def test_one_limit_has_no_cp_and_no_limit_has_no_cpk() -> None:
     quantities, codes = np.array([1.0, 2.0, 4.0]), np.full(3, OK, np.int8)
-    one, none = (spread_of(quantities, codes, limits, 0.95) for limits in ((None, 4.5), (None, None)))
+    one, none = (describe_spread(quantities, codes, limits, 0.95) for limits in ((None, 4.5), (None, None)))
     assert one is not None
     assert none is not None
     assert one.cp is None
@@ -195,22 +195,22 @@ def test_limits_are_quantities_or_deviations() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"correlations": (Correlation(HOLE, "valve.mass", 0.5),)}, "names no dimension valve.mass"),
-        ({"correlations": (Correlation(HOLE, LIFT, 1.0),)}, "lie between -1 and 1, not 1"),
+        ({"correlations": (Correlation(HOLE, "valve.mass", 0.5),)}, "dimension valve.mass"),
+        ({"correlations": (Correlation(HOLE, LIFT, 1.0),)}, "-1 and 1, not 1"),
         (
             {"correlations": tuple(Correlation(a, b, -0.9) for a, b in ((HOLE, LIFT), (LIFT, SPRING), (HOLE, SPRING)))},
-            "The correlations cannot hold together",
+            "correlations",
         ),
         ({"dimensions": (DIMENSIONS[0], DIMENSIONS[0])}, "more than once"),
-        ({"points": (POINT, POINT)}, "need names of their own"),
-        ({"parts": 10}, "number of parts must lie between 1000"),
-        ({"trim": SeriesTrim(("q",))}, "The trim names no operating point q"),
+        ({"points": (POINT, POINT)}, "operating points"),
+        ({"parts": 10}, "number of parts .*1000"),
+        ({"trim": SeriesTrim(("q",))}, "trim .*point q"),
         (
             {
                 "points": (POINT, TolerancePoint("q", OperatingPoint("80 MPa", "680 us"))),
                 "trim": SeriesTrim(("p", "q")),
             },
-            "must differ by 10 % or more in energising time",
+            "trim .*10 %",
         ),
     ],
 )
@@ -220,6 +220,6 @@ def test_a_study_that_cannot_be_is_refused(changes: dict[str, object], words: st
 
 
 def test_a_dimension_whose_parts_leave_its_domain_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match=r"more than 0\.0001 of the parts lie outside its domain"):
+    with pytest.raises(ConfigurationError, match=r"valve\.lift.* 0\.0001 .*domain"):
         Dimension("valve.lift", Normal(55e-6, 20e-6))
     Dimension("valve.lift", Normal(55e-6, 20e-6, 10e-6, 100e-6))  # cut

@@ -17,7 +17,7 @@ from commonrail.plugins.verification.external import (
     Run,
     by_lanes,
     by_reference,
-    checks_of,
+    check_gaps,
     gaps,
     load_outside,
 )
@@ -47,7 +47,7 @@ def test_the_limits_are_those_of_the_energising_time() -> None:
         replace(RUNS[0], injector=injector, point=replace(point, energisings=time)) for time in (700e-6, 400e-6, 320e-6)
     )
     wide = Gaps(0.2, 0.9, 0.01)
-    checks = {c.name.split("lanes, ")[1]: c for c in checks_of("lanes", (long, edge, short), (NEAR, wide, wide))}
+    checks = {c.name.split("lanes, ")[1]: c for c in check_gaps("lanes", (long, edge, short), (NEAR, wide, wide))}
     assert {name: (c.value, c.limit, c.passed) for name, c in checks.items()} == {
         "volume, from 400 us": (0.2, 0.1, False),
         "rate, L1, from 400 us": (0.9, 0.4, False),
@@ -62,8 +62,8 @@ def test_a_simulation_that_failed_is_no_agreement() -> None:
     solution = simulate(run.injector, run.point, sample_interval=INTERVAL)
     near, failed = gaps(run, solution), gaps(run, replace(solution, status=Status.STEP_UNSTABLE))
     other = by_lanes(RUNS[6])
-    assert all(c.passed for c in checks_of("lanes", [run, RUNS[6]], [near, other]))
-    passed = [c.passed for c in checks_of("lanes", [run, RUNS[6]], [failed, other])]
+    assert all(c.passed for c in check_gaps("lanes", [run, RUNS[6]], [near, other]))
+    passed = [c.passed for c in check_gaps("lanes", [run, RUNS[6]], [failed, other])]
     assert passed == [False, False, True, True, False]
 
 
@@ -72,7 +72,7 @@ def test_engines_reproduce_the_figures(engine: object) -> None:
     """The fast engine all eleven; the reference, slow, one of each length."""
     assert callable(engine)
     runs = RUNS if engine is by_lanes else (RUNS[0], RUNS[6])
-    for one in checks_of("engine", runs, [engine(run) for run in runs]):
+    for one in check_gaps("engine", runs, [engine(run) for run in runs]):
         assert one.passed, f"{one.name}: {one.value:g} {one.unit}, limit {one.limit:g}"
 
 

@@ -14,7 +14,7 @@ from commonrail.engine.operating_point import OperatingPoint, Trace
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.plugins.verification import external
 from commonrail.plugins.verification.external import objective_and_scores
-from commonrail.plugins.verification.run import Compared, Difference, checks_of
+from commonrail.plugins.verification.run import Compared, Difference, check_groups
 from commonrail.plugins.verification.study import (
     AROUND,
     DWELLS,
@@ -45,7 +45,7 @@ def course(injector: Injector, group: str = "group", single: str = "") -> Task:
 
 def test_a_course_is_judged_by_the_worst_of_each_figure(pwm: Injector) -> None:
     far = Difference(0.2, 0.01, -0.3, 0.1)
-    checks = checks_of([course(pwm)] * 2, [seen(), seen(far)])
+    checks = check_groups([course(pwm)] * 2, [seen(), seen(far)])
     assert [c.name for c in checks[:4]] == [f"group: {n}" for n in ("rate, L1", "volume", "opening", "closing")]
     assert [c.value for c in checks[:4]] == [0.2, 0.02, 0.3, 0.4]
     assert [c.limit for c in checks[:4]] == list(RateLimits())
@@ -53,14 +53,14 @@ def test_a_course_is_judged_by_the_worst_of_each_figure(pwm: Injector) -> None:
 
 
 def test_a_needle_that_does_not_close_fails_its_group(pwm: Injector) -> None:
-    checks = checks_of([course(pwm)] * 2, [seen(NEAR._replace(closing=math.nan)), seen()])
+    checks = check_groups([course(pwm)] * 2, [seen(NEAR._replace(closing=math.nan)), seen()])
     assert [c.passed for c in checks[:4]] == [True, True, True, False]
 
 
 def test_single_precision_has_a_group_of_its_own(pwm: Injector) -> None:
     far = NEAR._replace(rate=0.3)
     tasks = [course(pwm, single="f32"), course(pwm, "other")]
-    checks = {c.name: c for c in checks_of(tasks, [seen()._replace(single=far), seen()])}
+    checks = {c.name: c for c in check_groups(tasks, [seen()._replace(single=far), seen()])}
     assert checks["group: rate, L1"].passed
     assert not checks["f32: rate, L1"].passed
     assert len(checks) == 3 * 4 + 1
@@ -72,7 +72,7 @@ def test_a_volume_is_judged_by_the_larger_of_a_share_and_a_quantity(pwm: Injecto
     assert limit.of(100e-9) == pytest.approx(3e-10)
     small = Task("short", pwm, POINT, PAIR)
     found = [seen(volume=1e-9, gap=5e-12), seen(volume=100e-9, gap=-6e-11), seen(volume=0.0, gap=0.0)]
-    worst = checks_of([small] * 3, found)[0]
+    worst = check_groups([small] * 3, found)[0]
     assert (worst.value, worst.limit) == (pytest.approx(50.0), 100.0)
     assert "of which 2 inject; here 0.005 of 1 mm³ at 160 MPa, pwm drive" in worst.detail
 
@@ -81,25 +81,25 @@ def test_nine_of_ten_short_injections_keep_the_first_limit_and_all_the_second(pw
     small = Task("short", pwm, POINT, SHORT)
     good, far, beyond = (seen(volume=1e-9, gap=gap) for gap in (5e-12, 2e-11, 4e-11))
     for found, passed in (([*[good] * 9, far], (True, True)), ([*[good] * 8, far, far], (False, True))):
-        assert tuple(c.passed for c in checks_of([small] * 10, found)[:2]) == passed
-    assert [c.passed for c in checks_of([small] * 10, [*[good] * 9, beyond])[:2]] == [True, False]
-    assert [c.passed for c in checks_of([small] * 10, [*[good] * 9, seen(gap=math.nan)])[:2]] == [True, False]
+        assert tuple(c.passed for c in check_groups([small] * 10, found)[:2]) == passed
+    assert [c.passed for c in check_groups([small] * 10, [*[good] * 9, beyond])[:2]] == [True, False]
+    assert [c.passed for c in check_groups([small] * 10, [*[good] * 9, seen(gap=math.nan)])[:2]] == [True, False]
 
 
 @pytest.mark.parametrize("spoilt", [seen(gap=math.nan), seen(volume=math.nan)])
 def test_a_failed_simulation_fails_its_group(pwm: Injector, spoilt: Compared) -> None:
     small = Task("short", pwm, POINT, SHORT)
-    assert not checks_of([small] * 3, [seen(), spoilt, seen()])[0].passed
+    assert not check_groups([small] * 3, [seen(), spoilt, seen()])[0].passed
 
 
 def test_a_batch_that_ends_early_is_found(pwm: Injector) -> None:
     tasks = [course(pwm, "one"), course(pwm, "other")]
-    assert checks_of(tasks, [seen(), seen(batch=-5e-14)])[-1].passed
-    lost = checks_of(tasks, [seen(), seen(batch=-2e-13)])[-1]
+    assert check_groups(tasks, [seen(), seen(batch=-5e-14)])[-1].passed
+    lost = check_groups(tasks, [seen(), seen(batch=-2e-13)])[-1]
     assert not lost.passed
     assert lost.value == pytest.approx(2e-4)  # [mm³]
     assert "worst: other" in lost.detail
-    assert not checks_of(tasks, [seen(), seen(batch=math.nan)])[-1].passed
+    assert not check_groups(tasks, [seen(), seen(batch=math.nan)])[-1].passed
 
 
 @pytest.fixture(scope="module")

@@ -21,10 +21,10 @@ from commonrail.data.base import (
     Score,
     Term,
     is_metered,
+    make_term,
     read_labels,
-    share_of,
-    term_of,
-    widths_of,
+    relative_to,
+    value_widths,
 )
 from commonrail.data.curves.reading import read_curves
 from commonrail.data.curves.samples import RateModel
@@ -38,9 +38,9 @@ from commonrail.engine.simulate import sampled_rates
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
 from commonrail.physics.meters import QUANTITIES, Meter, QuantityValues, shown_rates
-from commonrail.readers.location import located
+from commonrail.readers.location import locate_errors
 
-LARGEST_RATE = 0.1  # [m³/s] a thousand times that of a large truck's injector
+LARGEST_RATE = 0.1  # [m³/s] a thousand times the rate of a large truck's injector
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +128,7 @@ class RateData(DataSet):
             name = f"{model.name}, {curve.label}" if curve.label else model.name
             source = f"{model.source}; mean of {curve.shots} shots" if curve.shots > 1 else model.source
             read = point, samples.bounds, samples.rate / scale, model.weight, source, model.synthetic, density
-            with located(context.at):
+            with locate_errors(context.at):
                 curves.append(cls(name, Role(model.role), *read, context.meter(model.meter), curve.noise(scale)))
         return tuple(curves)
 
@@ -140,9 +140,9 @@ class RateData(DataSet):
         """
         if all(d.meter is None for d in group):
             weights, samples = np.array([d.weight for d in group]), _samples(group, time_step)
-            return [Term([d.point for d in group], weights, _j_of, _squares_of, which_failed, samples)]
+            return [Term([d.point for d in group], weights, _sum_errors, _sum_squares, which_failed, samples)]
         return [
-            cls.terms([d], time_step)[0] if d.meter is None else term_of(d, partial(_in_term, d), which_failed)
+            cls.terms([d], time_step)[0] if d.meter is None else make_term(d, partial(_in_term, d), which_failed)
             for d in group
         ]
 
@@ -189,7 +189,7 @@ class RateData(DataSet):
 
     def record(self, scores: Mapping[str, RateScore]) -> dict[str, Any]:
         """J, J relative to the data, and injected volume of each label."""
-        level, widths = float(np.sum(np.abs(self.rate)) * MM3_PER_MS), widths_of(self)
+        level, widths = float(np.sum(np.abs(self.rate)) * MM3_PER_MS), value_widths(self)
         return {
             "samples": len(self.rate),
             **point_record(self.point),
@@ -223,14 +223,14 @@ class RateScore(Score):
 
     def quantities(self) -> tuple[Floats, Floats]:
         """Volumes injected within the samples [m³]."""
-        widths = widths_of(self.data)
+        widths = value_widths(self.data)
         measured, simulated = (np.atleast_1d(np.sum(rate * widths)) for rate in (self.data.rate, self.values))
         return measured, simulated
 
     def relative_error(self) -> float:
         """Σ |error| over Σ data, without what the noise of the samples makes of it."""
         rate = self.data.rate
-        return share_of(np.sum(np.abs(self.values - rate)) - _noise(rate), np.sum(rate))
+        return relative_to(np.sum(np.abs(self.values - rate)) - _noise(rate), np.sum(rate))
 
     def best_gain(self, gains: Floats) -> float:
         """Median of the ratios of data to simulation, weighted by the simulation: it makes Σ |error| least."""
@@ -248,11 +248,11 @@ def _in_term(data: RateData, batch: Batch, candidates: Candidates) -> Floats:
     return data._as_metered(candidates)
 
 
-def _j_of(batch: Batch, candidates: Candidates) -> Floats:
+def _sum_errors(batch: Batch, candidates: Candidates) -> Floats:
     return batch.absolute_error * MM3_PER_MS
 
 
-def _squares_of(batch: Batch, candidates: Candidates) -> Floats:
+def _sum_squares(batch: Batch, candidates: Candidates) -> Floats:
     return batch.squared_error * MM3_PER_MS**2
 
 

@@ -11,16 +11,16 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.base.hooks import note
 from commonrail.base.units import to_text
-from commonrail.data.curves.samples import RateModel, Samples, samples_of, within_window
+from commonrail.data.curves.samples import RateModel, Samples, read_samples, within_window
 from commonrail.data.curves.shots import MOST_CURVES, RATES, FoundCurve, cut_shots, mean_curve
-from commonrail.data.repeats import groups_of
+from commonrail.data.repeats import group_rows
 from commonrail.data.study_block import Context, PressureModel, TraceModel, drive_unit
 from commonrail.engine.operating_point import LONGEST, Energising, OperatingPoint, Trace
 from commonrail.engine.record_filter import low_pass
 from commonrail.engine.status import check_point
 from commonrail.readers.columns import MOST_SHOWN, PLAIN, Column, name_and_unit
 from commonrail.readers.grid import read_grid
-from commonrail.readers.location import Place, located
+from commonrail.readers.location import Place, locate_errors
 from commonrail.readers.operating_points import ColumnPattern, NamedPoint, find_traces
 from commonrail.readers.tables import take_each
 
@@ -39,10 +39,10 @@ def read_curves(model: RateModel, context: Context) -> list[tuple[FoundCurve, Op
     if not stated:
         time = Column(model.time, "s", model.time_unit, increasing=True)
         table = context.columns(model.file, at, [time, Column(model.rate, RATES, model.rate_unit)], form=model.form)
-        samples = within_window(samples_of(table, model.rate, model, at), model, at)
+        samples = within_window(read_samples(table, model.rate, model, at), model, at)
         single = FoundCurve(samples, None, None)
         return [(single, _point(model, samples, context, *courses_at([single], model, context)))]
-    reader = {"columns": named_columns, "shots": cut_shots, "layout": traces_below_points}[stated[0]]
+    reader = {"columns": read_named_columns, "shots": cut_shots, "layout": traces_below_points}[stated[0]]
     curves = reader(model, context)
     models = [_at_point(model, curve, at) for curve in curves]
     courses = courses_at(curves, model, context)
@@ -70,7 +70,7 @@ def _at_point(model: RateModel, curve: FoundCurve, at: Place) -> RateModel:
 def _point(model: RateModel, samples: Samples, context: Context, courses: Mapping[str, Trace]) -> OperatingPoint:
     """Operating point, simulated from the first bound or energising to the last bound, in whole steps."""
     at = context.at
-    pulses, bounds = pulses_of(model, at), samples.bounds
+    pulses, bounds = list_pulses(model, at), samples.bounds
     if pulses[0].start >= bounds[-1]:
         raise ConfigurationError(
             f"{at}: the samples that count end at {to_text(float(bounds[-1]), 's')}, before the first "
@@ -88,22 +88,22 @@ def _point(model: RateModel, samples: Samples, context: Context, courses: Mappin
         raise (at / "rail_pressure").error("this key is missing; add it")
     rail, cylinder, low = (courses.get(key, getattr(model, key)) for key in _PRESSURES)
     drive = _drive(model, context, pulses[0].start, courses)
-    with located(at):
+    with locate_errors(at):
         point = OperatingPoint(rail, pulses, cylinder, low, drive, steps * context.time_step, start=start)
         check_point(context.injector, point)
         return point
 
 
-def pulses_of(model: RateModel, at: Place) -> tuple[Energising, ...]:
+def list_pulses(model: RateModel, at: Place) -> tuple[Energising, ...]:
     """Energisings that a block states, a single one from time 0."""
     if (model.energising_time is None) == (model.energisings is None):
         raise at.error('give either energising_time = "700 us" or energisings = [{ start = …, duration = … }]')
     if model.energising_time is not None:
-        with located(at / "energising_time"):
+        with locate_errors(at / "energising_time"):
             return (Energising(0.0, model.energising_time),)
     pulses = []
     for i, pulse in enumerate(model.energisings or ()):
-        with located((at / "energisings")[i]):
+        with locate_errors((at / "energisings")[i]):
             pulses.append(Energising(pulse.start, pulse.duration))
     return tuple(pulses)
 
@@ -144,18 +144,18 @@ _PRESSURES = ("rail_pressure", "cylinder_pressure", "return_pressure")
 
 
 Record = tuple[Floats, Floats]  # times [s] and values
-NOISE_TOLD = 1e-4  # rms of a noise that is told, over the pressure: ten times that moves pilots by a tenth
+NOISE_TOLD = 1e-4  # rms of a noise that is reported, over the pressure: ten times that moves pilots by a tenth
 SAME = 1e-6  # relative difference below which two traces are at one operating point
 
 
-def named_columns(model: RateModel, context: Context) -> list[FoundCurve]:
+def read_named_columns(model: RateModel, context: Context) -> list[FoundCurve]:
     """Curves of the columns whose names fit the key `columns` of a block.
 
     Raises `InputError` if no name fits, or a column cannot be read. Raises `ConfigurationError` if the window does not
     fit.
     """
     at = context.at
-    pattern = ColumnPattern(name_and_unit(model.columns or "")[0], stated_units(model), at / "columns")
+    pattern = ColumnPattern(name_and_unit(model.columns or "")[0], list_units(model), at / "columns")
     sheet = context.sheet(model.file, at, model.form)
     points = [point for name in sheet.names if (point := pattern.read(name)) is not None]
     if not points:
@@ -169,16 +169,16 @@ def named_columns(model: RateModel, context: Context) -> list[FoundCurve]:
     columns = [Column(point.column, RATES, model.rate_unit, required=False) for point in points]
     tables = take_each(sheet, time, columns)
     samples = [
-        within_window(samples_of(table, point.column, model, at), model, at)
+        within_window(read_samples(table, point.column, model, at), model, at)
         for table, point in zip(tables, points, strict=True)
     ]
-    return _gathered(points, samples, at / "columns")
+    return _average_shots(points, samples, at / "columns")
 
 
 def courses_at(curves: Sequence[FoundCurve], model: RateModel, context: Context) -> list[dict[str, Trace]]:
     """Courses of each curve by their keys; a file is read once for all curves, also where `column` is a pattern.
 
-    What a key does not say of time is that of the data set. Pressures are low-passed, with a note. Raises `InputError`
+    Times default to those of the data set. Pressures are low-passed, with a note. Raises `InputError`
     if not exactly one column fits a curve, or a column cannot be read.
     """
     courses_of_curves: list[dict[str, Trace]] = [{} for _ in curves]
@@ -194,7 +194,7 @@ def courses_at(curves: Sequence[FoundCurve], model: RateModel, context: Context)
         sheet = context.sheet(item.file or model.file, at, model.form if is_own else item.form)
         names = [item.column] * len(curves)
         if _of_each(key, model):
-            pattern = ColumnPattern(item.column, stated_units(model), at / "column")
+            pattern = ColumnPattern(item.column, list_units(model), at / "column")
             points = [point for name in sheet.names if (point := pattern.read(name))]
             for i, curve in enumerate(curves):
                 fitting = [point.column for point in points if _is_at(point, curve)]
@@ -242,16 +242,16 @@ def _is_at(point: NamedPoint, curve: FoundCurve) -> bool:
     return all(a is None or b is None or abs(a - b) <= SAME * b for a, b in pairs)
 
 
-def stated_units(model: RateModel) -> dict[str, str]:
+def list_units(model: RateModel) -> dict[str, str]:
     """Units of the numbers in names that a block states, by their SI units."""
     return {"Pa": model.rail_pressure_unit or "", "s": model.energising_time_unit or ""}
 
 
-def _gathered(points: Sequence[NamedPoint], samples: Sequence[Samples], at: Place) -> list[FoundCurve]:
+def _average_shots(points: Sequence[NamedPoint], samples: Sequence[Samples], at: Place) -> list[FoundCurve]:
     """One curve for each operating point: the mean of its shots."""
     places = np.array([(p.rail_pressure or 1.0, p.energising_time or 1.0) for p in points])
     curves = []
-    for rows in groups_of(places, SAME):
+    for rows in group_rows(places, SAME):
         first = points[rows[0]]
         if len(rows) > 1 and not first.shot:
             raise at.error(
@@ -265,7 +265,7 @@ def _gathered(points: Sequence[NamedPoint], samples: Sequence[Samples], at: Plac
 def traces_below_points(model: RateModel, context: Context) -> list[FoundCurve]:
     """Curves of a table that has their operating points in rows above them.
 
-    Raises `InputError` if it is no such table. Raises `ConfigurationError` if the window does not fit.
+    Raises `InputError` if it is not such a table. Raises `ConfigurationError` if the window does not fit.
     """
     at = context.at
     path = context.path(model.file, at, model.form)
@@ -285,5 +285,5 @@ def traces_below_points(model: RateModel, context: Context) -> list[FoundCurve]:
         NamedPoint(name, None if rail is None else float(rail[i]), None if time is None else float(time[i]), str(i + 1))
         for i, name in enumerate(wide.names)
     ]
-    samples = [within_window(samples_of(wide.table, name, model, at), model, at) for name in wide.names]
-    return _gathered(points, samples, at / "layout")
+    samples = [within_window(read_samples(wide.table, name, model, at), model, at) for name in wide.names]
+    return _average_shots(points, samples, at / "layout")

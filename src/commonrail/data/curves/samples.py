@@ -112,7 +112,7 @@ class Samples(NamedTuple):
         return self._replace(bounds=bounds, rate=np.diff(course(bounds)) / np.diff(bounds))
 
 
-def samples_of(table: Table, column: str, model: RateModel, at: Place) -> Samples:
+def read_samples(table: Table, column: str, model: RateModel, at: Place) -> Samples:
     """Samples of a column of rates, with the times of its table.
 
     An empty cell at the end of the `column` ends it. Raises `InputError` if there are too few, or one is missing

@@ -12,12 +12,12 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.base.hooks import note
 from commonrail.base.units import parse, to_text
-from commonrail.data.curves.samples import RateModel, Samples, ShotsModel, raster, samples_of
+from commonrail.data.curves.samples import RateModel, Samples, ShotsModel, raster, read_samples
 from commonrail.data.noise import NOISE, Noise
-from commonrail.data.repeats import averaged, groups_of
+from commonrail.data.repeats import average_groups, group_rows
 from commonrail.data.study_block import Context
 from commonrail.readers.columns import Column, Table
-from commonrail.readers.location import Place, located
+from commonrail.readers.location import Place, locate_errors
 
 MOST_CURVES = 1000  # of one file
 RATES = ("m3/s", "kg/s")
@@ -28,7 +28,7 @@ BEFORE = 1e-3  # time before a shot over which a pressure is averaged [s]
 class FoundCurve(NamedTuple):
     """A curve among several of a file."""
 
-    samples: Samples  # those that count
+    samples: Samples  # compared ones
     rail_pressure: float | None  # [Pa]
     energising_time: float | None  # [s]; None where the block of the study states it
     shots: int = 1  # repeated shots of which it is the mean
@@ -58,7 +58,7 @@ class _Channel(NamedTuple):
     unit: str
 
     def before(self, moments: Floats) -> Floats:
-        """Mean over the last `BEFORE` up to each moment; its last value where there is none in it."""
+        """Mean over the last `BEFORE` up to each moment; its last value if that interval has no sample."""
         last = np.clip(np.searchsorted(self.time, moments, "right"), 1, None)
         first = np.minimum(np.searchsorted(self.time, moments - BEFORE, "left"), last - 1)
         return np.array([self.value[i:k].mean() for i, k in zip(first, last, strict=True)])
@@ -93,8 +93,8 @@ def cut_shots(model: RateModel, context: Context) -> list[FoundCurve]:
             "apart; count from the trigger of the shot"
         )
     starts = edges + shots.offset
-    rate = _taken(Column(model.rate, RATES, model.rate_unit), model, context)
-    record = samples_of(rate, model.rate, model, at)
+    rate = _take_channel(Column(model.rate, RATES, model.rate_unit), model, context)
+    record = read_samples(rate, model.rate, model, at)
     step = model.resample or float(np.median(np.diff(record.bounds)))
     bounds = raster(begin, end, step, at / ("resample" if model.resample else "window"))
     slack = 1e-3 * step
@@ -113,14 +113,14 @@ def cut_shots(model: RateModel, context: Context) -> list[FoundCurve]:
     return curves
 
 
-def _taken(column: Column, model: RateModel, context: Context) -> Table:
+def _take_channel(column: Column, model: RateModel, context: Context) -> Table:
     """A channel of the record and its times."""
     time = Column(model.time, "s", model.time_unit, increasing=True)
     return context.columns(model.file, context.at, [time, column], form=model.form)
 
 
 def _channel(column: Column, model: RateModel, context: Context) -> _Channel:
-    table = _taken(column, model, context)
+    table = _take_channel(column, model, context)
     return _Channel(table.columns[model.time], table.columns[column.name], table.units[column.name])
 
 
@@ -142,7 +142,7 @@ def _points(
             raise InputError(
                 f"{path}: the {what} of the shot at {to_text(float(starts[i]), 's')} is not greater than zero."
             )
-    groups = groups_of(places, shots.same)
+    groups = group_rows(places, shots.same)
     if len(groups) > MOST_CURVES:
         raise (context.at / "shots").error(
             f"the shots are at {len(groups)} operating points, and at most {MOST_CURVES} are read"
@@ -161,7 +161,7 @@ def _edges(trigger: _Channel, shots: ShotsModel, dead: float, path: Path, at: Pl
     low, high = float(trigger.value.min()), float(trigger.value.max())
     level = 0.5 * (low + high)
     if shots.level is not None:
-        with located(at / "level"):
+        with locate_errors(at / "level"):
             level = parse(shots.level, trigger.unit)
     value = trigger.value
     rises = np.flatnonzero((value[:-1] < level) & (value[1:] >= level))
@@ -194,7 +194,7 @@ def mean_curve(shots: Sequence[Samples], rail_pressure: float | None, energising
     power = float(mean_rate @ mean_rate)
     # of each shot, by least squares; what it is off by together is none of the noise of its samples
     sizes = rates @ mean_rate / power if power else np.ones(len(shots))
-    mean = averaged(rates - np.multiply.outer(sizes - 1.0, mean_rate), [np.arange(len(shots))])
+    mean = average_groups(rates - np.multiply.outer(sizes - 1.0, mean_rate), [np.arange(len(shots))])
     samples = shots[0]._replace(bounds=bounds, rate=mean.mean[0])
     # less what the noise of samples adds to a factor; below its own size: without an injection it is no share of one
     variance = float(sizes.var(ddof=1)) / len(shots) - (mean.sigma or 0.0) ** 2 / max(power, 1e-300)

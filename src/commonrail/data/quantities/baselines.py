@@ -1,4 +1,4 @@
-"""Trivial models beside a validation map, and whether a calibrated one predicts better."""
+"""Interpolations as baselines of a validation map, and whether a calibrated model predicts better."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ class Sister:
     places : (m, 3)
         Rail pressure [Pa], energising time [s] and quantity [m³].
     flow_ratio : float
-        Catalogue flow of the part that is fitted over that of the sister part.
+        Catalogue flow of the fitted part over the catalogue flow of the sister part.
     source : str
         Source of both.
 
@@ -203,12 +203,12 @@ class Interpolated(NamedTuple):
     dead_time: Floats
 
 
-def interpolated_baseline(model: Any, fitted: Sequence[Any]) -> dict[str, Any] | None:
+def interpolation_record(model: Any, fitted: Sequence[Any]) -> dict[str, Any] | None:
     """Record of the interpolation of the maps that a model was fitted to; None where that is not possible.
 
     `model` is its `QuantityScore` on other data, `fitted` holds `QuantityData`.
     """
-    interpolation = interpolated(model.data, fitted)
+    interpolation = interpolate_map(model.data, fitted)
     if interpolation is None:
         return None
     return baseline_record(
@@ -229,7 +229,7 @@ def sister_baseline(model: Any) -> dict[str, Any] | None:
     data: Map = model.data
     if data.sister is None or not _is_plain(data) or not data.judged.any():
         return None
-    ratio, places = data.sister.flow_ratio, places_of(data)
+    ratio, places = data.sister.flow_ratio, point_places(data)
     by_rules = {rules: interpolate(data.sister.places, places, rules=rules) for rules in _BOTH}
     (in_time, in_pressure), interpolation = min(
         by_rules.items(), key=lambda item: _closeness(data, ratio * item[1].values)
@@ -245,17 +245,17 @@ def sister_baseline(model: Any) -> dict[str, Any] | None:
     )
 
 
-def interpolated(data: Map, fitted: Sequence[Map]) -> Interpolated | None:
+def interpolate_map(data: Map, fitted: Sequence[Map]) -> Interpolated | None:
     """Interpolation of fitted maps at the points of another, by the best rule and scale; None where not possible."""
     if not all(_is_plain(d) for d in (data, *fitted)):
         return None
-    measured = np.concatenate([np.empty((0, 3)), *(_known(d, d.judged) for d in fitted)])
+    measured = np.concatenate([np.empty((0, 3)), *(_take_known(d, d.judged) for d in fitted)])
     if not len(measured) or not data.judged.any():
         return None
     dead_time = _dead_times(data, fitted)
     interpolations = []
     for rules, (scale, exponent) in itertools.product(_BOTH, SCALES.items()):
-        values, beyond = interpolate(measured, places_of(data), exponent, rules)
+        values, beyond = interpolate(measured, point_places(data), exponent, rules)
         count = int(np.count_nonzero(beyond & data.judged))
         text = RULE.format(in_time=rules[0].value, in_pressure=rules[1].value, scale=scale)
         interpolations.append(Interpolated(len(measured), text, count, values, dead_time))
@@ -290,7 +290,7 @@ def baseline_record(model: Any, baseline: Any, *, text: str, **more: Any) -> dic
     return {**more, "text": text, "beaten": not worse, "sentence": sentence, "figures": other}
 
 
-def places_of(data: Map) -> Floats:
+def point_places(data: Map) -> Floats:
     """Rail pressures [Pa] and energising times [s] of the rows, (n, 2)."""
     return np.array([(p.initial_pressures()[0], p.pulses[0].duration) for p in data.points])
 
@@ -300,15 +300,15 @@ def _is_plain(data: Map) -> bool:
     return all(len(p.pulses) == 1 for p in data.points)
 
 
-def _known(data: Map, rows: Bools) -> Floats:
-    return np.column_stack([places_of(data), data.quantity])[rows]
+def _take_known(data: Map, rows: Bools) -> Floats:
+    return np.column_stack([point_places(data), data.quantity])[rows]
 
 
 def _dead_times(data: Map, fitted: Sequence[Map]) -> Floats:
     """Interpolated dead times [s] of the rows that are; NaN where no fitted one is of the same quantity."""
-    measured = np.concatenate([np.empty((0, 3)), *(_known(d, d.dead_time) for d in fitted)])
+    measured = np.concatenate([np.empty((0, 3)), *(_take_known(d, d.dead_time) for d in fitted)])
     dead_times = []
-    for (rail, _), quantity in zip(places_of(data)[data.dead_time], data.quantity[data.dead_time], strict=True):
+    for (rail, _), quantity in zip(point_places(data)[data.dead_time], data.quantity[data.dead_time], strict=True):
         same = measured[np.isclose(measured[:, 2], quantity, rtol=1e-6, atol=0.0)]
         rising = same[np.argsort(same[:, 0])]
         single = len(np.unique(rising[:, 0])) == len(rising) > 0

@@ -24,17 +24,17 @@ from commonrail.data.base import (
     Term,
     ToleratedData,
     is_metered,
+    make_term,
     read_labels,
-    share_of,
-    term_of,
+    relative_to,
 )
 from commonrail.data.noise import NOISE, Noise
 from commonrail.data.quantities.baselines import (
     Interpolated,
     Sister,
     baseline_record,
-    interpolated_baseline,
-    places_of,
+    interpolation_record,
+    point_places,
     read_sister,
     sister_baseline,
 )
@@ -43,19 +43,19 @@ from commonrail.data.quantities.dead_times import (
     NOT_REACHED,
     SEARCHED,
     crossing_times,
-    energised,
     neighbours,
+    with_duration,
 )
 from commonrail.data.quantities.reading import SAME, HoldOutModel, MapModel, QuantitiesModel, read_rows
 from commonrail.data.records import MEASURED, point_record
-from commonrail.data.repeats import averaged, groups_of
+from commonrail.data.repeats import average_groups, group_rows
 from commonrail.data.simulator import ITSELF, Candidates, Simulator
 from commonrail.data.study_block import Context, mass_density
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import OK
 from commonrail.physics.meters import Meter, QuantityValues, shown_quantities
-from commonrail.readers.location import Place, located
+from commonrail.readers.location import Place, locate_errors
 
 _Map = TypeVar("_Map", bound="QuantityData")
 
@@ -166,7 +166,7 @@ class QuantityData(ToleratedData):
         density = np.array([mass_density(context.injector, row.unit, row.point) for row in rows])
         by_volume = np.isnan(density)
         dead, sister = getattr(model, "dead_times", None), getattr(model, "sister", None)
-        with located(context.at):
+        with locate_errors(context.at):
             read = cls(
                 model.name,
                 Role(model.role),
@@ -184,14 +184,14 @@ class QuantityData(ToleratedData):
                 None if sister is None else read_sister(sister, context),
                 **{key: getattr(model, key) for key in cls.own_keys},
             )
-            read = averaged_map(read) if model.repeated == "mean" else read
+            read = average_repeats(read) if model.repeated == "mean" else read
         return (read,) if model.hold_out is None else divide(read, model.hold_out, context.at / "hold_out")
 
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
         """One term for each map."""
         failed = partial(np.not_equal, OK)
-        return [term_of(d, partial(values_of, d), failed, to_horizon=d.to_horizon) for d in group]
+        return [make_term(d, partial(point_values, d), failed, to_horizon=d.to_horizon) for d in group]
 
     def masses(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint]) -> Floats:
         """Mass per stroke that the map holds volumes of, (candidates, points) [kg]."""
@@ -213,7 +213,7 @@ class QuantityData(ToleratedData):
         A needle that never closes is a failure too.
         """
         batch = simulator.batch(self.simulated_points, values, to_horizon=self.to_horizon)
-        return values_of(self, batch, Candidates(simulator, values))
+        return point_values(self, batch, Candidates(simulator, values))
 
     def volumes(
         self, batch: Batch, mass_density: ArrayLike, candidates: Candidates, points: Sequence[OperatingPoint]
@@ -312,12 +312,12 @@ class QuantityScore(Score):
     def relative_error(self) -> float:
         """Σ |error| over Σ quantity, of the points that did not fail."""
         judged, quantity = self.data.judged, self.data.quantity
-        return share_of(np.nansum(np.abs(self.values - quantity)[judged]), np.sum(quantity[judged]))
+        return relative_to(np.nansum(np.abs(self.values - quantity)[judged]), np.sum(quantity[judged]))
 
     def baselines(self, fitted: Sequence[DataSet]) -> list[dict[str, Any]]:
         """Interpolation of the fitted maps, and the map of a sister part, if there are any."""
         maps = [d for d in fitted if isinstance(d, QuantityData) and d.kind == self.data.kind]
-        records = interpolated_baseline(self, maps), sister_baseline(self)
+        records = interpolation_record(self, maps), sister_baseline(self)
         return [record for record in records if record]
 
 
@@ -340,7 +340,7 @@ def _set_targets(data: QuantityData) -> None:
     )
 
 
-def values_of(data: QuantityData, batch: Batch, candidates: Candidates) -> Floats:
+def point_values(data: QuantityData, batch: Batch, candidates: Candidates) -> Floats:
     """Values (candidates, points), in the units of `measured`, of a batch at the simulated points."""
     timed, count = data._timed, len(data.points)
     rows = np.concatenate([np.arange(count), np.repeat(timed, 2)])
@@ -355,11 +355,11 @@ def values_of(data: QuantityData, batch: Batch, candidates: Candidates) -> Float
     return values
 
 
-def averaged_map(data: _Map) -> _Map:
+def average_repeats(data: _Map) -> _Map:
     """The map with one row for the repeated quantities of each point, and their scatter as noise; dead times stay."""
-    places, single, dead = places_of(data), np.flatnonzero(data.judged), np.flatnonzero(data.dead_time)
-    groups = [single[rows] for rows in groups_of(places[single], SAME)]
-    average = averaged(data.quantity, groups, data.absolute + data.relative * data.quantity)
+    places, single, dead = point_places(data), np.flatnonzero(data.judged), np.flatnonzero(data.dead_time)
+    groups = [single[rows] for rows in group_rows(places[single], SAME)]
+    average = average_groups(data.quantity, groups, data.absolute + data.relative * data.quantity)
     first = np.concatenate([np.array([rows[0] for rows in groups], np.intp), dead])
     least, most = int(average.counts.min()), int(average.counts.max())
     strokes = f"means of {least} strokes" if least == most else f"means of {least} to {most} strokes"
@@ -400,16 +400,16 @@ def divide(data: _Map, model: HoldOutModel, at: Place) -> tuple[_Map, _Map]:
         raise at.error('only data with role = "fit" can hold rows out; remove hold_out')
     if not (model.rail_pressure or model.energising_time):
         raise at.error('name rail pressures or energising times, as in { rail_pressure = ["120 MPa"] }')
-    held_out = _at_one_of(data, 0, model.rail_pressure, "Pa", at / "rail_pressure")
-    held_out |= _at_one_of(data, 1, model.energising_time, "s", at / "energising_time") & data.judged
+    held_out = _select_any(data, 0, model.rail_pressure, "Pa", at / "rail_pressure")
+    held_out |= _select_any(data, 1, model.energising_time, "s", at / "energising_time") & data.judged
     if not (data.judged & ~held_out).any():
         raise ConfigurationError(f"{at}: every quantity of {data.name} would be held out; leave some for the fit.")
     return chosen_rows(data, ~held_out), chosen_rows(data, held_out, held_out_name(data.name), Role.VALIDATION)
 
 
-def rows_of(data: QuantityData, column: int, value: float) -> Bools:
+def select_rows(data: QuantityData, column: int, value: float) -> Bools:
     """Rows (n,) at a rail pressure [Pa] (column 0) or an energising time [s] (column 1)."""
-    return np.isclose(places_of(data)[:, column], value, rtol=SAME, atol=0.0)
+    return np.isclose(point_places(data)[:, column], value, rtol=SAME, atol=0.0)
 
 
 def chosen_rows(data: _Map, rows: Bools, name: str = "", role: Role | None = None) -> _Map:
@@ -420,17 +420,17 @@ def chosen_rows(data: _Map, rows: Bools, name: str = "", role: Role | None = Non
     return replace(_at_rows(data, np.flatnonzero(rows)), name=name or data.name, role=role or data.role)
 
 
-def _at_one_of(data: QuantityData, column: int, targets: Sequence[float], unit: str, at: Place) -> Bools:
+def _select_any(data: QuantityData, column: int, targets: Sequence[float], unit: str, at: Place) -> Bools:
     """Rows at one of the wanted values."""
     matching = np.zeros(len(data.points), bool)
-    present = places_of(data)[data.judged, column]
+    present = point_places(data)[data.judged, column]
     for value in targets:
         if not np.isclose(present, value, rtol=SAME, atol=0.0).any():
             available = ", ".join(to_text(float(v), unit) for v in np.unique(present)[:12])
             raise ConfigurationError(
                 f"{at}: {data.name} has no quantity at {to_text(value, unit)}; it has {available}."
             )
-        matching |= rows_of(data, column, value)
+        matching |= select_rows(data, column, value)
     return matching
 
 
@@ -439,7 +439,7 @@ def _find_dead_times(data: QuantityData, simulator: Simulator) -> Floats:
     rows = np.flatnonzero(data.dead_time)
     dead_times = np.full(len(rows), np.nan)
     mass_density = np.broadcast_to(data.mass_density, data.quantity.shape)
-    points = [energised(data.points[row], float(t)) for row in rows.tolist() for t in SEARCHED]
+    points = [with_duration(data.points[row], float(t)) for row in rows.tolist() for t in SEARCHED]
     batch = simulator.once(points) if points else None
     for i, row in enumerate(rows.tolist()):
         columns = slice(i * len(SEARCHED), (i + 1) * len(SEARCHED))
@@ -476,7 +476,7 @@ class Fold(NamedTuple):
 
 def levels(data: QuantityData, by: str) -> list[float]:
     """Rail pressures [Pa] or energising times [s] of the quantities of a map, in rising order."""
-    return sorted(set(places_of(data)[data.judged, _COLUMNS[by]].tolist()))
+    return sorted(set(point_places(data)[data.judged, _COLUMNS[by]].tolist()))
 
 
 def without(data: QuantityData, by: str, value: float) -> tuple[QuantityData, QuantityData, Bools] | None:
@@ -485,7 +485,7 @@ def without(data: QuantityData, by: str, value: float) -> tuple[QuantityData, Qu
     Dead times are left out `by` their rail pressure alone, not by "energising_time". `value`: [Pa] or
     [s].
     """
-    rows = rows_of(data, _COLUMNS[by], value)
+    rows = select_rows(data, _COLUMNS[by], value)
     if by == "energising_time":
         rows = rows & data.judged
     if not (rows & data.judged).any() or not (~rows & data.judged).any():
@@ -493,19 +493,19 @@ def without(data: QuantityData, by: str, value: float) -> tuple[QuantityData, Qu
     return chosen_rows(data, ~rows), chosen_rows(data, rows, held_out_name(data.name), Role.VALIDATION), rows
 
 
-def folded_record(data: QuantityData, folds: Sequence[Fold]) -> dict[str, Any]:
+def fold_record(data: QuantityData, folds: Sequence[Fold]) -> dict[str, Any]:
     """JSON-able figures of the predictions of all rows that were held out, each by the fit that did not see it."""
     rows = np.any([fold.rows for fold in folds], axis=0)
     held_out = chosen_rows(data, rows)
-    model = _joined(data, rows, [(fold.rows, fold.model) for fold in folds])
+    model = _join_scores(data, rows, [(fold.rows, fold.model) for fold in folds])
     record: dict[str, Any] = {"name": data.name, "values": int(held_out.judged.sum()), "figures": model.figures}
     means = [(fold.rows, fold.mean) for fold in folds if fold.mean is not None]
     if len(means) == len(folds):
-        record["mean"] = _joined(data, rows, means).figures
+        record["mean"] = _join_scores(data, rows, means).figures
     baselines = [sister_baseline(model)]
     others = [(fold.rows, fold.baseline) for fold in folds if fold.baseline is not None]
     if len(others) == len(folds):
-        baseline = _joined(data, rows, others)
+        baseline = _join_scores(data, rows, others)
         beyond = sum(baseline_score.extrapolated for _, baseline_score in others)
         text = "interpolating the other points"
         baselines.insert(0, baseline_record(model, baseline, text=text, extrapolated=beyond))
@@ -513,7 +513,7 @@ def folded_record(data: QuantityData, folds: Sequence[Fold]) -> dict[str, Any]:
     return record
 
 
-def _joined(
+def _join_scores(
     data: QuantityData, held_out: Bools, parts: Sequence[tuple[Bools, QuantityScore | Interpolated]]
 ) -> QuantityScore:
     """Score of the kept rows from predictions of their parts."""

@@ -24,14 +24,14 @@ NOT_REACHED = (
 def neighbours(point: OperatingPoint) -> list[OperatingPoint]:
     """Points energised shorter and longer than a dead time, between which `crossing_times` interpolates."""
     duration = point.pulses[0].duration
-    return [energised(point, duration - _before(duration)), energised(point, duration + AROUND)]
+    return [with_duration(point, duration - _before(duration)), with_duration(point, duration + AROUND)]
 
 
 def crossing_times(duration: Floats, quantity: Floats, threshold: Floats) -> Floats:
     """Energising times at which a quantity is reached, by linear interpolation between three of them.
 
-    Beyond the outer ones the nearest segment is extrapolated. Its slope is at least that of a quantity that grows by
-    the threshold within `FLATTEST`, so that an injector that injects nothing still has a finite dead time.
+    Beyond the outer ones the nearest segment is extrapolated. Its slope is at least the
+    threshold over `FLATTEST`: an injector that injects nothing still has a finite dead time.
 
     `duration` (rows,): energising times of the middle ones [s]. `quantity` (candidates, rows, 3): quantities at the
     `neighbours` and, between them, at the point itself [m³]; NaN where a simulation failed. `threshold` (rows,):
@@ -49,7 +49,7 @@ def _before(duration: Any) -> Any:
     return np.minimum(AROUND, 0.5 * duration)
 
 
-def energised(point: OperatingPoint, duration: float) -> OperatingPoint:
+def with_duration(point: OperatingPoint, duration: float) -> OperatingPoint:
     """Point with another energising time [s]."""
     return OperatingPoint(
         point.rail_pressure, duration, point.cylinder_pressure, point.return_pressure, start=point.start

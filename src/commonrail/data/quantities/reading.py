@@ -20,7 +20,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.status import check_point
 from commonrail.physics.law import Domain
 from commonrail.readers.columns import PLAIN, Column, FileForm, FormModel, Table
-from commonrail.readers.location import Place, located
+from commonrail.readers.location import Place, locate_errors
 from commonrail.readers.quantity_matrix import COLUMNS, GivenUnits
 from commonrail.readers.tables import has_columns, open_sheet, read_found_map, take_columns
 from commonrail.readers.toml import FileModel, Unit, fault
@@ -226,7 +226,7 @@ def _point(table: Table, row: int, model: MapModel, context: Context) -> Operati
     for column, value in (("energising_time", energising), ("rail_pressure", rail)):
         if not value > 0.0:
             raise table.place(column, row).error("the value must be greater than zero")
-    with located(Place(str(table.path), f"{table.row} {table.rows[row]}")):
+    with locate_errors(Place(str(table.path), f"{table.row} {table.rows[row]}")):
         point = OperatingPoint(
             rail, energising, model.cylinder_pressure, model.return_pressure, horizon=energising + AFTER_ENERGISING
         )

@@ -242,7 +242,7 @@ class Workshop:
             return
         with ui.card().classes("box"):
             ui.label(self.say("Likely cause")).classes("sub").props('role="heading" aria-level="2"')
-            if diagnosis["verdict"] == "cannot be told":
+            if diagnosis["verdict"] == "undecided":
                 ui.label(self.say("The measurements do not single out a cause.")).classes("soft")
             for candidate in diagnosis["diagnoses"]:
                 if candidate["probability"] >= 0.01:

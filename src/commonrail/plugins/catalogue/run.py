@@ -74,11 +74,11 @@ def _injectors() -> list[dict[str, Any]]:
 
 def _meters() -> list[dict[str, Any]]:
     from commonrail.base import registry
-    from commonrail.readers.meters import installed_meter
+    from commonrail.readers.meters import load_installed_meter
 
     return [
         {"name": name, "law": f"{m.law.value}, order {m.order}", "quantities": ", ".join(m.values)}
-        for name, m in _load_all(installed_meter, list(registry.find_installed("meters"))).items()
+        for name, m in _load_all(load_installed_meter, list(registry.find_installed("meters"))).items()
     ]
 
 

@@ -1,14 +1,14 @@
-"""Probabilities of faults from measured quantities: evidence of each fault over its sizes and the scatter of parts.
+"""Probabilities of faults from measured quantities.
 
-Quantities of parts with a fault of size s scatter about m(s) with the covariance C(s), both from simulated parts, and
-are measured with independent noise R. The evidence of a fault is
+Quantities of parts with a fault of size s scatter about the mean m(s) with the covariance C(s), both estimated from
+simulated parts, and are measured with independent noise R. The evidence of a fault is
 
     p(y | fault) = ∫ t(y; m(s), C(s) + R) ds,    s uniform from 0, the least, to 1, the most,
 
-with Student's multivariate t: a covariance from few parts is not sure (Gelman et al., Bayesian Data Analysis, 3.6),
-and Bayes' theorem gives the probabilities from those before the measurement (Jaynes, Probability Theory, chapter 4).
-Sizes at which the fault moves a quantity away from a result that departs from sound parts count for nothing: far from
-every mean the widest distribution is the densest, whatever its direction.
+with Student's multivariate t, since a covariance from few parts is uncertain (Gelman et al., Bayesian Data Analysis,
+3.6). Bayes' theorem gives the posterior probabilities (Jaynes, Probability Theory, chapter 4). Sizes at which the fault
+moves a quantity away from a result that departs from sound parts are excluded: far from every mean the widest
+distribution is the densest, even if it lies on the wrong side.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from commonrail.physics.injector import Injector
 from commonrail.plugins.diagnose.faults import Fault, Parts
 
 SIZES = np.linspace(0.0, 1.0, 7)  # sizes at which parts are simulated
-FINE = np.linspace(0.0, 1.0, 61)  # sizes over which the evidence is summed; between the others it is interpolated
-RESOLUTION = 0.01e-9  # of a bench [m³], also where nothing is injected: an estimate
-# Degrees of freedom of that distribution: some 40 are left of 64 parts by 14 parameters and 8 tests, and less for what
-# is not normal; chosen by the logarithmic score on other parts than those of the trial.
+FINE = np.linspace(0.0, 1.0, 61)  # sizes over which the evidence is summed; interpolated between the simulated ones
+RESOLUTION = 0.01e-9  # of a bench [m³], also without injection: an estimate
+# Degrees of freedom of that distribution. 64 parts less 14 parameters and 8 tests leave about 40; the value is lower
+# for deviations from normality. Chosen by the logarithmic score on parts that the trial does not use.
 FREEDOM = 30.0
 DEPARTS = 2.0  # standard deviations of measured sound parts beyond which a result departs from them; chosen
-SLIGHT = 0.02  # of these standard deviations: a fault that moves a result less does not act on it; chosen
-SPARE_DRAWS = 8  # parts that must be there beyond the dimensions of the fit that yields a covariance
+SLIGHT = 0.02  # standard deviations: a fault that moves a result less is taken to leave it unchanged; chosen
+SPARE_DRAWS = 8  # parts that the fit of a covariance needs beyond its number of coefficients
 
 Simulate = Callable[[Parts], Floats]  # quantities (parts, tests) [m³], NaN where a simulation failed
 
 
 class BenchNoise(NamedTuple):
-    """Noise of a bench: shares of the quantities and standard deviations at zero [m³], each (tests,) or one for all."""
+    """Noise of a bench: shares of the quantities, and standard deviations at zero [m³]; each (tests,) or a scalar."""
 
     shares: Floats | float
     floors: Floats | float = RESOLUTION
@@ -50,9 +50,9 @@ class BenchNoise(NamedTuple):
 
 
 class Response(NamedTuple):
-    """Quantities of parts with a fault, or of sound ones, whose `fault` is None and `sizes` one.
+    """Quantities of parts with a fault: `mean` (sizes, tests) [m³] and covariance `scatter` (sizes, tests, tests) [m⁶].
 
-    `mean` (sizes, tests) [m³] and `scatter` (sizes, tests, tests) [m⁶].
+    Sound parts have the fault None and a single size.
     """
 
     fault: Fault | None
@@ -65,16 +65,16 @@ class Response(NamedTuple):
         """Name of the fault, or "sound"."""
         return "sound" if self.fault is None else self.fault.name
 
-    def scaled(self, factors: Floats) -> Response:
-        """The response with its quantities times factors (tests,)."""
+    def scale(self, factors: Floats) -> Response:
+        """Multiply the quantities by factors (tests,)."""
         return self._replace(mean=self.mean * factors, scatter=self.scatter * np.outer(factors, factors))
 
 
 def moments(parts: Parts, centre: Floats, quantities: Floats) -> tuple[Floats, Floats] | None:
-    """Mean (tests,) and covariance (tests, tests) of quantities (parts, tests) whose parameters scatter about a centre.
+    """Mean (tests,) and covariance (tests, tests) of quantities (parts, tests) whose parameters scatter about `centre`.
 
-    Regressed on the parameters, so that few parts suffice: the covariance is that of the linear part and of what it
-    leaves. None where too few parts could be simulated.
+    A linear regression on the parameters lets few parts suffice: the covariance is the sum of the linear part and of
+    the residuals. None if too few parts could be simulated.
     """
     complete = np.isfinite(quantities).all(axis=1)
     z, y = (parts.values - centre)[complete], quantities[complete]
@@ -91,9 +91,9 @@ def moments(parts: Parts, centre: Floats, quantities: Floats) -> tuple[Floats, F
 def responses(
     injector: Injector, parts: Parts, centre: Floats, faults: Sequence[Fault], simulate: Simulate
 ) -> tuple[Response, ...]:
-    """Responses of sound parts and of those with each fault.
+    """Responses of sound parts and of parts with each fault.
 
-    `parts`: sound parts; `centre` (names,): the part as drawn [SI]. A fault that cannot be simulated is left out with a
+    `parts`: sound parts; `centre` (names,): the part as drawn [SI]. A fault that cannot be simulated is omitted with a
     note.
     """
     sound = moments(parts, centre, simulate(parts))
@@ -104,7 +104,7 @@ def responses(
         by_size = [(s, moments(parts, centre, simulate(parts.with_fault(injector, item, s)))) for s in SIZES.tolist()]
         usable = [(s, *pair) for s, pair in by_size if pair is not None]
         if len(usable) < 2:
-            note(f"Parts with the fault {item.name} could not be simulated; it is left out.")
+            note(f"Parts with the fault {item.name} could not be simulated; the fault is omitted.")
             continue
         sizes, mean, scatter = (np.array(column) for column in zip(*usable, strict=True))
         fine = FINE[(sizes[0] <= FINE) & (sizes[-1] >= FINE)]
@@ -115,10 +115,10 @@ def responses(
 
 
 class Judged(NamedTuple):
-    """Probabilities of several responses, (responses,), the distribution over the sizes of each, and how well it fits.
+    """Posterior probabilities (responses,), distribution over the sizes of each response, and goodness of fit.
 
-    `weights[i]` (sizes,) sums to 1; `fit` (responses,) is the share of such parts that lie farther away than these
-    quantities, at the best size, by χ²: the covariance counts as sure there.
+    `weights[i]` (sizes,) sums to 1; `fit` (responses,) is the share of parts that lie farther from the mean than the
+    measured quantities, at the best size, by χ² (with the covariance taken as certain).
     """
 
     probabilities: Floats
@@ -127,12 +127,12 @@ class Judged(NamedTuple):
 
     @property
     def order(self) -> list[int]:
-        """Responses, the most probable first."""
+        """Indices of the responses, most probable first."""
         return [int(i) for i in np.argsort(-self.probabilities, kind="stable")]
 
 
-def regressed(covariance: Floats, n: int) -> tuple[Floats, Floats]:
-    """Regression of normal variables on the first n of them: gain (others, n), and the variances left (others,)."""
+def regress_on_first(covariance: Floats, n: int) -> tuple[Floats, Floats]:
+    """Regress normal variables on the first n of them: gain (others, n) and residual variances (others,)."""
     gain = np.asarray(np.linalg.solve(covariance[:n, :n], covariance[:n, n:]).T, float)
     return gain, np.diag(covariance)[n:] - np.einsum("ij,ji->i", gain, covariance[:n, n:])
 
@@ -146,13 +146,12 @@ def judge(
     fails: Sequence[bool] | bool = False,
     freedom: float = FREEDOM,
 ) -> Judged:
-    """Probabilities after a measurement.
+    """Compute the posterior probabilities of faults.
 
-    `fault_responses`: sound parts first; `measured` (tests,) [m³]; `sound`: probability before it that the part is
-    sound, all
+    `fault_responses`: sound parts first; `measured` (tests,) [m³]; `sound`: prior probability of a sound part, all
     faults being equally likely; `fails` (tests,): results outside their bands; `freedom`: degrees of freedom of the
-    covariances, above 2. A fault has the probability zero if at each size it moves a result that fails, or departs
-    from sound parts, the other way by more than `SLIGHT`.
+    covariances, above 2. A fault has the probability zero if each of its sizes moves a result that fails, or departs
+    from sound parts, the wrong way by more than `SLIGHT`.
     """
     prior = np.log(
         np.where([r.fault is None for r in fault_responses], sound, (1.0 - sound) / max(len(fault_responses) - 1, 1))
@@ -161,7 +160,9 @@ def judge(
     deviation = np.hypot(np.sqrt(np.diag(scatter)), noise.deviation(middle))
     departure = (measured - middle) / deviation
     departs = np.where(np.asarray(fails) | (np.abs(departure) > DEPARTS), np.sign(departure), 0.0)
-    logs, weights, fits = [], [], []
+    logs: list[Floats] = []
+    weights: list[Floats] = []
+    fits: list[Floats] = []
     for r in fault_responses:
         residual = measured - r.mean
         spread = noise.deviation(r.mean)

@@ -1,4 +1,4 @@
-"""Faults of an injector as changes of its parameters, and the scatter of sound parts, read from a table."""
+"""Table of faults (changes of an injector's parameters) and of the scatter of sound parts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from commonrail.physics.variants import RETURN, unread_inputs, unread_parameters
 from commonrail.readers.location import Place
 from commonrail.readers.toml import UNSTATED, FileModel, Mark, Sourced, Text, Unit, fault, read_model_file
 
-SEAT_LEAK = "valve.seat_leak"  # effective area through which the closed valve leaks [m²]; 0 of a sound part
+SEAT_LEAK = "valve.seat_leak"  # effective area of the leak of the closed valve [m²]; 0 for a sound part
 TABLE = Path(__file__).with_name("faults.toml")
 
 
@@ -31,13 +31,13 @@ class Change(NamedTuple):
     relative: bool
 
     def of(self, values: Floats, size: Floats | float) -> Floats:
-        """Values (n,) [SI] after a change of a size between 0, the least, and 1, the most."""
+        """Values (n,) [SI] after a change of a size from 0 (the least) to 1 (the most)."""
         amount = self.least + (self.most - self.least) * np.asarray(size)
         return np.asarray(values * (1.0 + amount) if self.relative else values + amount)
 
 
 class Fault(NamedTuple):
-    """Fault of a part: its name, what it is, its changes, and mark and source of their ranges."""
+    """Fault of a part: name, meaning, changes, and the source of their ranges."""
 
     name: str
     meaning: str
@@ -50,7 +50,7 @@ class Fault(NamedTuple):
         return tuple(change.name for change in self.changes)
 
     def size_text(self, injector: Injector, size: float) -> str:
-        """Value of the first parameter that changes, at a size, and its change: 50 µm (+25 %)."""
+        """Value and change of the first parameter at a size, such as 50 µm (+25 %)."""
         first = self.changes[0]
         sound = injector.values.get(first.name, 0.0)
         value = float(first.of(np.array(sound), size))
@@ -63,13 +63,13 @@ class Fault(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """Parts by the values of some parameters (n, names) [SI]; those of all others are the injector's."""
+    """Parts: values (n, names) [SI] of the parameters that differ from the injector's."""
 
     names: tuple[str, ...]
     values: Floats
 
     def with_fault(self, injector: Injector, item: Fault, sizes: Floats | float) -> Parts:
-        """The parts with a fault, each of its own size (n,), between 0 and 1."""
+        """Add a fault to the parts, with sizes (n,) between 0 and 1."""
         names = (*self.names, *(name for name in item.names if name not in self.names))
         added = [np.full(len(self.values), injector.values.get(name, 0.0)) for name in names[len(self.names) :]]
         values = np.column_stack([self.values, *added])
@@ -80,17 +80,17 @@ class Parts(NamedTuple):
 
 
 class FaultTable(NamedTuple):
-    """Faults, and standard deviations of sound parts as shares of the value, by parameter."""
+    """Faults, and standard deviations of sound parts by parameter, as shares of the value."""
 
     faults: tuple[Fault, ...]
     scatter: dict[str, float]
 
     def of_model(self, injector: Injector) -> tuple[Fault, ...]:
-        """Faults whose parameters the model reads and has above zero."""
+        """Faults whose parameters the model reads and that are not zero in it."""
         return tuple(f for f in self.faults if all(_has(injector, name) for name in f.names))
 
-    def scatter_of(self, injector: Injector) -> dict[str, float]:
-        """Standard deviations [SI] of the parameters that the model reads and has above zero."""
+    def deviations(self, injector: Injector) -> dict[str, float]:
+        """Standard deviations [SI] of the parameters that the model reads and that are not zero in it."""
         return {name: s * abs(injector.values[name]) for name, s in self.scatter.items() if _has(injector, name)}
 
 
@@ -105,10 +105,10 @@ def _unit(name: str) -> str:
 
 
 def _amount(item: Any, info: ValidationInfo) -> tuple[float, bool]:
-    """Share of the value, which is given in percent, or difference [SI]; and which of them it is."""
+    """Amount of a change, and whether it is a share (given in percent) or a difference [SI]."""
     relative = isinstance(item, str) and "%" in item
     if "name" not in info.data:
-        return 0.0, relative  # the name is refused
+        return 0.0, relative  # pydantic refuses the name
     return Unit("1" if relative else _unit(info.data["name"])).read(item), relative
 
 
@@ -124,7 +124,7 @@ class _ChangeModel(FileModel):
         return Change(self.name, self.least[0], self.most[0], self.most[1])
 
 
-def _checked(item: _ChangeModel) -> _ChangeModel:
+def _check_change(item: _ChangeModel) -> _ChangeModel:
     if item.least[1] != item.most[1]:
         raise fault("least and most must both be in percent, or both be differences")
     if not 0.0 < item.least[0] / (item.most[0] or -1.0) < 1.0:
@@ -137,7 +137,7 @@ def _checked(item: _ChangeModel) -> _ChangeModel:
 class _FaultModel(Sourced):
     name: Text
     meaning: Text
-    changes: list[Annotated[_ChangeModel, AfterValidator(_checked)]] = Field(min_length=1, max_length=20)
+    changes: list[Annotated[_ChangeModel, AfterValidator(_check_change)]] = Field(min_length=1, max_length=20)
 
 
 class _ToleranceModel(FileModel):
@@ -160,20 +160,20 @@ class _FaultsModel(FileModel):
 
 
 def _refuse_twice(names: list[str], at: Place) -> None:
-    """Refuse a parameter that a list has twice."""
+    """Refuse a repeated parameter."""
     for i, name in enumerate(names):
         if name in names[:i]:
-            raise at[i].error(f"{name} is there twice; keep one of the two")
+            raise at[i].error(f"{name} is repeated; keep one of the two")
 
 
 @cache
-def shipped_faults() -> FaultTable:
-    """Table that ships with the package."""
+def load_shipped_faults() -> FaultTable:
+    """Read the table that ships with the package."""
     return load_faults(TABLE)
 
 
 def load_faults(path: str | Path) -> FaultTable:
-    """Read faults and the scatter of sound parts; `InputError` if the file cannot be read or something is wrong."""
+    """Read a table of faults and of the scatter of sound parts; `InputError` if it cannot be read or is wrong."""
     model, at, _, _ = read_model_file(_FaultsModel, file_path(path, "path of a table of faults"))
     names = [item.name for item in model.fault]
     for i, name in enumerate(names):

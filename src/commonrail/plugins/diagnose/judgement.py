@@ -1,4 +1,4 @@
-"""Judgement of a part: whether it passes its plan, which fault explains it, and the trim of a sound one."""
+"""Judgement of a part: pass or fail by its plan, the likely fault, and the trim."""
 
 from __future__ import annotations
 
@@ -68,8 +68,8 @@ def judge(
 ) -> PartJudgement:
     """Judge a part by its test plan, find the fault that explains its results, and trim it.
 
-    The arguments are those of `diagnose` and `trim`, each with its own noise unless one is stated; `bench` are those of
-    `plan`, and so are the errors. A part that cannot be trimmed has the reason in place of a trim.
+    Arguments are as in `diagnose` and `trim`, each with its default noise unless `noise` is given; `bench` are
+    arguments of `plan`. Errors are as in `plan`. If the part cannot be trimmed, `reason` says why.
     """
     plan = results if isinstance(results, TestPlan) else load_plan(results)
     settings: dict[str, Any] = {"nominal": nominal, "faults": faults, **bench}
@@ -77,7 +77,7 @@ def judge(
     diagnosis = diagnose(injector, plan, sound=sound, stroke_rate=stroke_rate, **settings)
     judged = run_plan(injector, plan, stroke_rate=stroke_rate, **bench)
     try:
-        with quiet():  # what the diagnosis has said
+        with quiet():  # the diagnosis has given these notes
             return PartJudgement(judged, diagnosis, trim(injector, plan, step=step, **settings))
     except InputError as error:
         return PartJudgement(judged, diagnosis, None, str(error))

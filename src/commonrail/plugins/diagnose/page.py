@@ -1,13 +1,13 @@
-"""Diagnoses, trims and judgements in reports: verdict, probabilities, quantities beside sound parts, code."""
+"""Reports of diagnoses, trims and judgements: verdict, probabilities, comparison with sound parts, trim code."""
 
 from __future__ import annotations
 
 from commonrail.base.chart import MARKERS, Bars, Figure, Panel, Series, points
 from commonrail.base.csv_output import comment_line
-from commonrail.base.table import LARGE, SMALL, Cell, Part, Table, table_from_columns, table_from_parts
+from commonrail.base.table import LARGE, OPERATING_POINT, SMALL, Cell, Part, Table, table_from_columns, table_from_parts
 from commonrail.base.text import join_words, megapascal, percent, to_fixed, to_signed
 from commonrail.data.records import MEASURED, MICROSECOND, MM3, Record
-from commonrail.plugins.diagnose.run import BENCHES, FAILS, USUAL
+from commonrail.plugins.diagnose.run import BENCHES, FAILS, UNDECIDED, UNEXPLAINED, USUAL
 from commonrail.plugins.plans.page import (
     Section,
     bench_html,
@@ -21,16 +21,16 @@ from commonrail.plugins.plans.study import State
 from commonrail.report.fit.rules import BAD, CARE, GOOD, Tile
 from commonrail.report.presenter import Presenter
 
-LEAST = 0.005  # probability from which a diagnosis is named in a sentence
+LEAST = 0.005  # smallest probability of a diagnosis that a sentence names
 FEWEST_BARS = 3
-_FAILS = {False: FAILS, True: f"{FAILS}; inside makers’ scatter"}  # of a result, and of one as sound parts have
+_FAILS = {False: FAILS, True: f"{FAILS}; inside makers’ scatter"}  # by whether sound parts scatter as far
 WIDEST = 15.0  # standard deviations beyond which a marker stays at the edge; chosen
 
 
 def diagnosis_lines(record: Record) -> list[str]:
     """Sentences: verdict, probabilities, and the next test."""
     lines = [f"{record['plan']}: {_verdict(record)}{_outside(record)}"]
-    if record["verdict"] == "unexplained":
+    if record["verdict"] == UNEXPLAINED:
         return lines + ([record["synthetic"]] if record["synthetic"] else [])
     likely = [d for d in record["diagnoses"] if d["probability"] >= LEAST]
     rest = sum(d["probability"] for d in record["diagnoses"] if d not in likely)
@@ -47,20 +47,20 @@ def _share(value: float) -> str:
 
 def _verdict(record: Record) -> str:
     best, verdict = record["diagnoses"][0], record["verdict"]
-    if verdict == "cannot be told":
-        return f"cannot be told: {' or '.join(record['leading'])}."
-    if verdict == "unexplained":
+    if verdict == UNDECIDED:
+        return f"undecided: {' or '.join(record['leading'])}."
+    if verdict == UNEXPLAINED:
         nearest = "" if best["name"] == "sound" else f"; {best['name']} is nearest"
-        cure = "" if record["nominal"] else " take nominal quantities of the plan (--nominal),"
+        cure = "" if record["nominal"] else " use the plan's nominal quantities (--nominal),"
         checks = f"Check plan, pressures and noise,{cure} or look for two faults at once."
-        return f"nothing in the table of faults explains these quantities{nearest}. {checks}"
+        return f"no fault of the table explains these quantities{nearest}. {checks}"
     if verdict in ("sound", FAILS):
         return f"{verdict}{', inside makers’ scatter' * (verdict == FAILS)}."
     return f"{best['name']}: {best['parameter']} {best['size'][0]}; 90 %: {best['size'][1]} to {best['size'][2]}."
 
 
 def _outside(record: Record) -> str:
-    """Sentence, with a space before it, on the results outside their bands; empty without one."""
+    """Sentence on the results outside their bands, with a leading space; empty if all are inside."""
     names = [
         f"{test_name(row)} {row['state']}{f' ({_FAILS[True]})' * row['usual']}"
         for row in record["tests"]
@@ -78,17 +78,17 @@ def _place(item: Record) -> str:
 
 
 def _next_sentence(item: Record, nominal: bool) -> str:
-    """The test and what is expected; beside nominal quantities those of the model are no more than relative."""
+    """Next test with its expected quantities; with nominal quantities, also in percent of a sound part."""
     (first, second), (first_value, other) = item["names"], item["expected"]
     at = _place(item)
     expected = f"{to_fixed(first_value, 2, MM3)} mm³ if {first}, {to_fixed(other, 2, MM3)} mm³ if {second}"
     if nominal and item["sound"]:
         away = (f"{to_signed(100.0 * (value / item['sound'] - 1.0), 1)} %" for value in (first_value, other))
-        expected = f"{expected} by the model alone ({' and '.join(away)} from a sound part)"
+        expected = f"{expected} by the model ({' and '.join(away)} from a sound part)"
     separation = f"{to_fixed(item['separation'], 1)} standard deviations apart"
     if item["tells"]:
         return f"Next test: {at}; expected {expected}, {separation}."
-    return f"No single test tells {first} and {second} apart; the best is {at}: {expected}, {separation}."
+    return f"No single test separates {first} and {second}; the best is {at}: {expected}, {separation}."
 
 
 def _distance(row: Record, key: str) -> float:
@@ -98,17 +98,19 @@ def _distance(row: Record, key: str) -> float:
 def _test_table(record: Record) -> Table:
     best = record["diagnoses"][0]["name"]
 
-    def measured(row: Record) -> tuple[str, Cell]:
-        far = _distance(row, "measured")
-        return to_fixed(row["measured"], 2, MM3), Cell(to_signed(far, 1), SMALL if abs(far) <= USUAL else LARGE)
+    def measured_cells(row: Record) -> tuple[str, Cell]:
+        distance = _distance(row, "measured")
+        return to_fixed(row["measured"], 2, MM3), Cell(
+            to_signed(distance, 1), SMALL if abs(distance) <= USUAL else LARGE
+        )
 
     parts = [
         Part(("test",), lambda row: (test_name(row),)),
         Part(
-            ("rail, MPa", "energising, µs"),
+            OPERATING_POINT,
             lambda row: (megapascal(row["rail_pressure"]), to_fixed(row["energising_time"], 0, MICROSECOND)),
         ),
-        Part(("measured", "st. dev. off"), measured),
+        Part(("measured", "st. dev. off"), measured_cells),
         Part(
             ("sound ± 2 st. dev.",),
             lambda row: (f"{to_fixed(row['sound'], 2, MM3)} ± {to_fixed(USUAL * row['deviation'], 2, MM3)}",),
@@ -117,7 +119,7 @@ def _test_table(record: Record) -> Table:
     ]
     if best != "sound":
         parts.append(Part((f"with {best}",), lambda row: (to_fixed(row["leading"], 2, MM3),)))
-    return table_from_parts("Quantities, mm³ per stroke", record["tests"], parts)
+    return table_from_parts("Quantities, mm³ per stroke", record["tests"], parts, inputs=OPERATING_POINT)
 
 
 def diagnosis_tables(record: Record) -> list[Table]:
@@ -136,35 +138,37 @@ def _fault_table(record: Record) -> Table:
             ("probability, %", lambda d: percent(d["probability"], 1)),
             ("as far away, %", lambda d: percent(d["fit"], 1)),
         ],
-        "As far away: share of such parts that lie farther from their mean than these quantities, at the best size.",
+        "As far away: share of parts with this fault that lie farther from their mean than these results (best size).",
         3,
     )
 
 
 def probability_figure(record: Record) -> Figure:
-    """Bars of the probabilities that are not negligible, and of the next ones up to `FEWEST_BARS`."""
+    """Bars of the probabilities from `LEAST`, and at least the first `FEWEST_BARS`."""
     rows = [d for i, d in enumerate(record["diagnoses"]) if i < FEWEST_BARS or d["probability"] >= LEAST]
     ends = points(100.0 * d["probability"] for d in rows)
     bars = Bars("probability", "best", points(0.0 for _ in rows), ends)
     panel = Panel("", (), bars=(bars,), rows=tuple(d["name"] for d in rows), has_legend=False)
     others = len(record["diagnoses"]) - len(rows)
-    before = f"Before the measurement sound had {_share(record['sound'])}, the faults the rest in equal parts."
+    before = f"Prior probability of a sound part: {_share(record['sound'])}; the faults share the rest equally."
     left = f" {others} more have less than {_share(LEAST)} each." if others else ""
-    left += " Nothing fits: they are not to be believed." if record["verdict"] == "unexplained" else ""
+    left += " Relative ranking only: no single fault fits." if record["verdict"] == UNEXPLAINED else ""
     return Figure("Probabilities", before + left, "probability, %", (panel,))
 
 
 def quantity_figure(record: Record) -> Figure:
-    """Measured quantities and those of the leading fault beside the band of sound parts."""
+    """Measured quantities, and those of the leading fault, against the band of sound parts."""
     rows, best = record["tests"], record["diagnoses"][0]["name"]
     places = points(float(i) for i in range(len(rows)))
     shown = [("leading", best, "best")] * (best != "sound") + [("measured", "measured", MEASURED)]
     distances = {key: points(max(-WIDEST, min(WIDEST, _distance(row, key))) for row in rows) for key, *_ in shown}
     series = tuple(Series(label, look, distances[key], places, MARKERS) for key, label, look in shown)
     band = Bars("95 % of sound parts", "level", points(-USUAL for _ in rows), points(USUAL for _ in rows))
-    caption = f"Distances from the mean of sound parts, with noise; a marker beyond {WIDEST:.0f} is at the edge."
+    caption = (
+        f"Distance from the mean of sound parts, noise included; markers beyond {WIDEST:.0f} are drawn at the edge."
+    )
     panel = Panel("", series, bars=(band,), rows=tuple(map(test_name, rows)))
-    return Figure("Measured beside sound parts", caption, "standard deviations", (panel,))
+    return Figure("Measured against sound parts", caption, "standard deviations", (panel,))
 
 
 def diagnosis_figures(record: Record) -> list[Figure]:
@@ -174,9 +178,9 @@ def diagnosis_figures(record: Record) -> list[Figure]:
 
 def _tiles(record: Record) -> list[Tile]:
     best, verdict = record["diagnoses"][0], record["verdict"]
-    level = CARE if verdict in ("cannot be told", "unexplained", FAILS) else GOOD if verdict == "sound" else BAD
-    tiles = [Tile("diagnosis", verdict, join_words(record["leading"]) if verdict == "cannot be told" else "", level)]
-    if verdict != "unexplained":
+    level = CARE if verdict in (UNDECIDED, UNEXPLAINED, FAILS) else GOOD if verdict == "sound" else BAD
+    tiles = [Tile("diagnosis", verdict, join_words(record["leading"]) if verdict == UNDECIDED else "", level)]
+    if verdict != UNEXPLAINED:
         tiles.append(Tile("probability", _share(best["probability"]), f"of {best['name']}"))
     if best["size"]:
         tiles.append(Tile("size", best["size"][0], best["parameter"]))
@@ -184,15 +188,15 @@ def _tiles(record: Record) -> list[Tile]:
 
 
 def diagnosis_section(record: Record) -> Section:
-    """Probabilities of the faults, and quantities beside those of sound parts."""
+    """Section with the probabilities of the faults and the comparison with sound parts."""
     return Section(
         "Diagnosis",
         diagnosis_lines({**record, "synthetic": ""}),  # a banner of the page has it
         _tiles(record),
         diagnosis_figures(record),
         [_test_table(record), _fault_table(record)],
-        "One fault at a time is judged. Ranges of faults and scatter of sound parts are estimates; the probabilities "
-        "hold as far as these estimates do, and for this model: one fitted to other data may name another fault.",
+        "Single faults only. The probabilities rest on estimates of the faults' ranges and of the scatter of sound "
+        "parts, and on this model: a model fitted to other data may name another fault.",
         [
             ("Noise of bench and model", _noise(record["noise"])),
             ("Sound before the measurement", _share(record["sound"])),
@@ -202,7 +206,7 @@ def diagnosis_section(record: Record) -> Section:
 
 
 def diagnosis_html(record: Record, command: str) -> str:
-    """Page of a diagnosis, with the command that makes it again."""
+    """Page of a diagnosis, with the command that repeats it."""
     return bench_html(record, "Diagnosis", [diagnosis_section(record)], command)
 
 
@@ -236,15 +240,15 @@ def _code(record: Record) -> str:
 
 
 def trim_lines(record: Record) -> list[str]:
-    """Sentences on a trim: the code, and what it leaves of the scatter."""
+    """Sentences on a trim: the code, and the scatter that remains."""
     points = record["points"]
     before, after = (sum(p[key] ** 2 for p in points) ** 0.5 for key in ("spread", "left"))
     ends = [f(p["correction"] for p in points) for f in (min, max)]
     low, high = (to_signed(1e6 * value, 1) for value in ends)
     return [
         f"{record['plan']}: {_code(record)}",
-        f"Corrections at {len(points)} points of the map: {low} to {high} µs. A linear model estimates that parts "
-        f"within makers' tolerances then scatter by {to_fixed(after / before, 2)} of what they do without a trim.",
+        f"Corrections at {len(points)} points of the map: {low} to {high} µs. By a linear model, the trim leaves "
+        f"{to_fixed(after / before, 2)} of the scatter of parts within makers' tolerances.",
         *([record["synthetic"]] if record["synthetic"] else []),
     ]
 
@@ -264,18 +268,19 @@ def trim_table(record: Record) -> Table:
             ("class", lambda t: to_signed(t["class"], 0)),
             ("correction, µs", lambda t: to_signed(1e6 * t["correction"], 1)),
         ],
+        inputs=OPERATING_POINT,
     )
 
 
 def trim_section(record: Record) -> Section:
     """Code of a part and its corrections."""
     tile = Tile("trim", record["code"], f"steps of {to_fixed(record['step'], 2, MICROSECOND)} µs")
-    note = "A trim is for sound parts and no repair."
+    note = "A trim is for sound parts; it does not replace a repair."
     return Section("Trim", trim_lines({**record, "synthetic": ""}), [tile], [], [trim_table(record)], note)
 
 
 def trim_html(record: Record, command: str) -> str:
-    """Page of a trim, with the command that makes it again."""
+    """Page of a trim, with the command that repeats it."""
     return bench_html(record, "Trim", [trim_section(record)], command)
 
 
@@ -290,7 +295,7 @@ def judgement_lines(record: Record) -> list[str]:
     diagnosis, trimmed = record["diagnosis"], record["trim"]
     _, words, *more = plan_lines({**record["plan"], "synthetic": ""})
     words = f"The part fails.{_outside(diagnosis)}" if record["verdict"] == "fail" else words
-    use = "" if diagnosis["diagnoses"][0]["name"] == "sound" else " A trim is for sound parts: repair comes first."
+    use = "" if diagnosis["diagnoses"][0]["name"] == "sound" else " Repair first: a trim is for sound parts."
     code = f"Trim: {_code(trimmed)}{use}" if trimmed else f"No trim: {record['reason']}"
     cause = f"{'Cause' if record['verdict'] == 'fail' else 'Diagnosis'}: {_verdict(diagnosis)}"
     causes = diagnosis_lines({**diagnosis, "synthetic": ""})[1:]
@@ -298,13 +303,13 @@ def judgement_lines(record: Record) -> list[str]:
 
 
 def judgement_html(record: Record, command: str) -> str:
-    """Page of a judgement, with the command that makes it again."""
+    """Page of a judgement, with the command that repeats it."""
     diagnosis, trimmed = record["diagnosis"], record["trim"]
     cause, *more = _tiles(diagnosis)
-    tiles = [cause._replace(head="likely cause"), *more[: diagnosis["verdict"] != "unexplained"]]
+    tiles = [cause._replace(head="likely cause"), *more[: diagnosis["verdict"] != UNEXPLAINED]]
     if diagnosis["next"]:
         item = diagnosis["next"][0]
-        tiles.append(Tile("next test", _place(item), "tells most" if item["tells"] else "tells little"))
+        tiles.append(Tile("next test", _place(item), "decides" if item["tells"] else "decides little"))
     tests = plan_section(record["plan"])._replace(lines=judgement_lines({**record, "synthetic": ""})[1:])
     sections = [diagnosis_section(diagnosis), *([trim_section(trimmed)] if trimmed else [])]
     tests = tests._replace(tiles=[*tiles, *(tile for section in sections[1:] for tile in section.tiles)])

@@ -1,4 +1,4 @@
-"""Diagnosis of a part: which single fault explains what a bench measured, and the next test that would tell."""
+"""Diagnosis of a part: the single fault that explains the results of a bench, and the test that would decide next."""
 
 from __future__ import annotations
 
@@ -30,24 +30,24 @@ from commonrail.plugins.diagnose.evidence import (
     Response,
     judge,
     moments,
-    regressed,
+    regress_on_first,
     responses,
 )
-from commonrail.plugins.diagnose.faults import SEAT_LEAK, FaultTable, Parts, load_faults, shipped_faults
+from commonrail.plugins.diagnose.faults import SEAT_LEAK, FaultTable, Parts, load_faults, load_shipped_faults
 from commonrail.plugins.plans.data import PlanData
 from commonrail.plugins.plans.page import note_without_rate
 from commonrail.plugins.plans.run import injector_record
 from commonrail.plugins.plans.study import BENCH_PRESSURES, Measure, PlanTest, State, TestPlan, load_plan
 
-USUAL = 2.0  # standard deviations of measured sound parts within which makers' scatter explains a result: 95 %
-DRAWS = 64  # sound parts that are simulated with each size of each fault
+USUAL = 2.0  # standard deviations of measured sound parts; a result within them is makers' scatter: 95 %
+DRAWS = 64  # sound parts simulated for each size of each fault
 WORKSHOP, MAKER = "workshop", "maker"  # classes of benches
 
 
 class BenchClass(NamedTuple):
     """Standard deviations of a bench and of the model's relative changes, with mark and source.
 
-    Shares of a `delivery`, of a return (`back`), and besides of the `half_band` of a delivery.
+    They are shares of a `delivery`, of a return (`back`), and of the `half_band` of a delivery (added in squares).
     """
 
     delivery: float
@@ -57,19 +57,20 @@ class BenchClass(NamedTuple):
     source: str
 
 
-# Small deliveries have wide bands since they are hard to make and to measure. A return is mostly what guides leak,
-# which follows the viscosity: 2 to 3 % for each kelvin.
+# Small deliveries are hard to make and to measure, so their bands are wide. A return is mostly leakage of the guides,
+# which depends on the viscosity: 2 to 3 % per kelvin.
 BENCHES = {
     WORKSHOP: BenchClass(0.03, 0.10, 0.15, "E", "with the band 3 to 4 % of a usual delivery"),
     MAKER: BenchClass(0.01, 0.03, 0.0, "E", "a bench with controlled temperature, on which parts are classified"),
 }
 SOUND = 0.5  # probability of a sound part before the measurement
 FAILS = "fails the plan"
-TOLD = 0.9  # probability from which a diagnosis is stated as told; chosen
-UNEXPLAINED = 1e-3  # share of parts as far away below which nothing in the table explains the quantities; chosen
-TELLS = 2.0  # standard deviations from which a next test tells two diagnoses apart; chosen
-GRID = (5, 5)  # rail pressures and energising times that are tried as the next test
-EDGE = 0.25  # scatter of a delivery, as a share, from which its distribution is not normal; chosen
+UNDECIDED, UNEXPLAINED = "undecided", "unexplained"  # verdicts if no diagnosis is stated
+STATED = 0.9  # probability from which a diagnosis is stated; chosen
+LEAST_FIT = 1e-3  # share of parts as far away, below which no fault of the table explains the quantities; chosen
+DECIDES = 2.0  # standard deviations by which a next test must separate two diagnoses; chosen
+GRID = (5, 5)  # rail pressures and energising times of the candidates for the next test
+EDGE = 0.25  # relative scatter of a delivery above which its distribution is not normal; chosen
 QUANTILES = (1 / 6, 1 / 2, 5 / 6)  # of a fault's size, at which the next test is simulated
 SEED = 1  # of the sound parts
 
@@ -84,29 +85,29 @@ class PlanBench:
     threads: int | None = None
 
     def at(self, tests: Sequence[PlanTest]) -> PlanBench:
-        """The bench at other tests, with its pressures; their names need not differ."""
+        """Return this bench with other tests at the same pressures; equal names are made distinct."""
         point, name = self.data.points[0], self.data.name
         pressures = point.at_start(point.cylinder_pressure), point.at_start(point.return_pressure)
         tests_by_name = tuple(replace(test, name=f"{test.name} ({i})") for i, test in enumerate(tests))
         return replace(self, data=PlanData.of(TestPlan(name, tests_by_name), self.injector, pressures, name))
 
     def _leak_per_area(self, i: int) -> float:
-        """Volume per stroke that a leak of the valve's seat adds to a test, over its effective area, Eq. (4) [m].
+        """Leaked volume per stroke and effective area of the leaking valve seat, Eq. (4) [m].
 
-        It leaks at rail pressure for the whole stroke, into the return line; that it lowers the pressure in the
-        control chamber, by the square of its area over the Z-hole's (0.6 % at most in cri2-16 with the shipped table),
-        is left out.
+        The seat leaks at rail pressure into the return line for the whole stroke. The drop of pressure in the control
+        chamber, by the squared ratio of the leak's area to the Z-hole's (at most 0.6 % in cri2-16 with the shipped
+        table), is neglected.
         """
         test, point = self.data.tests[i], self.data.points[i]
         if test.measure is not Measure.RETURN:
             return 0.0
         rail, _, low = point.initial_pressures()
-        upstream, behind = self.injector.fuel.density(np.array([rail, low]), self.injector.values[FUEL_TEMPERATURE])
+        upstream, downstream = self.injector.fuel.density(np.array([rail, low]), self.injector.values[FUEL_TEMPERATURE])
         period = point.duration if test.stroke_rate is None else 1.0 / test.stroke_rate
-        return float(np.sqrt(2.0 * upstream * (rail - low)) / behind) * period
+        return float(np.sqrt(2.0 * upstream * (rail - low)) / downstream) * period
 
     def __call__(self, parts: Parts) -> Floats:
-        """Quantities (parts, tests) [m³] of parts without noise; NaN where a simulation failed."""
+        """Quantities of parts at the tests, without noise (parts, tests) [m³]; NaN where a simulation failed."""
         columns = [j for j, name in enumerate(parts.names) if name != SEAT_LEAK]
         simulator = Simulator(self.injector, [parts.names[j] for j in columns], self.time_step, self.threads)
         quantities = self.data.simulated(simulator, parts.values[:, columns])
@@ -117,10 +118,11 @@ class PlanBench:
 
 
 class NextTest(NamedTuple):
-    """Test that is not in the plan: expected quantity under two diagnoses [m³], and how many standard deviations apart.
+    """Candidate for the next test: its quantity under two diagnoses.
 
-    `names`, `expected` and `deviation`: of the first and the second diagnosis; `sound`: quantity of the part as drawn.
-    All are the model's, which a plan's nominal quantities do not scale: it states none here.
+    `names`, `expected` and `deviation` [m³]: of the first and the second diagnosis; `sound`: quantity of the part as
+    drawn [m³]; `separation`: distance of the two in standard deviations. All come from the model alone: the plan states
+    no nominal quantity for such a test.
     """
 
     test: PlanTest
@@ -145,13 +147,13 @@ class Diagnosis(Shown):
     judged : Judged
         Probabilities in that order, and the distribution over the sizes of each fault.
     next : tuple of NextTest
-        Tests that tell the two leading diagnoses apart best, the best first; empty where one is told already.
+        Tests that best separate the two leading diagnoses, best first; empty if one diagnosis is stated.
     noise, sound : float
-        As they were stated; the noise may be a class of `BENCHES`.
+        Arguments of `diagnose`; the noise is a share or a class of `BENCHES`.
     time_step : float
         [s].
     factors : (tests,)
-        Of the model's quantities: 1, or what makes sound parts have the plan's nominal quantities.
+        Factors on the model's quantities: 1, or those that give sound parts the plan's nominal quantities.
     """
 
     presenter = "commonrail.plugins.diagnose.page:DIAGNOSIS"
@@ -173,25 +175,25 @@ class Diagnosis(Shown):
 
     @property
     def leading(self) -> tuple[str, ...]:
-        """The diagnoses that together have `TOLD`: one where it is told, else those that cannot be told apart."""
+        """The most probable diagnoses that together reach `STATED`; several if none is stated."""
         names, total = list(self.probabilities), np.cumsum([*self.probabilities.values()])
-        return tuple(names[: int(np.searchsorted(total, TOLD)) + 1])
+        return tuple(names[: int(np.searchsorted(total, STATED)) + 1])
 
     @property
     def verdict(self) -> str:
-        """ "sound", the name of a fault, "cannot be told", or "unexplained" where even the best one hardly fits.
+        """Name of a fault, "sound", `FAILS`, `UNDECIDED`, or `UNEXPLAINED` if even the best diagnosis hardly fits.
 
-        `FAILS` in place of "sound" where a result lies outside its band.
+        `FAILS` replaces "sound" if a result lies outside its band.
         """
-        if self.judged.fit[self.judged.order[0]] < UNEXPLAINED:
-            return "unexplained"
+        if self.judged.fit[self.judged.order[0]] < LEAST_FIT:
+            return UNEXPLAINED
         if len(self.leading) > 1:
-            return "cannot be told"
+            return UNDECIDED
         fails = any(state is not State.INSIDE for state in _states(self.data))
         return FAILS if fails and self.leading == ("sound",) else self.leading[0]
 
     def size(self, name: str) -> tuple[float, float, float]:
-        """Median and 90 % interval of a fault's size, between 0, its least, and 1, its most."""
+        """Median and 90 % interval of a fault's size, from 0 (its least) to 1 (its most)."""
         i = [r.name for r in self.responses].index(name)
         return tuple(_quantile(self.responses[i], self.judged.weights[i], q) for q in (0.5, 0.05, 0.95))  # type: ignore[return-value]
 
@@ -272,35 +274,33 @@ def diagnose(
     draws: int = DRAWS,
     threads: int | None = None,
 ) -> Diagnosis:
-    """Find the single fault that explains what a bench measured, with probabilities over faults and "sound".
+    """Find the single fault that explains the results of a bench, with probabilities over faults and "sound".
 
     Parameters
     ----------
     injector : Injector
         A sound part as drawn.
     results : TestPlan or path
-        Test plan with a column bench; tests without a result are left out.
+        Test plan with a column bench; tests without a result are ignored.
     faults : FaultTable or path, optional
-        Table of faults and of the scatter of sound parts; by default the one that ships.
+        Table of faults and of the scatter of sound parts; default: the shipped one.
     noise : float or str
-        Standard deviation of the bench and of the model's own error: a share of each quantity, or a class of `BENCHES`,
-        "workshop" or "maker".
+        Standard deviation of bench and model: a share of each quantity, or a class of `BENCHES`, "workshop" or "maker".
     sound : float or str
-        Probability before the measurement that the part is sound; all faults are equally likely.
+        Prior probability that the part is sound; all faults are equally likely.
     nominal : bool
-        Take the plan's nominal quantities for those of a sound part, where it states them, and the model for the
-        relative changes alone.
+        Take the plan's nominal quantities as those of a sound part, and only relative changes from the model.
     stroke_rate, cylinder_pressure, return_pressure, time_step
-        As of `plan`.
+        As in `plan`.
     draws : int
-        Sound parts that are simulated with each size of each fault.
+        Sound parts simulated for each size of each fault.
     threads : int, optional
         All usable processors by default; the result does not depend on it.
 
     Raises
     ------
     InputError, ConfigurationError
-        If a file cannot be read, fewer than two tests have a result, or an argument is of another kind.
+        If a file cannot be read, fewer than two tests have a result, or an argument has the wrong type.
     SimulationError
         If sound parts cannot be simulated.
     """
@@ -309,7 +309,7 @@ def diagnose(
     share, prior = read_noise(noise), fraction(sound, "sound")
     step, count = check_step(time_step), integer(draws, "draws", 40, 4096)
     plan = results if isinstance(results, TestPlan) else load_plan(results)
-    data = measured_tests(plan.at_stroke_rate(stroke_rate), injector, (cylinder_pressure, return_pressure))
+    data = take_measured_tests(plan.at_stroke_rate(stroke_rate), injector, (cylinder_pressure, return_pressure))
     note_without_rate(data.name, data.tests)
     parts, centre = sound_parts(injector, table, count)
     bench = PlanBench(injector, data, step, thread_count(threads))
@@ -318,11 +318,21 @@ def diagnose(
         raise SimulationError(f"Hardly any sound part can be simulated at the tests of {data.name}.")
     _note_edges(data, fault_responses[0])
     factors = nominal_factors(data, fault_responses[0].mean[0]) if nominal else np.ones(len(data.tests))
-    fault_responses = tuple(r.scaled(factors) for r in fault_responses)
+    fault_responses = tuple(r.scale(factors) for r in fault_responses)
     measured = np.array([test.bench for test in data.tests], float)
     fails = [state is not State.INSIDE for state in _states(data)]
     judged = judge(fault_responses, measured, bench_noise(data.tests, share), prior, fails=fails)
-    result = Diagnosis(injector, data, fault_responses, judged, (), share, prior, step, factors)
+    result = Diagnosis(
+        injector=injector,
+        data=data,
+        responses=fault_responses,
+        judged=judged,
+        next=(),
+        noise=share,
+        sound=prior,
+        time_step=step,
+        factors=factors,
+    )
     if len(result.leading) == 1:
         return result
     return replace(result, next=next_tests(result, bench, parts, centre))
@@ -333,9 +343,9 @@ def _states(data: PlanData) -> list[State]:
 
 
 def bench_noise(tests: Sequence[PlanTest], noise: float | str = WORKSHOP) -> BenchNoise:
-    """Noise of a bench at tests [m³]: a share of each quantity, or that of a class of `BENCHES`.
+    """Noise of a bench at tests [m³], from a share of each quantity or a class of `BENCHES`.
 
-    A band counts where a delivery has two limits; others have the least of these.
+    The class takes a share of the half band of each delivery with two limits; other tests take the smallest of these.
     """
     if isinstance(noise, float):
         return BenchNoise(noise)
@@ -348,44 +358,44 @@ def bench_noise(tests: Sequence[PlanTest], noise: float | str = WORKSHOP) -> Ben
 
 
 def read_noise(noise: float | str) -> float | str:
-    """Class of a bench, or the share of a text or number."""
+    """Class of a bench, or share from a text or number."""
     return noise if noise in BENCHES else fraction(noise, "noise")
 
 
 def _note_edges(data: PlanData, sound: Response) -> None:
-    """Note deliveries that scatter too much among sound parts: not all of them inject there."""
+    """Note deliveries that scatter too much: some sound parts do not inject there."""
     wide = np.sqrt(np.diag(sound.scatter[0])) > EDGE * sound.mean[0]
     names = [t.name for t, far in zip(data.tests, wide, strict=True) if far and t.measure is Measure.DELIVERY]
     if names:
         note(
-            f"{data.name}: sound parts scatter by more than {100.0 * EDGE:.0f} % at {join_words(names)}, at the edge "
-            "of injection; the probabilities are surer than they should be: take longer energising times there."
+            f"{data.name}: sound parts scatter by more than {100.0 * EDGE:.0f} % at {join_words(names)}, since some "
+            "hardly "
+            "inject there; the probabilities are too certain: take longer energising times."
         )
 
 
 def read_table(faults: FaultTable | str | PathLike[str] | None) -> FaultTable:
-    """Table that is given or lies in a file; the one that ships for None."""
+    """Table as given or from a file; None: the shipped one."""
     if faults is None:
-        return shipped_faults()
+        return load_shipped_faults()
     return faults if isinstance(faults, FaultTable) else load_faults(Path(faults))
 
 
 def nominal_factors(data: PlanData, sound: Floats) -> Floats:
-    """Nominal quantities over those of sound parts (tests,) [1]; 1 where the plan states none."""
+    """Nominal quantities over quantities of sound parts (tests,) [1]; 1 if the plan states no nominal quantity."""
     nominal = np.array([math.nan if test.nominal is None else test.nominal for test in data.tests])
     if not np.isfinite(nominal).any():
         raise InputError(f"{data.name} states no nominal quantity; add the column nominal, or compare with the model.")
     return np.where(np.isfinite(nominal) & (sound > RESOLUTION), nominal / np.maximum(sound, RESOLUTION), 1.0)
 
 
-def measured_tests(plan: TestPlan, injector: Injector, pressures: tuple[Quantity, Quantity]) -> PlanData:
-    """Tests of a plan that have a result; `InputError` if there are fewer than two."""
+def take_measured_tests(plan: TestPlan, injector: Injector, pressures: tuple[Quantity, Quantity]) -> PlanData:
+    """Tests of a plan with a result; `InputError` if fewer than two have one."""
     with_result = tuple(test for test in plan.tests if test.bench is not None)
     if len(with_result) < 2:
         raise InputError(
-            f"{plan.name}: {len(with_result)} of {len(plan.tests)} tests have a result in the column bench, "
-            "and at least two "
-            "are needed."
+            f"{plan.name}: {len(with_result)} of {len(plan.tests)} tests have a result in the column bench; at least "
+            "two are needed."
         )
     if len(with_result) < len(plan.tests):
         left = [test.name for test in plan.tests if test.bench is None]
@@ -394,30 +404,32 @@ def measured_tests(plan: TestPlan, injector: Injector, pressures: tuple[Quantity
 
 
 def visible_faults(injector: Injector, data: PlanData, table: FaultTable) -> tuple[Any, ...]:
-    """Faults whose parameters the model has, and that a test can show: a leak of the seat needs a return."""
+    """Faults whose parameters the model has and that a test can show: a seat leak needs a return."""
     returns = any(test.measure is Measure.RETURN for test in data.tests)
     return tuple(f for f in table.of_model(injector) if returns or set(f.names) != {SEAT_LEAK})
 
 
 def sound_parts(injector: Injector, table: FaultTable, count: int) -> tuple[Parts, Floats]:
-    """Sound parts, evenly drawn (a Sobol' sequence), and the part as drawn in the parameters that scatter [SI].
+    """Sound parts from a Sobol' sequence, and the nominal values of the parameters that scatter [SI].
 
-    `InputError` if the table states the scatter of no parameter that the model reads.
+    `InputError` if the model reads none of the parameters whose scatter the table states.
     """
     from scipy.special import ndtri  # slow to import
     from scipy.stats import qmc
 
-    scatter = table.scatter_of(injector)
-    if not scatter:
-        raise InputError(f"The table of faults states the scatter of no parameter that {injector.name} reads.")
-    middle = np.array([injector.values[name] for name in scatter])
-    sequence = qmc.Sobol(len(scatter), rng=np.random.default_rng(SEED))
+    deviations = table.deviations(injector)
+    if not deviations:
+        raise InputError(
+            f"The table of faults states scatter only for parameters that {injector.name} does not read; add others."
+        )
+    nominal = np.array([injector.values[name] for name in deviations])
+    sequence = qmc.Sobol(len(deviations), rng=np.random.default_rng(SEED))
     shares = np.clip(sequence.random(1 << (count - 1).bit_length())[:count], 1e-12, 1.0 - 1e-12)
-    return Parts(tuple(scatter), middle + ndtri(shares) * np.array([*scatter.values()])), middle
+    return Parts(tuple(deviations), nominal + ndtri(shares) * np.array([*deviations.values()])), nominal
 
 
-# The next test: of a grid of points between those of the plan the one where the two leading diagnoses, each with the
-# sizes that its quantities leave, differ most in standard deviations of what is expected of them.
+# The next test: the point of a grid inside the plan's range where the predictions of the two leading diagnoses differ
+# most, in standard deviations. Each diagnosis predicts with the sizes that remain after the measured quantities.
 
 
 def next_tests(diagnosis: Diagnosis, bench: PlanBench, parts: Parts, centre: Floats) -> tuple[NextTest, ...]:
@@ -425,7 +437,7 @@ def next_tests(diagnosis: Diagnosis, bench: PlanBench, parts: Parts, centre: Flo
     tests, n = _candidates(diagnosis.data, diagnosis.injector), len(diagnosis.data.tests)
     first, second = diagnosis.judged.order[:2]
     tried = bench.at((*diagnosis.data.tests, *tests))
-    expected = [_expected(diagnosis, i, tried, parts, centre, n) for i in (first, second)]
+    expected = [_predict_tests(diagnosis, i, tried, parts, centre, n) for i in (first, second)]
     simulated_pairs = [pair for pair in expected if pair is not None]
     if len(simulated_pairs) < 2:
         return ()
@@ -439,7 +451,7 @@ def next_tests(diagnosis: Diagnosis, bench: PlanBench, parts: Parts, centre: Flo
 
 
 def _candidates(data: PlanData, injector: Injector) -> list[PlanTest]:
-    """Tests of a grid between the least and the greatest rail pressure and energising time of the plan."""
+    """Tests on a grid from the lowest to the highest rail pressure and energising time of the plan."""
     times = [t.energisings[0].duration for t in data.tests if t.measure is Measure.DELIVERY] or [0.3e-3, 1e-3]
     pressures = [test.rail_pressure for test in data.tests]
     rates = [test.stroke_rate for test in data.tests if test.stroke_rate is not None]
@@ -460,10 +472,10 @@ def _quantile(response: Response, weights: Floats, share: float) -> float:
     return float(response.sizes[min(int(np.searchsorted(np.cumsum(weights), share)), len(weights) - 1)])
 
 
-def _expected(
+def _predict_tests(
     diagnosis: Diagnosis, i: int, bench: PlanBench, parts: Parts, centre: Floats, n: int
 ) -> tuple[Floats, Floats] | None:
-    """Mean and standard deviation of the tests behind the first n, given the results of these (tests,) [m³]."""
+    """Mean and standard deviation of the tests after the first n, given the results of the first n (tests,) [m³]."""
     response, weights = diagnosis.responses[i], diagnosis.judged.weights[i]
     measured = np.array([test.bench for test in diagnosis.data.tests], float) / diagnosis.factors
     noise = bench_noise((*diagnosis.data.tests, *bench.data.tests[n:]), diagnosis.noise)
@@ -476,7 +488,7 @@ def _expected(
             continue
         mean, scatter = pair
         covariance = scatter + np.diag(noise.deviation(mean) ** 2)
-        gain, left = regressed(covariance, n)
+        gain, left = regress_on_first(covariance, n)
         means.append(mean[n:] + gain @ (measured - mean[:n]))
         variances.append(left)
     if not means:
@@ -497,5 +509,5 @@ def _next_record(item: NextTest) -> dict[str, Any]:
         "expected": list(item.expected),
         "deviation": list(item.deviation),
         "separation": item.separation,
-        "tells": item.separation >= TELLS,
+        "tells": item.separation >= DECIDES,
     }

@@ -1,9 +1,12 @@
-"""Trim of a part: corrections of its energising time from a few tests, coded in classes, over the whole map.
+"""Trim of a part: corrections of its energising time over the map, from a few tests.
 
 At a test the correction is (nominal − measured quantity) over the nominal slope dQ/dt, rounded to whole steps: these
-numbers are the part's code. Elsewhere it is what the code makes most likely for sound parts, by linear regression on
-drawn ones (best linear prediction, as in kriging): z = C_zx (C_xx + R)⁻¹ x with the covariances C of the corrections
-that such parts need, and the noise R of bench and steps. The matrix belongs to the type, the code to the part.
+numbers are the part's code. Elsewhere it is the best linear prediction from the code (as in kriging),
+
+    z = C_zx (C_xx + R)⁻¹ x,
+
+with the covariances C of the corrections that drawn sound parts need, and the noise R of bench and steps. The matrix
+belongs to the type, the code to the part.
 """
 
 from __future__ import annotations
@@ -25,17 +28,17 @@ from commonrail.data.records import record_head
 from commonrail.engine.operating_point import Energising
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
-from commonrail.plugins.diagnose.evidence import RESOLUTION, moments, regressed
+from commonrail.plugins.diagnose.evidence import RESOLUTION, moments, regress_on_first
 from commonrail.plugins.diagnose.faults import FaultTable, Parts
 from commonrail.plugins.diagnose.run import (
     MAKER,
     PlanBench,
     bench_noise,
-    measured_tests,
     nominal_factors,
     read_noise,
     read_table,
     sound_parts,
+    take_measured_tests,
 )
 from commonrail.plugins.plans.data import PlanData
 from commonrail.plugins.plans.run import injector_record
@@ -43,19 +46,19 @@ from commonrail.plugins.plans.study import BENCH_PRESSURES, Measure, PlanTest, T
 
 STEP = 2e-6  # of a class [s]; chosen
 STEPS = Limits(1e-8, 1e-4, (0.1e-6, 50e-6), ("us",))
-ASIDE = 20e-6  # of the energising time to either side for the nominal slope [s], above ripples; chosen
-LEAST_SLOPE = 1e-6  # of the quantity over the energising time [m³/s] where a part is trimmed: 1 mm³/ms; chosen
-FAR = 3.0  # standard deviations of measured sound parts beyond which a result is warned of; chosen
-DRAWS = 256  # sound parts behind the regression
-GRID = 5  # rail pressures, and energising times, of the map where none are stated
+ASIDE = 20e-6  # change of the energising time to both sides for the nominal slope [s], above ripples; chosen
+LEAST_SLOPE = 1e-6  # least slope of a quantity over the energising time that can be trimmed [m³/s], 1 mm³/ms; chosen
+FAR = 3.0  # standard deviations of measured sound parts beyond which a result gives a warning; chosen
+DRAWS = 256  # sound parts of the regression
+GRID = 5  # default number of rail pressures and of energising times of the map
 
 
 class Trimming(NamedTuple):
-    """Regression of corrections over the map on those at the tests; it belongs to the type.
+    """Regression of the corrections over the map on the corrections at the tests; it belongs to the type.
 
     `gain` (points, tests) [1]; `slopes` of tests and points (tests + points,) [m³/s]; `spread` and `left` (points,):
-    standard deviations of the quantities of sound parts before and after the trim [m³], as far as all is linear;
-    `deviation` (tests,): of measured quantities of sound parts [m³].
+    standard deviations of the quantities of sound parts before and after the trim [m³], by the linear model;
+    `deviation` (tests,): standard deviations of measured quantities of sound parts [m³].
     """
 
     gain: Floats
@@ -73,7 +76,7 @@ class PartTrim(Shown):
     ----------
     injector : Injector
     data : PlanData
-        Tests that it is coded from.
+        Tests that give the code.
     nominal : (tests,)
         Quantities of a sound part as drawn [m³].
     classes : (tests,)
@@ -81,12 +84,12 @@ class PartTrim(Shown):
     step : float
         Of the energising time [s].
     points : tuple of PlanTest
-        Points of the map that a sound part injects at and that can be trimmed.
+        Points of the map that can be trimmed.
     corrections : (points,)
-        To be added to the energising time there [s].
+        To be added to the energising time at the points [s].
     trimming : Trimming
     distances : (tests,)
-        Of the measured quantities from those of a sound part, in standard deviations of measured sound parts.
+        Distances of the measured quantities from a sound part, in standard deviations of measured sound parts.
     """
 
     presenter = "commonrail.plugins.diagnose.page:TRIM"
@@ -113,7 +116,8 @@ class PartTrim(Shown):
             if correction + test.energisings[0].duration <= 0.0:
                 raise InputError(
                     f"{self.data.name}: at {test.name} the correction of {to_signed(1e6 * correction, 0)} µs would "
-                    "leave no energising time; check the results in the column bench, or find the fault by diagnose."
+                    "leave "
+                    "no energising time; check the column bench, or find the fault with `commonrail diagnose`."
                 )
 
     def record(self) -> dict[str, Any]:
@@ -161,7 +165,7 @@ def trim(
     time_step: Quantity = DEFAULT_STEP,
     threads: int | None = None,
 ) -> PartTrim:
-    """Code a part from its deliveries at a few tests, and correct its energising time over the map.
+    """Derive a part's code from its deliveries at a few tests, and correct its energising time over the map.
 
     Parameters
     ----------
@@ -172,15 +176,15 @@ def trim(
     step : float or str
         Step of a class [s].
     rail_pressures, energising_times : sequence of float, optional
-        Axes of the map [Pa], [s]; by default five values each between those of the tests.
+        Axes of the map [Pa], [s]; default: five values each over the range of the tests.
     faults, noise, nominal, cylinder_pressure, return_pressure, time_step, threads
-        As of `diagnose`.
+        As in `diagnose`.
 
     Raises
     ------
     InputError, ConfigurationError
-        If a file cannot be read, fewer than two deliveries have a result, a test cannot be trimmed, or an argument is
-        of another kind.
+        If a file cannot be read, fewer than two deliveries have a result, a test cannot be trimmed, or an argument has
+        the wrong type.
     SimulationError
         If sound parts cannot be simulated.
     """
@@ -190,9 +194,10 @@ def trim(
     used = tuple(t for t in plan.tests if t.measure is Measure.DELIVERY and len(t.energisings) == 1)
     if (count := sum(test.bench is not None for test in used)) < 2:
         raise InputError(
-            f"{plan.name}: two deliveries of one energising with a result in the column bench are needed, not {count}."
+            f"{plan.name}: only {count} of the deliveries of one energising have a result in the column bench; two are "
+            "needed."
         )
-    data = measured_tests(replace(plan, tests=used), injector, (cylinder_pressure, return_pressure))
+    data = take_measured_tests(replace(plan, tests=used), injector, (cylinder_pressure, return_pressure))
     grid = _grid(data, rail_pressures, energising_times)
     bench = PlanBench(injector, data, check_step(time_step), thread_count(threads))
     usable, drawn, trimming = regression(bench, grid, read_table(faults), deviation, size)
@@ -204,16 +209,25 @@ def trim(
     far = [f"{t.name} ({to_signed(d, 1)})" for t, d in zip(data.tests, distances.tolist(), strict=True) if abs(d) > FAR]
     if far:
         note(
-            f"{data.name}: {join_words(far)} {'is' if len(far) == 1 else 'are'} more than {FAR:g} standard deviations "
-            "off a sound part; a trim is for sound parts: check the results, or find the fault by diagnose."
+            f"{data.name}: {join_words(far)} {'is' if len(far) == 1 else 'are'} more than {FAR:g} standard "
+            "deviations off "
+            "a sound part; check the results, or find the fault with `commonrail diagnose` before you trim."
         )
     return PartTrim(
-        injector, data, sound, classes, size, tuple(grid[k] for k in usable), corrections, trimming, distances
+        injector=injector,
+        data=data,
+        nominal=sound,
+        classes=classes,
+        step=size,
+        points=tuple(grid[k] for k in usable),
+        corrections=corrections,
+        trimming=trimming,
+        distances=distances,
     )
 
 
 def _grid(data: PlanData, pressures: Sequence[float] | None, times: Sequence[float] | None) -> tuple[PlanTest, ...]:
-    """Points of the map as tests, those of the plan's range by default."""
+    """Points of the map as tests; default: over the plan's range."""
 
     def axis(requested: Sequence[float] | None, plan_values: list[float], unit: str, what: str) -> list[float]:
         values = (
@@ -232,9 +246,9 @@ def _grid(data: PlanData, pressures: Sequence[float] | None, times: Sequence[flo
 def regression(
     bench: PlanBench, grid: Sequence[PlanTest], table: FaultTable, noise: float | str, step: float
 ) -> tuple[list[int], Floats, Trimming]:
-    """Points of the grid that can be trimmed, quantities of the drawn part at the tests (tests,) [m³], and the gain.
+    """Usable points of the grid, quantities of the drawn part at the tests (tests,) [m³], and the regression.
 
-    `InputError` if a test cannot be trimmed: the nominal quantity there is none, or does not rise with the time.
+    `InputError` if a test cannot be trimmed: the nominal quantity is zero or does not rise with the energising time.
     """
     injector, n = bench.injector, len(bench.data.tests)
     tests = (*bench.data.tests, *grid)
@@ -243,14 +257,14 @@ def regression(
     for i in np.flatnonzero(~good[:n]).tolist():
         raise InputError(
             f"{bench.data.name}: the nominal quantity of the test {tests[i].name} hardly rises with the energising "
-            "time, so that no part can be trimmed there; leave it out of the table."
+            "time, so it cannot be trimmed; remove the test from the table."
         )
     usable = [i for i in range(len(grid)) if good[n + i]]
     if not usable:
         raise InputError(f"No point of the map can be trimmed: {_reasons(slopes[n:], middle[n:])}.")
     if len(usable) < len(grid):
         reasons = _reasons(slopes[n:], middle[n:])
-        note(f"{len(grid) - len(usable)} of {len(grid)} points of the map are left out: {reasons}.")
+        note(f"{len(grid) - len(usable)} of {len(grid)} points of the map are omitted: {reasons}.")
     use = [*range(n), *(n + i for i in usable)]
     parts, centre = sound_parts(injector, table, DRAWS)
     grid_moments = moments(parts, centre, bench.at([tests[i] for i in use])(parts))
@@ -260,7 +274,7 @@ def regression(
     slopes, bench_deviation = slopes[use], bench_noise(bench.data.tests, noise).deviation(mean[:n])
     needed = scatter / np.outer(slopes, slopes)
     needed[:n, :n] += np.diag((bench_deviation / slopes[:n]) ** 2 + step**2 / 12.0)
-    gain, left = regressed(needed, n)
+    gain, left = regress_on_first(needed, n)
     spread = np.asarray(np.sqrt(np.diag(scatter)), float)
     after = np.asarray(np.sqrt(np.maximum(left, 0.0)) * slopes[n:])
     measured = np.asarray(np.hypot(spread[:n], bench_deviation))
@@ -268,7 +282,7 @@ def regression(
 
 
 def _reasons(slopes: Floats, middle: Floats) -> str:
-    """Why points cannot be trimmed, by nominal slopes and quantities (points,), with what helps."""
+    """Reasons why points cannot be trimmed, with remedies, from nominal slopes and quantities (points,)."""
     failed = ~np.isfinite(slopes + middle)
     none = ~failed & (middle <= RESOLUTION)
     flat = ~failed & ~none & (slopes <= LEAST_SLOPE)

@@ -1,4 +1,4 @@
-"""commonrail diagnose, trim and judge: fault that explains what a bench measured, correction of a sound part, all."""
+"""commonrail diagnose, trim and judge: likely fault of a part, correction of a sound part, or both on one page."""
 
 from __future__ import annotations
 
@@ -8,36 +8,39 @@ from typing import Annotated, Any
 
 from commonrail.base.output import write_text
 from commonrail.base.units import parse
-from commonrail.cli.grammar import Option, verb
+from commonrail.cli.grammar import Option, table_verb
 from commonrail.cli.options import check_distinct, check_file, read_axis
 from commonrail.plugins.plans.verb import BenchOptions, Report, StrokeRate
 
-SoundShare = Annotated[str, Option(help="Probability before the measurement that the part is sound.")]
-Step = Annotated[str, Option(help="Step of a class of the trim, e.g. 2us.")]
+SoundShare = Annotated[str, Option(help="Prior probability that the part is sound.")]
+Step = Annotated[str, Option(help="Step of the corrections, e.g. 2us.")]
 
 
 @dataclass(frozen=True)
 class SoundOptions:
-    """Options on sound parts and the bench that measured one, shared by what compares with sound parts."""
+    """Options on sound parts and the bench, shared by the verbs that compare with sound parts."""
 
     noise: Annotated[
         str | None,
-        Option(help="Bench, workshop or maker, or a share of a quantity. [default: maker for a trim, else workshop]"),
+        Option(
+            help="Bench noise: workshop, maker, or a share of a quantity. [default: maker for a trim, else workshop]"
+        ),
     ] = None
     nominal: Annotated[
-        bool, Option(help="Take the plan's nominal quantities for a sound part's, and the model for changes alone.")
+        bool, Option(help="Take the plan's nominal quantities for a sound part's, and only changes from the model.")
     ] = False
     faults: Annotated[
-        Path | None, Option(metavar="FAULTS.toml", help="Faults and scatter of sound parts. [default: those shipped]")
+        Path | None,
+        Option(metavar="FAULTS.toml", help="Faults and scatter of sound parts. [default: the shipped table]"),
     ] = None
 
     def read(self) -> dict[str, Any]:
-        """Arguments of `diagnose`, `trim` and `judge`; the noise only where it is stated."""
+        """Arguments of `diagnose`, `trim` and `judge`; without the noise if it is not stated."""
         stated = {} if self.noise is None else {"noise": self.noise}
         return {"nominal": self.nominal, "faults": self.faults, **stated}
 
 
-@verb
+@table_verb
 def diagnose(
     bench: BenchOptions,
     sound_parts: SoundOptions,
@@ -46,11 +49,11 @@ def diagnose(
     stroke_rate: StrokeRate = None,
     report: Report = None,
 ) -> None:
-    """Find the fault that explains what a bench measured.
+    """Find the fault that explains the results of a bench.
 
     Sound parts within makers' tolerances, and parts with each fault at each size, are simulated at the tests of the
-    plan. Probabilities over the faults and "sound" follow by Bayes' theorem. Where the results cannot tell, the next
-    test that would is named. The answer depends on the model: one fitted to other data may name another fault.
+    plan. Bayes' theorem gives probabilities over the faults and "sound". If several remain, the test that separates
+    them is named. The answer depends on the model: a model fitted to other data may name another fault.
 
     \b
     Examples:
@@ -65,7 +68,7 @@ def diagnose(
     bench.show(result, settings, report, diagnosis_html)
 
 
-@verb
+@table_verb
 def trim(
     bench: BenchOptions,
     sound_parts: SoundOptions,
@@ -82,9 +85,9 @@ def trim(
 ) -> None:
     """Correct a part's energising time from a few tests.
 
-    The corrections at the tests, in whole steps, are the part's code. Over the map follows what the code makes most
-    likely for parts within makers' tolerances; what it leaves of their spread is estimated by a linear model. A result
-    far from sound parts is warned of, such as a fault's or a mistyped one.
+    The corrections at the tests, in whole steps, are the part's code. The map is the most likely correction for a part
+    with this code, within makers' tolerances; a linear model estimates the remaining spread. A warning appears if the
+    results look faulty or mistyped.
 
     \b
     Examples:
@@ -107,7 +110,7 @@ def trim(
     bench.show(result, settings, report, trim_html, out)
 
 
-@verb
+@table_verb
 def judge(
     bench: BenchOptions,
     sound_parts: SoundOptions,

@@ -30,7 +30,7 @@ from commonrail.engine.threads import usable_threads
 from commonrail.plugins.features.table import find_feature
 from commonrail.readers.fuel import load_fuel
 from commonrail.readers.injector import load_injector
-from commonrail.readers.meters import installed_meter
+from commonrail.readers.meters import load_installed_meter
 
 # A module in a fresh process of the same Python.
 
@@ -310,7 +310,7 @@ _TRIALS: dict[str, Callable[[str], object]] = {
     "data": find_kind,
     "injectors": load_injector,
     "fuels": load_fuel,
-    "meters": installed_meter,
+    "meters": load_installed_meter,
     "features": find_feature,
 }
 

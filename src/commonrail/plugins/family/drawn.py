@@ -24,7 +24,7 @@ from commonrail.engine.simulate import simulate, simulate_batch
 from commonrail.engine.status import OK
 from commonrail.physics.injector import Injector, parameter_quantities
 from commonrail.plugins.diagnose.evidence import RESOLUTION, BenchNoise, Response, judge, responses
-from commonrail.plugins.diagnose.faults import SEAT_LEAK, Change, Fault, Parts, shipped_faults
+from commonrail.plugins.diagnose.faults import SEAT_LEAK, Change, Fault, Parts, load_shipped_faults
 from commonrail.plugins.family.injector_type import InjectorType
 
 FLOW = "nozzle.hole_diameter"  # its square is the area: the flow factor scales c_d A at every lift and pressure
@@ -202,7 +202,7 @@ def one_change(
     names = dict.fromkeys(
         [FLOW, *(p.name for p in held_parameters(injector_type, injector)), *(v.name for v in injector_type.fixed)]
     )
-    faults = [f for f in shipped_faults().of_model(injector) if SEAT_LEAK not in f.names]
+    faults = [f for f in load_shipped_faults().of_model(injector) if SEAT_LEAK not in f.names]
     fault_changes = {(f.names, f.changes[0].most > 0.0) for f in faults}
     faults += [
         Fault(name, "", (Change(name, math.copysign(LEAST, most), most, True),))

@@ -28,7 +28,7 @@ from commonrail.data.study_block import Name
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.variants import unread_parameters
 from commonrail.readers.injector import in_catalogue, load_injector
-from commonrail.readers.location import Place, Reach, located
+from commonrail.readers.location import Place, Reach, locate_errors
 from commonrail.readers.toml import UNSTATED, FileModel, Text, inline_table, read_model, read_toml, value_text
 from commonrail.readers.toml import Mark as MarkField
 
@@ -306,15 +306,15 @@ def load_type(path: str | Path, reach: Reach | None = None) -> InjectorType:
     model = read_model(_TypeModel, read_toml(file)[0], at)
     parameters = []
     for i, item in enumerate(model.parameter):
-        with located((at / "parameter")[i]):
+        with locate_errors((at / "parameter")[i]):
             parameters.append(TypeParameter(**dict(item)))
     fixed = []
     for i, stated in enumerate(model.fixed):
-        with located((at / "fixed")[i]):
+        with locate_errors((at / "fixed")[i]):
             fixed.append(FixedValue(**dict(stated)))
     within = reach or Reach(file, model.allow_outside)
     injector = None if model.injector is None else named_injector(model.injector, file.parent, within, at / "injector")
-    with located(at):
+    with locate_errors(at):
         return InjectorType(
             model.name,
             model.title or model.name,

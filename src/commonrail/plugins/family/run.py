@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from commonrail.base.arguments import file_path, instance, integer, thread_count
-from commonrail.base.output import writing
+from commonrail.base.output import write_set, writing
 from commonrail.calibration.search import Checkpoint
 from commonrail.data.records import LABELS, MEASURED
 from commonrail.plugins.family.file import family_record
@@ -15,7 +15,7 @@ from commonrail.plugins.family.fit import FamilyFit, fit_family, objective_of_pa
 from commonrail.plugins.family.injector_type import dump_type
 from commonrail.plugins.family.study import Family, load_family
 from commonrail.readers.injector_writer import dump_injector
-from commonrail.runs.fingerprint import content_of, fingerprint_of
+from commonrail.runs.fingerprint import hash_study, hash_values
 from commonrail.runs.fit import FitKind, Listener, Work, warn_of_targets
 from commonrail.runs.folder import TRACES, rate_curves, write_record
 from commonrail.runs.journal import Journal
@@ -88,7 +88,7 @@ def _work(listener: Listener, threads: int | None, workers: Workers | None) -> W
 def _content(family: Family) -> str:
     """Fingerprint of a family: equal fingerprints mean identical searches but for their length."""
     evolution = replace(family.method.evolution, generations=0)
-    return fingerprint_of(
+    return hash_values(
         family.name,
         family.title,
         family.seed,
@@ -96,7 +96,7 @@ def _content(family: Family) -> str:
         family.space.parameters,
         tuple(parameter.prior for parameter in family.space.parameters),
         tuple((name, relation.share, relation.spread) for name, relation in family.shared.items()),
-        tuple((name, content_of(study)) for name, study in family.parts.items()),
+        tuple((name, hash_study(study)) for name, study in family.parts.items()),
     )
 
 

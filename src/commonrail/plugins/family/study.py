@@ -30,7 +30,7 @@ from commonrail.data.study_block import Name
 from commonrail.physics.meters import known_quantity
 from commonrail.plugins.family.drawn import FLOW
 from commonrail.plugins.family.injector_type import InjectorType, load_type
-from commonrail.readers.location import Place, Reach, located
+from commonrail.readers.location import Place, Reach, locate_errors
 from commonrail.readers.toml import FileModel, Text, Unit, read_model_file
 
 # Parameters of parts that are fitted together: what is common, what is each part's own, what scatters about a mean.
@@ -307,7 +307,7 @@ def load_family(path: str | Path) -> Family:
     spreads = _spreads(model.prior, _known_names(studies), at / "prior", flow)
     studies = {name: _with_spreads(study, spreads) for name, study in studies.items()}
     shared = _shared(model, studies, at)
-    with located(at):
+    with locate_errors(at):
         space, sharing = joint_space({name: study.space for name, study in studies.items()}, shared)
     method = method_of(model.optimiser, space, at / "optimiser")
     files = family_files | of_type
@@ -417,7 +417,7 @@ def _spreads(
         for name in _matching(item.name, free_names, at[i] / "name"):
             if name in spreads or name in taken:
                 raise (at[i] / "name").error(f"{name} is given a second time; keep one of both")
-            with located(at[i] / "spread"):
+            with locate_errors(at[i] / "spread"):
                 spreads[name] = parse(item.spread, known_quantity(name).unit)
             if not spreads[name] > 0.0:
                 raise (at[i] / "spread").error("the spread must be greater than zero; to omit it, remove this entry")

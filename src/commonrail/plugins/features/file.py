@@ -28,8 +28,8 @@ from commonrail.plugins.features.shot_statistics import ShotStatistic
 from commonrail.plugins.features.table import features_of_traces
 from commonrail.plugins.features.targets import FeatureData
 from commonrail.readers.columns import PLAIN, Column, FileForm, Sheet
-from commonrail.readers.columns import unit_of as unit_in
-from commonrail.readers.operating_points import named_points
+from commonrail.readers.columns import find_unit as unit_in
+from commonrail.readers.operating_points import read_points
 from commonrail.readers.tables import open_sheet, take_each
 from commonrail.runs.folder import read_fit, read_run
 from commonrail.runs.traces import TIME
@@ -84,14 +84,14 @@ def read_rates(path: Path, columns: RateColumns, energisings: Sequence[Energisin
 
 def are_repeated(names: Sequence[str]) -> bool:
     """Return whether rates can be repeated shots: their names do not state different operating points."""
-    return len({(point.rail_pressure, point.energising_time) for point in named_points(names)}) < 2
+    return len({(point.rail_pressure, point.energising_time) for point in read_points(names)}) < 2
 
 
 def _assign_energisings(
     path: Path, names: Sequence[str], energisings: tuple[Energising, ...]
 ) -> dict[str, tuple[Energising, ...]]:
     by_name = dict.fromkeys(names, energisings)
-    for point in named_points(names):
+    for point in read_points(names):
         duration = point.energising_time
         if duration is None:
             continue

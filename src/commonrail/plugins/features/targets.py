@@ -14,7 +14,7 @@ from commonrail.base.arguments import instance, instances, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.text import number
-from commonrail.data.base import Missing, Role, Score, Term, ToleratedData, read_labels, share_of, term_of
+from commonrail.data.base import Missing, Role, Score, Term, ToleratedData, make_term, read_labels, relative_to
 from commonrail.data.curves.data import RateData
 from commonrail.data.noise import NOISE, Noise
 from commonrail.data.quantities.returned import ReturnData
@@ -128,7 +128,7 @@ class FeatureData(ToleratedData):
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
         """One term per data set; the features are found in traces outside its batch."""
-        return [term_of(d, partial(_in_term, d), which_failed, to_horizon=d.returned is not None) for d in group]
+        return [make_term(d, partial(_in_term, d), which_failed, to_horizon=d.returned is not None) for d in group]
 
     @property
     def samples(self) -> int:
@@ -245,7 +245,7 @@ class FeatureScore(Score):
         """Σ |error| over Σ |feature|, each in its tolerances; NaN for a failed simulation."""
         data = self.data
         level = float(np.sum(np.abs(data.measured / data.tolerances)))
-        return share_of(np.sum(np.abs(data.errors(self.values))), level)
+        return relative_to(np.sum(np.abs(data.errors(self.values))), level)
 
     def best_gain(self, gains: Floats) -> float:
         """Factor on the simulated rates and quantities that minimises J; 1 if there are only times."""

@@ -15,7 +15,7 @@ from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.base.units import parse
 from commonrail.data.base import Role
 from commonrail.data.curves.data import RateData
-from commonrail.data.curves.reading import pulses_of
+from commonrail.data.curves.reading import list_pulses
 from commonrail.data.curves.samples import RateModel
 from commonrail.data.study_block import Context, drive_unit, mass_density
 from commonrail.engine.operating_point import OperatingPoint
@@ -23,7 +23,7 @@ from commonrail.engine.status import check_point
 from commonrail.physics.injector import Injector
 from commonrail.plugins.features.settings import FeatureSettings, Threshold
 from commonrail.plugins.features.table import features_of_traces, find_feature
-from commonrail.readers.location import Place, located
+from commonrail.readers.location import Place, locate_errors
 from commonrail.readers.toml import FileModel, Unit, fault
 
 RETURNED = "return_quantity"  # of the whole stroke, not of a trace
@@ -104,7 +104,7 @@ def make_settings(model: FeaturesModel, injector: Injector, point: OperatingPoin
 
     Errors name the place `at` of the block.
     """
-    with located(at):
+    with locate_errors(at):
         settings = FeatureSettings(**{name: getattr(model, name) for name in _SETTINGS})
         stated = settings.threshold
         if isinstance(stated, Threshold) and stated.unit == "kg/s":
@@ -140,8 +140,8 @@ def _point(model: FeaturesModel, context: Context) -> OperatingPoint:
     for key, value in pressures.items():
         if not isinstance(value, float):
             raise (at / key).error("without a file this must be one pressure")
-    pulses = pulses_of(model, at)
-    with located(at):
+    pulses = list_pulses(model, at)
+    with locate_errors(at):
         start = min(0.0, pulses[0].start)
         last = max(pulse.start + pulse.duration for pulse in pulses)
         steps = math.ceil((last + AFTER - start) / context.time_step - 1e-6)

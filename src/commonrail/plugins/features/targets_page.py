@@ -8,7 +8,7 @@ from typing import Any
 from commonrail.base.chart import MARKERS, Figure, Panel, Series
 from commonrail.base.table import BEST_LEGEND, SIGNS, Cell, Part, Table, judge_size, mark_least, table_from_parts
 from commonrail.base.text import field_unit, megapascal, number, pressure, several, to_fixed, to_signed
-from commonrail.data.records import JUDGED, MEASURED, Record, Texts, origin_of
+from commonrail.data.records import JUDGED, MEASURED, Record, Texts, origin_word
 from commonrail.plugins.features.result import choose_decimals
 from commonrail.report.data.view import Merit, Models, Plotted, View, present, start_words
 
@@ -71,20 +71,23 @@ def _values_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
     parts = (
         _HEAD,
         Part(
-            (origin_of(data), "tolerance"), lambda row: (_format_value(row, MEASURED), _format_value(row, "tolerance"))
+            (origin_word(data), "tolerance"),
+            lambda row: (_format_value(row, MEASURED), _format_value(row, "tolerance")),
         ),
         Part([texts[label] for label in labels], lambda row: [_format_value(row, label) for label in labels]),
         Part(("error", "error, tolerances"), errors),
     )
     title = f"Features of {data['name']} ({data['role']}), {pressure(data['rail_pressure'])}"
-    return table_from_parts(title, data["rows"], parts, f"Errors are {texts[JUDGED]} − {origin_of(data)}. {_LEGEND}", 2)
+    return table_from_parts(
+        title, data["rows"], parts, f"Errors are {texts[JUDGED]} − {origin_word(data)}. {_LEGEND}", 2
+    )
 
 
 def _errors_table(data: Record, labels: Sequence[str]) -> Table:
     def errors(row: Record) -> list[Cell]:
         return mark_least([_error(row, label) for label in labels], lambda error: to_signed(error, 2), _STEPS)
 
-    parts = (_HEAD, Part((origin_of(data),), lambda row: (_format_value(row, MEASURED),)), Part(labels, errors))
+    parts = (_HEAD, Part((origin_word(data),), lambda row: (_format_value(row, MEASURED),)), Part(labels, errors))
     title = f"Errors of the features in tolerances: {data['name']}, {megapascal(data['rail_pressure'])} MPa"
     return table_from_parts(title, data["rows"], parts, f"{_LEGEND} {BEST_LEGEND}", 2)
 
@@ -99,7 +102,7 @@ def _figure(data: Record, models: Models) -> Figure:
     ]
     return Figure(
         f"Features of {data['name']}",
-        f"Simulated − {origin_of(data)}, in units of the tolerance; the number counts injections.",
+        f"Simulated − {origin_word(data)}, in units of the tolerance; the number counts injections.",
         "",
         (Panel("error, tolerances", present(series), zero_line=True, categories=tuple(_name(row) for row in rows)),),
     )

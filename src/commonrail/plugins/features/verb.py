@@ -9,13 +9,13 @@ from commonrail.base.errors import InputError
 from commonrail.base.units import parse
 from commonrail.cli import options
 from commonrail.cli.console import print_result, print_table, print_text
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 
 if TYPE_CHECKING:
     from commonrail.engine.operating_point import Energising
 
 
-@verb
+@table_verb
 def features(
     source: Annotated[
         Path, Argument(metavar="FILE|RUN", help="File with a time and one or more rates, or a run folder.")

@@ -12,7 +12,7 @@ import numpy as np
 from commonrail.base.csv_output import write_csv
 from commonrail.base.output import replacing, write_set
 from commonrail.data.records import record_head
-from commonrail.data.registry import kind_of
+from commonrail.data.registry import get_kind
 from commonrail.physics.meters import known_quantity
 from commonrail.plugins.certainty.linear import ESTIMATOR
 from commonrail.plugins.fleet.journal import FAILED, FINISHED, Entry
@@ -195,7 +195,7 @@ def result_columns(fleet: Fleet, entries: Sequence[Entry], why: str = "") -> dic
     columns |= {f"J {key}": [r["J"][key] if r else None for r in records] for key in ("start", "best")}
     for data in fleet.template.model.data:
         if data.name not in fleet.template.left_out:
-            measure, unit = kind_of(data.kind).error_head
+            measure, unit = get_kind(data.kind).error_head
             columns[f"{measure} {data.name} [{unit}]"] = [_of_data(r, data.name) for r in records]
     units = units_of(fleet)
     for name, unit in units.items():

@@ -16,7 +16,7 @@ from commonrail.compiler.target import package_versions
 from commonrail.plugins.fleet.member import Attempt, shared_files
 from commonrail.plugins.fleet.study import MISSING_FILE, Fleet, Supply
 from commonrail.runs.journal import JournalFile, facts, now
-from commonrail.runs.lock import trusted
+from commonrail.runs.lock import check_trust
 from commonrail.runs.tables import Schema, put
 
 # Fingerprints under which an injector's result is booked: those of what its worker read.
@@ -106,7 +106,7 @@ class Journal(JournalFile):
 
     def inputs(self) -> dict[str, str]:
         """Fingerprints of what is common to all injectors, by name; empty for a new journal."""
-        with trusted(self.path):
+        with check_trust(self.path):
             return {str(name): str(fingerprint) for name, fingerprint in self._table("input")}
 
     def write_inputs(self, inputs: Mapping[str, str]) -> None:
@@ -117,7 +117,7 @@ class Journal(JournalFile):
     @property
     def targets(self) -> list[dict[str, str]]:
         """Versions, and the processor that was compiled for, of the processes that have calibrated; the latest last."""
-        with trusted(self.path):
+        with check_trust(self.path):
             targets = json.loads(dict(self._table("about")).get("targets", "[]"))
             return [{str(name): str(text) for name, text in target.items()} for target in targets]
 
@@ -128,7 +128,7 @@ class Journal(JournalFile):
 
     def entries(self) -> dict[str, Entry]:
         """All injectors that are done, by name."""
-        with trusted(self.path):
+        with check_trust(self.path):
             return {str(row[0]): _entry(row) for row in self._table("injector")}
 
     def write(self, entry: Entry) -> None:

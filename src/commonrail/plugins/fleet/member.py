@@ -25,7 +25,7 @@ from commonrail.plugins.certainty.linear import Near, certify_near
 from commonrail.plugins.family.injector_type import load_type
 from commonrail.plugins.fleet.study import DEAD_TIMES, Fleet, Template
 from commonrail.readers.injector import load_injector
-from commonrail.readers.location import ALLOW, Place, Reach, located
+from commonrail.readers.location import ALLOW, Place, Reach, locate_errors
 
 _COURSES = ("rail_pressure", "cylinder_pressure", "return_pressure", "drive")  # of a curve; tables if they are measured
 _LONGEST = 80  # characters of a folder's name
@@ -113,7 +113,7 @@ def read_shared(template: Template) -> dict[Path, str]:
 
     `InputError` if one cannot be read.
     """
-    with noting_files() as noted, located(Place(str(template.path))):
+    with noting_files() as noted, locate_errors(Place(str(template.path))):
         for name, path in shared_files(template).items():
             if name == template.model.injector:
                 load_injector(path, Reach(template.path, outside=True, announced=True))

@@ -21,12 +21,12 @@ from commonrail.calibration.study_keys import StudyModel
 from commonrail.data.study_block import DataModel
 from commonrail.plugins.formats.parquet import ParquetFile
 from commonrail.readers import columns as sheet
-from commonrail.readers.formats import format_of
+from commonrail.readers.formats import find_format
 from commonrail.readers.grid import read_grid
-from commonrail.readers.location import MOST_ROWS, Groups, Place, located
+from commonrail.readers.location import MOST_ROWS, Groups, Place, locate_errors
 from commonrail.readers.table_sheet import MOST_ROWS as LONGEST_TABLE
 from commonrail.readers.table_sheet import TableSheet
-from commonrail.readers.text import number_of
+from commonrail.readers.text import read_number
 from commonrail.readers.toml import FileModel, Text, Unit, read_model, read_toml
 
 # A table of a fleet, CSV or Parquet, held whole: its header, and its rows by what stands in some of its columns.
@@ -39,7 +39,7 @@ def read_table(path: Path) -> Table:
 
     `InputError` if the file cannot be read, or is Parquet and pyarrow is not installed.
     """
-    return ParquetFile(path, largest=LARGEST_FLEET) if format_of(path) == "parquet" else _Cells.of(path)
+    return ParquetFile(path, largest=LARGEST_FLEET) if find_format(path) == "parquet" else _Cells.of(path)
 
 
 def names_of(table: Table) -> list[str]:
@@ -93,7 +93,7 @@ Table = _Cells | ParquetFile
 
 def _text(cell: str | float, comma: bool) -> str:
     """Cell as a CSV file with decimal points has it."""
-    if isinstance(cell, str) and comma and isinstance(number_of(cell, comma), float):
+    if isinstance(cell, str) and comma and isinstance(read_number(cell, comma), float):
         return cell.replace(",", ".")
     return cell if isinstance(cell, str) else repr(int(cell) if cell.is_integer() else cell)
 
@@ -394,7 +394,7 @@ def load_fleet(path: str | Path) -> Fleet:
 
 
 def _template(path: Path, left_out: Sequence[str], at: Place) -> Template:
-    with located(at / "study"):
+    with locate_errors(at / "study"):
         tables, text = read_toml(path)
     model = read_model(StudyModel, tables, Place(str(path)))
     if not model.parameter:
@@ -419,8 +419,8 @@ def _supply(folder: Path, template: Template, model: _FleetModel, at: Place) -> 
     if model.files is not None:
         if model.dead_times is not None:
             raise (at / "dead_times").error('this key goes with rows; with files the table has a column "… dead times"')
-        with located(at / "files"):
+        with locate_errors(at / "files"):
             return FileSupply(folder / model.files, layout)
-    with located(at / "rows"):
+    with locate_errors(at / "rows"):
         dead_times = None if model.dead_times is None else folder / model.dead_times
         return RowSupply(folder / (model.rows or ""), layout, dead_times)

@@ -1,4 +1,4 @@
-"""Measured data beside the outputs of an FMU: simulations to be run, and the values expected of them."""
+"""Measured data for an FMU: simulations to run, and measured values of their outputs."""
 
 from __future__ import annotations
 
@@ -16,21 +16,18 @@ from commonrail.data.base import Role
 
 StartValue = float | bool | str
 
-SHARE = 0.01  # tolerance where none is stated: this share of the range of the measured values
+SHARE = 0.01  # default tolerance, as a share of the range of the measured values
 
 
 class FmuInputs(NamedTuple):
-    """Courses of inputs: times (k,) [s], and for each variable its values (k,), linear between them."""
+    """Courses of inputs: times (k,) [s] and values (k,) of each variable, linear in between."""
 
     times: Floats
     values: Mapping[str, Floats]
 
 
 class Run(NamedTuple):
-    """One simulation to the time `stop` [s]; `start` are values of variables that are set before the initialization.
-
-    The variables `outputs` are compared at the times (n,) [s].
-    """
+    """One simulation until `stop` [s]: values set before the initialization, and `outputs` at `times` (n,) [s]."""
 
     start: Mapping[str, StartValue]
     inputs: FmuInputs | None
@@ -40,7 +37,7 @@ class Run(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Number of values that it gives."""
+        """Number of output values."""
         return len(self.outputs) * len(self.times)
 
 
@@ -53,14 +50,14 @@ class FmuData:
     name : str
     runs : tuple of Run
     measured : (m,)
-        Run by run, in each output by output, in each time by time; in the units of the FMU.
+        Ordered by run, output and time; in units of the FMU.
     tolerances : (m,)
         Error that counts as 1.
     role : Role
     weight : float
-        Factor of the squares.
+        Weight of the squares.
     source, synthetic : str
-        Where the data come from; what about them is synthetic, empty if measured.
+        Source of the data; note on synthetic data, empty if measured.
     """
 
     name: str
@@ -71,7 +68,7 @@ class FmuData:
     weight: float = 1.0
     source: str = ""
     synthetic: str = ""
-    bounds: ClassVar[None] = None  # not a mean over intervals, as an injection rate is
+    bounds: ClassVar[None] = None  # values are not means over intervals
 
     def __post_init__(self) -> None:
         for what in ("name", "source", "synthetic"):
@@ -82,21 +79,21 @@ class FmuData:
         )
         settle(self, role=role, weight=weight, measured=self.measured, tolerances=self.tolerances)
         if len(self.measured) != sum(run.size for run in self.runs):
-            raise ConfigurationError(f"{self.name}: there is not one measured value for each output at each time.")
+            raise ConfigurationError(f"{self.name}: state one measured value for each output at each time.")
         if not (self.tolerances > 0.0).all():
             raise ConfigurationError(f"{self.name}: a tolerance must be greater than zero.")
 
     def residuals(self, values: Floats) -> Floats:
-        """Differences of simulated values (…, m) from the measured ones, in tolerances."""
+        """Simulated minus measured values (…, m), in tolerances."""
         return np.asarray((values - self.measured) / self.tolerances)
 
     def discrepancy(self, values: Floats) -> Floats:
-        """Tolerances, in which the residuals are."""
+        """Tolerances."""
         return self.tolerances
 
 
 def by_set(data: Sequence[FmuData], values: Floats) -> list[Floats]:
-    """Values (…, all) of data sets, one after the other, as those of each (…, m)."""
+    """Split values (…, all) of consecutive data sets into the values of each (…, m)."""
     return np.split(values, np.cumsum([len(data_set.measured) for data_set in data])[:-1], axis=-1)
 
 
@@ -110,7 +107,7 @@ def fmu_curve(
     inputs: FmuInputs | None = None,
     **more: Any,
 ) -> FmuData:
-    """Measured courses of outputs in one simulation.
+    """Make data of measured courses of outputs in one simulation.
 
     Parameters
     ----------
@@ -118,11 +115,11 @@ def fmu_curve(
     times : (n,)
         [s], increasing, none below 0.
     measured : mapping of str to (n,)
-        Values of each output, in the units of the FMU.
+        Values of each output, in units of the FMU.
     tolerance : float or mapping of str to float, optional
-        Error that counts as 1; by default `SHARE` of each output's range.
+        Error that counts as 1; default: `SHARE` of each output's range.
     start : mapping, optional
-        Values of variables that are set before the initialization.
+        Values set before the initialization.
     inputs : FmuInputs, optional
     **more
         Role, weight, source, synthetic.
@@ -156,15 +153,15 @@ def fmu_rows(
     inputs: FmuInputs | None = None,
     **more: Any,
 ) -> FmuData:
-    """Measured values at the end of simulations, one for each row.
+    """Make data of measured values at the end of simulations, one per row.
 
     Parameters
     ----------
     name : str
     settings : sequence of mapping
-        Values of variables that are set before the initialization of each simulation.
+        Values set before the initialization of each simulation.
     measured : mapping of str to (rows,)
-        Values of each output at the end, in the units of the FMU.
+        Values of each output at the end, in units of the FMU.
     stop : float
         End of each simulation [s].
     tolerance, inputs, **more
@@ -193,5 +190,5 @@ def _tolerance(name: str, output: str, measured: Floats, tolerance: Mapping[str,
         return float(stated)
     share_of_range = SHARE * float(np.ptp(measured))
     if not share_of_range > 0.0:
-        raise ConfigurationError(f"{name}: {output} has no range of which a share could be the tolerance; state one.")
+        raise ConfigurationError(f"{name}: all values of {output} are equal; state its tolerance.")
     return share_of_range

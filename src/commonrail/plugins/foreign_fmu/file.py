@@ -1,4 +1,4 @@
-"""A calibration of an FMU as one JSON-able record: what its run folder keeps and the report reads."""
+"""Calibration of an FMU as a JSON-able record, for the run folder and the report."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LABELS = ("start", "best")
 
 
 def fmu_record(fit: FmuFit) -> dict[str, Any]:
-    """Record of a calibration: parameters, data with simulated values, failures with the FMU's own words."""
+    """Record of a calibration: parameters, data with simulated values, failures with messages of the FMU."""
     study, record = fit.study, fit_record(KIND, fit.study, fit)
     counts = record["evaluations"]
     return record | {
@@ -28,7 +28,7 @@ def fmu_record(fit: FmuFit) -> dict[str, Any]:
         "parameters": _parameters(fit),
         "data": [_data(fit, data) for data in study.data],
         "evaluations": counts | {"simulations": counts.pop("injections"), "failures": _failures(fit)},
-        "messages": dict(fit.messages),  # of the session that ended the run, which may not have met all failures
+        "messages": dict(fit.messages),  # of the last session, which may not have met all failures
     }
 
 
@@ -80,7 +80,7 @@ def _data(fit: FmuFit, data: FmuData) -> dict[str, Any]:
 
 
 def _outputs(fit: FmuFit, data: FmuData) -> list[dict[str, Any]]:
-    """Courses or, of simulations that are compared at their ends, values by the number of the simulation."""
+    """Courses, or values by number of the simulation if only the ends are compared."""
     names, count = data.runs[0].outputs, len(data.runs[0].times)
     parts = {"measured": data.measured, **{label: fit.simulated[label][data.name] for label in LABELS}}
     shaped = {label: array.reshape(len(data.runs), len(names), count) for label, array in parts.items()}

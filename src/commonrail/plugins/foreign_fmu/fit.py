@@ -1,4 +1,4 @@
-"""Calibration of a foreign FMU: the search of a study, with the model in processes of its own."""
+"""Calibration of a foreign FMU: the search of a study, with the model in separate processes."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ NOT_JUDGED = {"effect": None, "pinned": None, "standard_error": None, "verdict":
 
 @dataclass(frozen=True, kw_only=True)
 class FmuFit(SearchResult):
-    """Result of a calibration of an FMU: of its search, and what the FMU gives with the start values and the best.
+    """Result of a calibration of an FMU: search, and simulated values with the start and the best values.
 
     Attributes
     ----------
     study : FmuStudy
     simulated : mapping of str to mapping of str to (m,) array
-        For "start" and "best": values of each data set by its name, NaN where a simulation failed.
+        For "start" and "best": values of each data set by name, NaN for failed simulations.
     estimates : mapping of str to mapping
-        Effect, standard error and verdict of each parameter, as `identify_at` gives them; of a search that was stopped
-        the verdict alone says so, and the numbers are None.
+        Effect, standard error and verdict of each parameter, as from `identify_at`; for a stopped search the numbers
+        are None.
     step_effect : mapping of str to float
-        Largest change of a value of each data set in tolerances, with the best values and half the communication step;
-        NaN where that could not be simulated. Empty if it was stopped.
+        Largest change of a value of each data set, in tolerances, if the communication step is halved (best values);
+        NaN if the simulation failed. Empty for a stopped search.
     messages : mapping of str to str
-        The first message of the FMU with each status of failed candidates.
+        First message of the FMU for each status of failed candidates.
     best, cost, start_cost, history, counts, status, reason, seconds, simulations, failures, convergence, ends
-        As in `commonrail.calibration.search.SearchResult`; values are in the units of the FMU.
+        As in `commonrail.calibration.search.SearchResult`; in units of the FMU.
     """
 
     study: FmuStudy
@@ -57,37 +57,37 @@ def calibrate_fmu(
     recorder: Recorder | None = None,
     checkpoint: Checkpoint | None = None,
 ) -> FmuFit:
-    """Calibrate an FMU to its end, or until Ctrl-C, which ends it in order with the best so far.
+    """Calibrate an FMU to the end, or until Ctrl-C, with the best result so far.
 
-    A simulation that fails, hangs or ends its process is a status and costs +inf; the others go on.
-    `commonrail.plugins.foreign_fmu.run.calibrate_fmu_into` does the same and keeps every step in a run folder.
+    A simulation that fails, hangs or ends its process gets a status and the cost +inf; the others continue.
+    `commonrail.plugins.foreign_fmu.run.calibrate_fmu_into` also keeps every step in a run folder.
 
     Parameters
     ----------
     study : FmuStudy
     processes : int, optional
-        Processes that simulate; all usable processors by default. The result does not depend on it.
+        Number of processes; default: all usable processors. The result does not depend on it.
     progress : function of Progress, optional
         Called after every step.
     recorder : Recorder, optional
-        Told of every step before `progress` is.
+        Called with every step, before `progress`.
     checkpoint : Checkpoint, optional
-        State to resume from, of the same study.
+        State to resume from; it must belong to the same study.
 
     Raises
     ------
     ConfigurationError
-        If an argument is of another kind.
+        If an argument has the wrong type.
     InputError
         If the FMU cannot be unpacked.
     StudyError
         If processes cannot be started, or the checkpoint belongs to another study.
     SimulationError
-        If no candidate could be simulated; the sentence has the most frequent status and the FMU's own message.
+        If no candidate could be simulated; the message has the most frequent status and the FMU's message.
     """
     instance(study, FmuStudy, "study")
     function(progress, "progress")
-    note(f"{study.fmu.path}: the code of this FMU runs with your rights; run none that you do not trust.")
+    note(f"{study.fmu.path}: the code of this FMU runs with your rights; run only FMUs that you trust.")
     for sentence in study.notes:
         note(sentence)
     simulator_settings = study.fmu, study.space.names, study.data, study.step, study.time_limit, processes
@@ -98,7 +98,7 @@ def calibrate_fmu(
         result = search.to_end()
         start, best = study.space.reference, np.array(list(result.best.values()))
         simulated = {label: _simulate(study, simulator, x) for label, x in (("start", start), ("best", best))}
-        # a search that was stopped is judged when it is resumed: simulations about the best values may take long
+        # a stopped search is judged when it is resumed: simulations about the best values may take long
         estimates = {name: dict(NOT_JUDGED) for name in study.space.names}
         effect = {}
         if result.status == "finished":
@@ -115,6 +115,6 @@ def calibrate_fmu(
 
 
 def _simulate(study: FmuStudy, simulator: FmuSimulator, x: Floats, finer: int = 1) -> dict[str, Floats]:
-    """Values of each data set with values of the free parameters (d,), at the communication step or a finer one."""
+    """Simulate each data set with free parameters `x` (d,); `finer`: steps that replace one communication step."""
     parts = by_set(study.data, simulator.simulate(study.data, x[None, :], finer).values[0])
     return {data.name: values_of_set for data, values_of_set in zip(study.data, parts, strict=True)}

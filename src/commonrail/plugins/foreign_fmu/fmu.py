@@ -1,4 +1,4 @@
-"""Foreign FMU: its description, and its files unpacked for the processes that simulate it."""
+"""Foreign FMU: description, unpacked files, and simulation in separate processes."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ from commonrail.workers.task import Answer, Lost, Task, pack
 from commonrail.workers.workers import Workers
 
 INSTALL = "FMUs are read with FMPy; install it with: pip install 'commonrail[fmi]'"
-REAL = ("Real", "Float64", "Float32")  # types of numbers that can be calibrated and compared
-LARGEST_CONTENT = 2_000_000_000  # [bytes] of an FMU when it is unpacked
-LARGEST_DESCRIPTION = 30_000_000  # [bytes] of its description, of some 100,000 variables; read it takes 0.6 GB
+REAL = ("Real", "Float64", "Float32")  # types that can be calibrated and compared
+LARGEST_CONTENT = 2_000_000_000  # [bytes] of an unpacked FMU
+LARGEST_DESCRIPTION = 30_000_000  # [bytes] of a description with about 100,000 variables; reading it takes 0.6 GB
 DESCRIPTION = "modelDescription.xml"
 
 
 class FmuVariable(NamedTuple):
-    """A scalar variable, in the words of the standard; unit ("1" where it has none) and start value as in the FMU.
+    """Scalar variable, in the words of the standard; `unit` ("1" if absent) and `start` as in the FMU.
 
-    `settable`: a value can be set before the initialization. `lower` and `upper` are the limits that the FMU states,
-    infinite where it states none.
+    `settable`: a value can be set before the initialization; `lower` and `upper`: limits stated by the FMU, else
+    infinite.
     """
 
     name: str
@@ -56,7 +56,7 @@ class FmuVariable(NamedTuple):
 
     @property
     def known_unit(self) -> str:
-        """The unit if this program can convert it, else "1": numbers are then taken as they stand."""
+        """Unit if commonrail can convert it, else "1": numbers are then used unchanged."""
         try:
             return self.unit if compatible(self.unit, self.unit) else "1"
         except InputError:
@@ -65,7 +65,7 @@ class FmuVariable(NamedTuple):
 
 @dataclass(frozen=True)
 class Fmu:
-    """An FMU for co-simulation, version 2.0 or 3.0 of the standard: its file with SHA-256, model and variables."""
+    """FMU for co-simulation, version 2.0 or 3.0: file with SHA-256, model and variables."""
 
     path: Path
     digest: str
@@ -78,20 +78,20 @@ class Fmu:
         settle(self, variables=self.variables)
 
     def variable(self, name: str) -> FmuVariable:
-        """Variable of a name; the `InputError` for one that is not there names the nearest."""
+        """Variable of a name; `InputError` with the nearest name if it is unknown."""
         if name not in self.variables:
             raise InputError(f'{self.path}: the FMU has no variable "{name}"{nearest(name, self.variables)}.')
         return self.variables[name]
 
     def number(self, name: str) -> FmuVariable:
-        """Variable that is a real number; `InputError` for another."""
+        """Variable of real type; `InputError` for another type."""
         variable = self.variable(name)
         if variable.type not in REAL:
-            raise InputError(f"{self.path}: {name} is of type {variable.type}, and a real number is expected.")
+            raise InputError(f"{self.path}: {name} is of type {variable.type}; a real number is expected.")
         return variable
 
     def outside(self, name: str, value: float, what: str) -> str:
-        """Sentence on a value that lies outside the limits that the FMU states; empty where it does not.
+        """Sentence on a value outside the limits stated by the FMU; empty if it is inside.
 
         `name`: of the variable; `value`: in the unit of the FMU; `what`: words for the value.
         """
@@ -102,10 +102,10 @@ class Fmu:
             ("below the min", variable.lower) if value < variable.lower else ("above the max", variable.upper)
         )
         stated = _in_unit(limit, variable)
-        return f"{what} of {name}, {_in_unit(value, variable)}, lies {beyond} that the FMU states, {stated}"
+        return f"{what} of {name}, {_in_unit(value, variable)}, lies {beyond} stated by the FMU, {stated}"
 
     def adjustable(self, name: str) -> FmuVariable:
-        """Variable whose value can be set before the initialization; `InputError` for another."""
+        """Variable that can be set before the initialization; `InputError` for another."""
         variable = self.variable(name)
         if not variable.settable:
             raise InputError(
@@ -117,30 +117,29 @@ class Fmu:
 
 
 def read_fmu(path: str | Path) -> Fmu:
-    """Read the description of an FMU; none of its binaries is loaded.
+    """Read the description of an FMU without loading its binaries.
 
-    `InputError` if it is no FMU of version 2.0 or 3.0, none for co-simulation, has no binary for this machine or two
-    variables of one name, or FMPy is not installed.
+    `InputError` if it is not an FMU 2.0 or 3.0 for co-simulation, lacks a binary for this machine, has two variables of
+    one name, or FMPy is not installed.
     """
     file = file_path(path, "path of an FMU")
     content = read_plain(file)
     fmpy = fmpy_or_error()
     try:
-        names = _names(content)  # first: what is too large is not unpacked to be read
+        names = _names(content)  # first: refuses a large archive before it is unpacked
         description = fmpy.read_model_description(io.BytesIO(content), validate=False)
-    except Exception as error:  # FMPy and lxml raise of their own what they cannot read
-        raise InputError(f"{file}: this is no FMU that can be read ({_short(error)}).") from error
+    except Exception as error:  # FMPy and lxml raise many types
+        raise InputError(f"{file}: this cannot be read as an FMU ({_short(error)}).") from error
     if not description.fmiVersion.startswith(("2.", "3.")):
-        raise InputError(f"{file}: the FMU is of version {description.fmiVersion}, and 2.0 or 3.0 is expected.")
+        raise InputError(f"{file}: the FMU has version {description.fmiVersion}; 2.0 or 3.0 is expected.")
     if description.coSimulation is None:
         raise InputError(f"{file}: the FMU is not for co-simulation; export it for co-simulation.")
     _check_binary(file, names, description.coSimulation.modelIdentifier, fmpy)
     name_counts = Counter(variable.name for variable in description.modelVariables)
     if len(name_counts) < len(description.modelVariables):
         raise InputError(
-            f"{file}: {name_counts.most_common(1)[0][0]} is the name of more than one variable, "
-            "which the standard forbids; "
-            "export the FMU anew with names that differ."
+            f"{file}: {name_counts.most_common(1)[0][0]} is the name of more than one variable, which the standard "
+            "forbids; export the FMU again with different names."
         )
     variables = {
         variable.name: _variable(variable) for variable in description.modelVariables if not variable.dimensions
@@ -149,7 +148,7 @@ def read_fmu(path: str | Path) -> Fmu:
 
 
 def fmpy_or_error() -> Any:
-    """FMPy; `InputError` where it is not installed."""
+    """FMPy; `InputError` if it is not installed."""
     try:
         import fmpy
     except ImportError as error:
@@ -190,18 +189,22 @@ def _variable(description: Any) -> FmuVariable:
         description.variability != "constant" and description.initial in ("exact", "approx")
     )
     start = None if description.start is None else str(description.start)
-    words = description.name, description.causality, description.variability, description.type, unit or "1", start
     return FmuVariable(
-        *words,
-        settable,
-        description.description or "",
-        _limit(description, "min", -math.inf),
-        _limit(description, "max", math.inf),
+        name=description.name,
+        causality=description.causality,
+        variability=description.variability,
+        type=description.type,
+        unit=unit or "1",
+        start=start,
+        settable=settable,
+        description=description.description or "",
+        lower=_limit(description, "min", -math.inf),
+        upper=_limit(description, "max", math.inf),
     )
 
 
 def _limit(description: Any, which: str, otherwise: float) -> float:
-    """Limit of a variable, by its own statement or that of its type."""
+    """Limit of a variable, as stated for it or for its type."""
     stated = getattr(description, which, None)
     if stated is None and description.declaredType is not None:
         stated = getattr(description.declaredType, which, None)
@@ -221,7 +224,7 @@ def _short(error: BaseException) -> str:
 
 @contextmanager
 def unpack(fmu: Fmu) -> Iterator[Path]:
-    """Folder with the files of an FMU, removed at the end; `InputError` if the archive cannot be unpacked."""
+    """Folder with the unpacked files of an FMU, removed at the end; `InputError` if unpacking fails."""
     with tempfile.TemporaryDirectory(prefix="commonrail-fmu-", ignore_cleanup_errors=True) as temporary:
         folder = Path(temporary)
         try:
@@ -233,13 +236,13 @@ def unpack(fmu: Fmu) -> Iterator[Path]:
         yield folder
 
 
-# Status of a simulation of a foreign FMU, whose sentence says what to do.
+# Status of a simulation of a foreign FMU; its sentence says what to do.
 
 
 class FmuStatus(IntEnum):
-    """Outcome of one candidate. All but `FMU_OK` cost +inf: a candidate that failed never wins.
+    """Outcome of one candidate. All but `FMU_OK` cost +inf: a failed candidate never wins.
 
-    The numbers are apart from those of `commonrail.engine.status.Status`: both stand in journals.
+    The numbers differ from `commonrail.engine.status.Status`, since journals hold both.
     """
 
     FMU_OK = 0
@@ -259,9 +262,9 @@ class FmuStatus(IntEnum):
 
 
 _SENTENCES = {
-    FmuStatus.FMU_OK: "The simulation ended well.",
+    FmuStatus.FMU_OK: "The simulation succeeded.",
     FmuStatus.FMU_NOT_STARTED: (
-        "The FMU could not be loaded or gave no instance; check its platform, its token and the libraries it needs."
+        "The FMU could not be loaded or instantiated; check its platform, its token and the libraries it needs."
     ),
     FmuStatus.FMU_DISCARDED: (
         'The FMU ended a call with the status "discard"; take a shorter communication step or narrow the bounds.'
@@ -271,7 +274,7 @@ _SENTENCES = {
     FmuStatus.FMU_NOT_FINITE: "An output of the FMU is not finite; narrow the bounds or shorten the step.",
     FmuStatus.FMU_ENDED_EARLY: "The FMU ended its simulation before the last measured time; narrow the bounds.",
     FmuStatus.FMU_TOO_LONG: (
-        "The FMU gave no answer within the time limit, and its process was ended; raise time_limit or narrow bounds."
+        "The FMU did not answer within the time limit, and its process was ended; raise time_limit or narrow bounds."
     ),
     FmuStatus.FMU_CRASHED: (
         "The FMU's binary ended its process; narrow the bounds, or ask the FMU's maker. Other candidates went on."
@@ -279,18 +282,18 @@ _SENTENCES = {
 }
 
 
-# Simulation of a foreign FMU inside a process of its own: what it does there cannot harm the search.
+# Simulation of a foreign FMU in a separate process, where it cannot harm the search.
 
-FATAL_EXIT = 71  # of a process whose FMU may not be called any more
+FATAL_EXIT = 71  # exit code of a process whose FMU must not be called again
 LONGEST = 300  # characters of a message
 DISCARD, ERROR = 2, 3  # statuses of the standard
 _STATUSES = {DISCARD: FmuStatus.FMU_DISCARDED, ERROR: FmuStatus.FMU_ERROR}
 _Outcome = tuple[Floats | None, FmuStatus, str]
-_NEAR = 1e-6  # share of a communication step that rounding may move the end by
+_NEAR = 1e-6  # tolerance of the end time for rounding, as a share of a communication step
 
 
 class Asked(NamedTuple):
-    """Run by its number, values of the calibrated variables, and the number of steps that replace one."""
+    """Task: number of the run, values of the calibrated variables, and number of steps that replace one."""
 
     number: int
     values: tuple[float, ...]
@@ -298,7 +301,7 @@ class Asked(NamedTuple):
 
 
 class Answered(NamedTuple):
-    """Values (n,) of a run, NaN where it failed, its status, and what the FMU has said."""
+    """Result of a run: values (n,), NaN if it failed, status, and message of the FMU."""
 
     values: Floats
     status: int
@@ -307,9 +310,9 @@ class Answered(NamedTuple):
 
 @dataclass(frozen=True)
 class FmuWork:
-    """Work of the processes: one simulation of one candidate, of an FMU unpacked in a folder.
+    """Work of the processes: one simulation of one candidate, with an FMU unpacked in a folder.
 
-    `names` are the variables that are calibrated, `step` is the communication step [s].
+    `names`: calibrated variables; `step`: communication step [s].
     """
 
     folder: str
@@ -317,10 +320,10 @@ class FmuWork:
     names: tuple[str, ...]
     runs: tuple[Run, ...]
     step: float
-    same_bits: bool = True  # its bits are not those of our compiler
+    same_bits: bool = True  # commonrail's compiler does not affect the FMU's bits
 
     def probe(self) -> bytes:
-        """Digest of the FMU: it is loaded where it can do no harm, never in the calling process."""
+        """Digest of the FMU, which is never loaded in the calling process."""
         return self.digest.encode()
 
     def __call__(self, argument: Asked) -> Answered:
@@ -335,7 +338,7 @@ class FmuWork:
 
 @functools.cache
 def _keep_the_output_clean() -> None:
-    """Send what the FMU prints to standard error: standard output may hold a record."""
+    """Redirect output of the FMU to standard error, since standard output may hold a record."""
     os.dup2(2, 1)
 
 
@@ -370,7 +373,7 @@ def _simulate(folder: str, run: Run, start: Mapping[str, StartValue], step: floa
         if error.status not in _STATUSES:
             os._exit(FATAL_EXIT)  # the standard forbids any further call of the FMU
         return _free(instance, (None, _STATUSES[error.status], _first_message(said, error)))
-    except Exception as error:  # a termination that the FMU asks for, a value that it cannot take
+    except Exception as error:  # termination requested by the FMU, or a value that it rejects
         return _free(instance, (None, FmuStatus.FMU_ERROR, _first_message(said, error)))
     return _free(instance, _sample(courses, run, step))
 
@@ -403,7 +406,7 @@ def _signals(run: Run) -> Any:
 
 
 def _sample(table: Any, run: Run, step: float) -> _Outcome:
-    """Values at the times of a run, linear between communication points."""
+    """Sample outputs at the times of a run, linear between communication points."""
     times = table["time"]
     if times[-1] < run.times[-1] - _NEAR * step:
         return None, FmuStatus.FMU_ENDED_EARLY, f"the simulation ended at {times[-1]:.6g} s"
@@ -420,11 +423,11 @@ def _free(instance: Any, result: _Outcome) -> _Outcome:
 
 
 class _Discarded(Exception):
-    """A step that the FMU has discarded."""
+    """Step discarded by the FMU."""
 
 
 def _end_at_discard(instance: Any, failure: Any) -> None:
-    """End a simulation at a step that is discarded: FMPy would repeat it for ever."""
+    """End a simulation at a discarded step, which FMPy would repeat for ever."""
     step = instance.doStep
 
     def once(*args: Any, **kwargs: Any) -> Any:
@@ -446,24 +449,25 @@ def _first_message(said: list[str], error: BaseException) -> str:
     return " ".join(" ".join([str(error), *said[-1:]]).split())[:LONGEST]
 
 
-# Candidates of a foreign FMU simulated in processes of their own, any of which may crash or hang.
+# Candidates of a foreign FMU are simulated in separate processes, which may crash or hang.
 
 
 class Simulated(NamedTuple):
-    """Values (n, m) of candidates, NaN in the runs that failed, and statuses (n,): of the first run that failed."""
+    """Values (n, m) of candidates, NaN for failed runs, and status (n,) of the first failed run."""
 
     values: Floats
     statuses: NDArray[np.int8]
 
 
 class FmuSimulator:
-    """Simulator of an FMU in processes; one simulation may take `time_limit` [s].
+    """Simulator of an FMU in processes, with `time_limit` [s] for one simulation.
 
-    The runs of `data`, one set after the other, are those of the work.
+    `work` holds the runs of `data`, one set after the other.
     """
 
     def __init__(self, work: FmuWork, data: Sequence[FmuData], workers: Workers, time_limit: float) -> None:
-        self._package, self._workers, self._limit = pack(work), workers, time_limit
+        self._package, self._workers = pack(work), workers
+        self._limit = time_limit
         self._runs = work.runs
         self._first: dict[str, int] = {}
         for data_set in data:
@@ -494,7 +498,7 @@ class FmuSimulator:
         return Simulated(simulated, statuses[np.arange(len(values)), first])
 
     def _task(self, name: tuple[int, int], asked: Asked) -> Task:
-        # a simulation that was lost once is not tried again: an FMU that crashed would do so again
+        # a lost simulation is not repeated: the FMU would crash again
         return Task(name, self._package, asked, self._limit, losses=USUAL.failures - 1)
 
     def _answer(self, outcome: object, size: int) -> Answered:
@@ -514,9 +518,9 @@ class FmuSimulator:
 def open_simulator(
     fmu: Fmu, names: Sequence[str], data: Sequence[FmuData], step: float, time_limit: float, processes: int | None
 ) -> Iterator[FmuSimulator]:
-    """Simulator of an FMU with its processes (all usable processors if None), ended with the block.
+    """Simulator of an FMU with its processes (default: all usable processors), ended with the block.
 
-    Communication step and time limit of one simulation are in s. `InputError` if the FMU cannot be unpacked,
+    Communication step and time limit of one simulation are in [s]. `InputError` if the FMU cannot be unpacked,
     `StudyError` if the processes cannot be started.
     """
     runs = tuple(run for data_set in data for run in data_set.runs)

@@ -1,4 +1,4 @@
-"""Page of a calibration of an FMU: parameters, errors and courses of each data set, failures in the FMU's own words."""
+"""Page of a calibration of an FMU: parameters, errors and courses of each data set, failures with FMU messages."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from commonrail.base.chart import BOTH, MARKERS, Figure, Panel, Series, points
 from commonrail.base.table import Column, Table, table_from_columns
 from commonrail.base.text import number, quantity, quantity_range, significant
 from commonrail.calibration.record import FitRecord, read_as
-from commonrail.data.records import Record, origin_of
+from commonrail.data.records import Record, origin_word
 from commonrail.plugins.foreign_fmu.file import KIND
 from commonrail.plugins.foreign_fmu.run import RECORD, STUDY
 from commonrail.report.data.view import present
@@ -19,11 +19,11 @@ from commonrail.report.fit.search import convergence_section, search_facts
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
 
-TOLD = 0.1  # tolerances that half the communication step moves a value by
+LARGE_STEP_EFFECT = 0.1  # reported effect of halving the communication step, in tolerances
 
 
 def _page(record: Record, folder: Path) -> str:
-    """Page of a calibration of an FMU; `folder` is its name for the command lines in it."""
+    """Page of a calibration of an FMU; `folder` is the name of its folder in the command lines."""
     figures, advice = list(drawings(fmu_figures(record))), Advice.of(folder.as_posix(), STUDY)
     return render(
         "fmu.html",
@@ -51,7 +51,7 @@ RESULT = ResultKind(RECORD, KIND, "calibrate", _page, KEYS)
 
 
 def _tile(data: Record) -> Tile:
-    """Error of a data set in its tolerances; at most one is as good as was asked for."""
+    """Error of a data set in tolerances; good up to one."""
     best = number(data["rms"]["best"])
     level = "" if best is None else GOOD if best <= 1.0 else CARE
     return Tile(data["name"], f"{significant(best, 3)} tolerances", f"root mean square error, {data['role']}", level)
@@ -74,28 +74,27 @@ def fmu_lines(record: Record) -> list[str]:
         lines.append(f"The search: {verdict['sentence']}.")
     if counts["failed"]:
         lines.append(
-            f"{counts['failed']} of {counts['simulated']} candidates failed and could not win; the table of failures "
-            "has the reasons."
+            f"{counts['failed']} of {counts['simulated']} candidates failed; the table of failures gives the reasons."
         )
     lines += record["notes"]
     lines += _step_lines(record)
     bounds = [p["name"] for p in record["parameters"] if p["at_bound"]]
     if bounds:
-        lines.append(f"At a bound: {', '.join(bounds)}; the data may ask for a wider range.")
+        lines.append(f"At a bound: {', '.join(bounds)}; the data may require wider bounds.")
     return lines
 
 
 def _step_lines(record: Record) -> list[str]:
-    """Sentence for each data set whose values depend on the communication step; none of an interrupted search."""
+    """Sentences on data sets whose values depend on the communication step; empty for an interrupted search."""
     lines = []
     for data in (data_record for data_record in record["data"] if "half_step" in data_record):
         moved = data["half_step"]
         if moved is None:
             lines.append(f"{data['name']}: with half the communication step the FMU could not be simulated.")
-        elif moved >= TOLD:
+        elif moved >= LARGE_STEP_EFFECT:
             lines.append(
-                f"{data['name']}: with half the communication step a value moves by {significant(moved, 2)} "
-                "tolerances; the parameters have absorbed what the step does. Lower the step until this line is gone."
+                f"{data['name']}: half the communication step changes a value by {significant(moved, 2)} tolerances, "
+                "so the parameters compensate errors of the step. Lower the step until this message disappears."
             )
     return lines
 
@@ -110,7 +109,7 @@ def fmu_tables(record: Record) -> list[Table]:
         ("bounds", lambda p: quantity_range(p["lower"], p["upper"], p["unit"], 3)),
         ("verdict", "verdict"),
     ]
-    note = "Numbers are in the units of the FMU. Standard errors are local, and say nothing about other optima."
+    note = "In units of the FMU. Standard errors are local and ignore other optima."
     errors: list[Column] = [
         ("data", "name"),
         ("role", "role"),
@@ -140,7 +139,7 @@ def fmu_figures(record: Record) -> list[Figure]:
     """Measured and simulated values of each data set, one panel for each output."""
     figures = []
     for data in record["data"]:
-        panels = tuple(_panel(output, origin_of(data)) for output in data["outputs"])
+        panels = tuple(_panel(output, origin_word(data)) for output in data["outputs"])
         axis = "time, s" if data["outputs"][0]["axis"] == "time" else "row"
         figures.append(Figure(data["name"], f"Values of {data['name']} ({data['role']}).", axis, panels))
     return figures
@@ -160,7 +159,7 @@ def _panel(output: Record, origin: str) -> Panel:
 
 def _facts(record: Record) -> list[tuple[str, str]]:
     moved = [d["half_step"] for d in record["data"] if d.get("half_step") is not None]
-    halved = [("With half of it", f"values move by {significant(max(moved), 2)} tolerances at most")] if moved else []
+    halved = [("With half of it", f"values change by at most {significant(max(moved), 2)} tolerances")] if moved else []
     fmu = record["fmu"]
     return [
         ("FMU", f"{fmu['name']}, FMI {fmu['version']}, SHA-256 {fmu['sha256']}"),

@@ -1,4 +1,4 @@
-"""A calibration of an FMU that survives: kept step by step in its run folder, and resumed after whatever stopped it."""
+"""Calibration of an FMU in a run folder that keeps every step and can be resumed."""
 
 from __future__ import annotations
 
@@ -14,23 +14,24 @@ from commonrail.calibration.search import Checkpoint
 from commonrail.plugins.foreign_fmu.file import fmu_record
 from commonrail.plugins.foreign_fmu.fit import FmuFit, calibrate_fmu
 from commonrail.plugins.foreign_fmu.study import FmuStudy, load_fmu_study
-from commonrail.runs.fingerprint import fingerprint_of
+from commonrail.runs.fingerprint import hash_values
 from commonrail.runs.fit import FitKind, Listener, Work
 from commonrail.runs.folder import write_record
 from commonrail.runs.journal import Journal
 
-STUDY, RECORD, VALUES = "fmu-study.toml", "fmu-result.json", "values.csv"
+STUDY, RECORD = "fmu-study.toml", "fmu-result.json"
+VALUES = "values.csv"
 SILENT = Listener()
 
 
 def calibrate_fmu_into(
     folder: str | Path, study: FmuStudy, *, processes: int | None = None, listener: Listener = SILENT
 ) -> FmuFit:
-    """Calibrate an FMU into a new run folder that keeps every step; `resume_fmu` resumes it wherever it was stopped.
+    """Calibrate an FMU into a new run folder that keeps every step; `resume_fmu` resumes it.
 
-    In the end it holds fmu-study.toml with all files that it reads, fmu-result.json, values.csv, SHA256SUMS and
-    journal.sqlite. `processes` are all usable processors by default; the result does not depend on it. Other arguments
-    and errors are those of `commonrail.runs.calibrate_into`.
+    The complete folder holds fmu-study.toml with all its files, fmu-result.json, values.csv, SHA256SUMS and
+    journal.sqlite. `processes`: default all usable processors; the result does not depend on it. Other arguments and
+    errors are as in `commonrail.runs.calibrate_into`.
     """
     path = file_path(folder, "folder")
     instance(study, FmuStudy, "study")
@@ -46,9 +47,9 @@ def resume_fmu(
     processes: int | None = None,
     listener: Listener = SILENT,
 ) -> FmuFit:
-    """Resume a calibration of an FMU; where no simulation met its time limit the result is that of one never stopped.
+    """Resume a calibration of an FMU; unless a simulation met its time limit, the result equals an uninterrupted one.
 
-    `study` is given if it was made in Python and not read from a file; other arguments and errors are those of
+    `study`: required if it was made in Python, not read from a file; other arguments and errors are as in
     `calibrate_fmu_into` and `commonrail.resume`.
     """
     path, generations = file_path(folder, "folder"), integer(generations, "generations")
@@ -68,10 +69,10 @@ def _work(listener: Listener, processes: int | None) -> Work[FmuStudy, FmuFit]:
 
 
 def _content(study: FmuStudy) -> str:
-    """Fingerprint of a study: equal fingerprints mean identical searches, but for simulations that are given up."""
+    """Fingerprint of a study: equal ones mean identical searches, except for simulations over the time limit."""
     rows, method = study.space.rows, study.method
     settings = study.seed, study.step, study.time_limit, study.loss, study.loss_scale
-    return fingerprint_of(
+    return hash_values(
         study.title,
         study.fmu.digest,
         study.space.parameters,

@@ -1,4 +1,4 @@
-"""Study of a foreign FMU: the model, measured data, free parameters and an optimiser."""
+"""Study of a foreign FMU: model, measured data, free parameters and optimiser."""
 
 from __future__ import annotations
 
@@ -36,29 +36,29 @@ from commonrail.data.study_block import Name
 from commonrail.plugins.foreign_fmu.data import FmuData, FmuInputs, StartValue, by_set, fmu_curve, fmu_rows
 from commonrail.plugins.foreign_fmu.fmu import Fmu, FmuSimulator, FmuStatus, FmuVariable, read_fmu
 from commonrail.readers.columns import Column
-from commonrail.readers.location import Place, Reach, located
+from commonrail.readers.location import Place, Reach, locate_errors
 from commonrail.readers.tables import read_columns
 from commonrail.readers.toml import FileModel, Text, Unit, read_model_file
 
-# Notes on a study of an FMU: what is allowed and can still make its result wrong.
+# Notes on a study of an FMU: settings that are allowed but may give wrong results.
 
-_NEAR = 1e-6  # share of a step by which rounding may bring samples closer together
+_NEAR = 1e-6  # tolerance for rounding of sample spacing, as a share of a step
 
 
 def _notes_on(fmu: Fmu, data: FmuData, step: float) -> Iterator[str]:
-    """Sentences on samples closer together than communication points, and on inputs that the FMU need not take."""
+    """Sentences on samples closer together than communication points, and on inputs beyond the FMU's limits."""
     inputs = data.runs[0].inputs  # all simulations of a data set share them
     if closer := _describe_spacing(data.runs[0].times, step):
         yield f"The samples of {data.name} {closer}: outputs are linear between them; lower the step."
     if inputs is None:
         return
     if closer := _describe_spacing(inputs.times, step):
-        yield f"The inputs of {data.name} {closer}: inputs are held between them; lower the step."
+        yield f"The inputs of {data.name} {closer}: inputs are constant between them; lower the step."
     yield from _find_inputs_beyond_limits(fmu, data.name, inputs)
 
 
 def _describe_spacing(times: Floats, step: float) -> str:
-    """Words on times that are closer together than communication points; empty if they are not."""
+    """Words on times closer together than communication points; empty if they are not."""
     spacing = float(np.median(np.diff(times))) if len(times) > 1 else math.inf
     if spacing >= step * (1.0 - _NEAR):
         return ""
@@ -66,15 +66,15 @@ def _describe_spacing(times: Floats, step: float) -> str:
 
 
 def _find_inputs_beyond_limits(fmu: Fmu, data: str, inputs: FmuInputs) -> Iterator[str]:
-    """Sentence on each input whose course leaves the limits that the FMU states, which noise can do."""
+    """Sentence on each input whose course leaves the limits stated by the FMU, for example by noise."""
     for name, course in inputs.values.items():
         ends = ((np.min(course), "smallest"), (np.max(course), "largest"))
         sentences = (fmu.outside(name, float(value), f"{data}: the {word} value") for value, word in ends)
         yield from (f"{sentence}." for sentence in sentences if sentence)
 
 
-TIME_LIMIT = 60.0  # of one simulation [s]; far longer than one should take, so that a busy machine ends none
-POLISH = 3  # refinements: as many as must agree before a search is called converged
+TIME_LIMIT = 60.0  # of one simulation [s]; far longer than needed, even on a busy machine
+POLISH = 3  # refinements: as many as must agree before a search counts as converged
 EXAMPLE = '{"e": (0.5, 0.9)}'
 
 
@@ -85,26 +85,22 @@ class FmuStudy:
     Raises
     ------
     ConfigurationError
-        If an argument is of another kind, no data set has role fit, two have one name, or a number is out of range.
+        If an argument has the wrong type, no data set has role fit, two have one name, or a number is out of range.
     InputError
-        If the FMU lacks a variable, has one of another kind, or does not allow a bound or a value.
+        If the FMU lacks a variable, a variable has the wrong type, or a bound or value is not allowed.
     """
 
     title: str = setting(words="title of the study")
     fmu: Fmu = setting(words="fmu of the study")
-    data: tuple[FmuData, ...] = setting(text="At least one with role fit; their names differ.")
-    space: Space = setting(words="space of the study", text="Free variables of the FMU, in its units.")
+    data: tuple[FmuData, ...] = setting(text="At least one with role fit; different names.")
+    space: Space = setting(words="space of the study", text="Free variables of the FMU, in units of the FMU.")
     method: Method = setting(words="method of the study")
     seed: int = setting()
     step: Number = setting(unit="s", read=positive("s"), text="Communication step.")
-    time_limit: Number = setting(
-        unit="s", default=TIME_LIMIT, read=positive("s"), text="After it a simulation is ended."
-    )
+    time_limit: Number = setting(unit="s", default=TIME_LIMIT, read=positive("s"), text="A longer simulation is ended.")
     loss: Choice[Loss] = setting(default=Loss.SQUARES, text="squares or soft_l1 of the residuals in tolerances.")
-    loss_scale: Number = setting(
-        default=1.0, read=positive("1"), text="Residual from which soft L1 grows in proportion."
-    )
-    files: Mapping[Path, str] = field(default_factory=dict)  # SHA-256 of each file that it was read from, its own first
+    loss_scale: Number = setting(default=1.0, read=positive("1"), text="Residual above which soft L1 grows linearly.")
+    files: Mapping[Path, str] = field(default_factory=dict)  # SHA-256 of each file read, the study file first
     text: str = setting(words="text of the study", default="", text="The study file as given.")
     note: str = setting(words="note of the study", default="", text="Free text for the report.")
     as_read: FmuStudy | None = None
@@ -122,7 +118,7 @@ class FmuStudy:
 
     @property
     def same_bits(self) -> bool:
-        """Return False: the bits of a result are those of the FMU on this machine."""
+        """Return False: the bits of a result depend on the FMU and this machine."""
         return False
 
     @property
@@ -132,7 +128,7 @@ class FmuStudy:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on a step that is coarser than the data, and on inputs beyond the limits of the FMU."""
+        """Sentences on a step coarser than the data, and on inputs beyond the limits of the FMU."""
         return tuple(sentence for data_set in self.data for sentence in _notes_on(self.fmu, data_set, self.step))
 
     def _refuse_outside(self, name: str, value: float, what: str) -> None:
@@ -154,13 +150,15 @@ class FmuStudy:
                     self._refuse_outside(name, value, "the value")
             for name in run.inputs.values if run.inputs else ():
                 if self.fmu.number(name).causality != "input":
-                    raise ConfigurationError(f"{self.fmu.path}: {name} is no input, so it has no course in time.")
+                    raise ConfigurationError(
+                        f"{self.fmu.path}: {name} is not an input and cannot have a course in time."
+                    )
             both = [name for name in self.space.names if name in run.start]
             if both:
-                raise ConfigurationError(f"{both[0]} is free and set by the data as well; keep one of both.")
+                raise ConfigurationError(f"{both[0]} is both free and set by the data; keep one.")
             driven = [name for name in self.space.names if run.inputs and name in run.inputs.values]
             if driven:
-                raise ConfigurationError(f"{driven[0]} is free and has a measured course as well; keep one of both.")
+                raise ConfigurationError(f"{driven[0]} is both free and driven by a measured course; keep one.")
 
 
 def fmu_study(
@@ -183,11 +181,11 @@ def fmu_study(
     data : FmuData or sequence of FmuData
         At least one with role fit.
     free : mapping of str to (lower, upper)
-        Bounds of variables by their names, in the units of the FMU; the search starts at the FMU's own values.
+        Bounds of variables by name, in units of the FMU; the search starts at the FMU's values.
     step : float
         Communication step [s].
     method : Method, optional
-        By default differential evolution and three least-squares refinements, ended when it has converged.
+        Default: differential evolution and three least-squares refinements, ended at convergence.
     seed : int
     title : str
         By default the model's name.
@@ -218,7 +216,7 @@ def _free(fmu: Fmu, name: str, bounds: Any) -> Parameter:
 def free_parameter(variable: FmuVariable, lower: float, upper: float, start: float | None = None) -> Parameter:
     """Free parameter of a variable, with bounds in the unit of the FMU.
 
-    It starts by default at the FMU's own value, or in the middle where that states none or one outside the bounds.
+    Default start: the FMU's value, or the middle of the bounds if that is missing or outside.
     """
     fmu_start = _fmu_start(variable)
     inside = fmu_start is not None and lower <= fmu_start <= upper
@@ -238,13 +236,13 @@ def _fmu_start(variable: FmuVariable) -> float | None:
 
 # Objective of a study of a foreign FMU.
 
-EXACT = 1e-6  # relative error of a simulation, which solvers of FMUs do not fall below
+EXACT = 1e-6  # relative error of a simulation: a floor for solvers of FMUs
 
 
 class FmuObjective:
     """Σ weight · loss of the residuals in tolerances, over the data with role fit.
 
-    A `FitObjective` whose simulations run in processes of their own; numbers are in the units of the FMU.
+    A `FitObjective` whose simulations run in separate processes; numbers are in units of the FMU.
     """
 
     statuses = FmuStatus
@@ -256,22 +254,22 @@ class FmuObjective:
 
     @property
     def least_cost(self) -> float:
-        """Objective that errors of the simulations alone leave: data without noise let costs differ by them alone."""
+        """Objective caused by simulation errors alone: smaller differences of the cost have no meaning."""
         sizes = ((d.weight, EXACT * d.measured / d.tolerances) for d in self.data)
         return float(sum(weight * np.sum(size**2) for weight, size in sizes))
 
     @property
     def injections(self) -> int:
-        """Simulations that a candidate takes."""
+        """Number of simulations for a candidate."""
         return sum(len(data.runs) for data in self.data)
 
     def why_failed(self, status: FmuStatus) -> str:
-        """Sentence on a status, with the first message of the FMU that came with it."""
+        """Sentence on a status, with the first message of the FMU."""
         message = self._fmu.messages.get(status)
         return f"{status.sentence} It said: {message}" if message else status.sentence
 
     def costs(self, values: Floats) -> Scores:
-        """Objective of candidates (n, names); +inf with a status where one of its simulations failed."""
+        """Objective of candidates (n, names); +inf with a status if a simulation failed."""
         residuals, statuses = self._weighted_residuals(values)
         costs = np.sum(residuals**2, axis=1)
         if len(self.goal.priors):
@@ -281,7 +279,7 @@ class FmuObjective:
         return Scores(np.where(failed, np.inf, costs), statuses.astype(np.int8), len(values) * self.injections)
 
     def residuals(self, values: Floats) -> Floats:
-        """Residuals (n, all values, then priors); NaN in what a failed simulation would have given."""
+        """Residuals (n, all values, then priors); NaN for failed simulations."""
         return np.concatenate([self._weighted_residuals(values)[0], self.goal.priors.residuals(values)], axis=1)
 
     def screened(self, values: Floats) -> Floats:
@@ -377,7 +375,7 @@ class _StudyModel(FileModel):
 
 
 class _Reading(NamedTuple):
-    """FMU, values that all data set, and the folder that files may lie in."""
+    """FMU, values set for all data, and folder of the files."""
 
     fmu: Fmu
     settings: Mapping[str, StartValue]
@@ -390,7 +388,7 @@ def load_fmu_study(path: str | Path) -> FmuStudy:
     Parameters
     ----------
     path : str or Path
-        TOML file; the paths in it are relative to its folder.
+        TOML file; its paths are relative to its folder.
 
     Raises
     ------
@@ -409,17 +407,17 @@ def _study(file: Path) -> FmuStudy:
     fmu = read_fmu(reach.path(file.parent, model.fmu, at / "fmu"))
     reading = _Reading(fmu, _settings(model.set, fmu, at / "set"), reach)
     free = [_parameter(block, fmu, (at / "parameter")[i]) for i, block in enumerate(model.parameter)]
-    with located(at):
+    with locate_errors(at):
         space = Space(free, model.constraints)
     data = tuple(_data(block, reading, (at / "data")[i]) for i, block in enumerate(model.data))
     method = method_of(model.optimiser, space, at / "optimiser")
     settings = model.seed, model.step, model.time_limit, model.loss, model.loss_scale
-    with located(at):
+    with locate_errors(at):
         return FmuStudy(model.title, fmu, data, space, method, *settings, text=text, note=model.note)
 
 
 def _parameter(model: _ParameterModel, fmu: Fmu, at: Place) -> Parameter:
-    with located(at):
+    with locate_errors(at):
         variable = fmu.number(model.name)
         lower, upper = _number(model.lower, variable), _number(model.upper, variable)
         start = None if model.start is None else _number(model.start, variable)
@@ -427,9 +425,9 @@ def _parameter(model: _ParameterModel, fmu: Fmu, at: Place) -> Parameter:
 
 
 def _number(item: str | float, variable: FmuVariable, read: Callable[[str, str], float] = parse) -> float:
-    """Number in the unit of a variable: as it stands, or of a text with its unit.
+    """Number in the unit of a variable, from a number or a text with a unit.
 
-    `read` is `parse_difference` for a tolerance: one of 2 °C is one of 2 K.
+    `read`: `parse_difference` for a tolerance, where 2 °C means 2 K.
     """
     return read(item, variable.known_unit) if isinstance(item, str) else float(item)
 
@@ -437,7 +435,7 @@ def _number(item: str | float, variable: FmuVariable, read: Callable[[str, str],
 def _settings(stated: Mapping[str, _Value], fmu: Fmu, at: Place) -> dict[str, StartValue]:
     start_values: dict[str, StartValue] = {}
     for name, item in stated.items():
-        with located(at / name):
+        with locate_errors(at / name):
             variable = fmu.adjustable(name)
             is_number = variable.type not in ("Boolean", "String") and not isinstance(item, bool)
             start_values[name] = _number(item, variable) if is_number else item
@@ -447,7 +445,7 @@ def _settings(stated: Mapping[str, _Value], fmu: Fmu, at: Place) -> dict[str, St
 def _data(model: _DataModel, reading: _Reading, at: Place) -> FmuData:
     variables = {}
     for i, output in enumerate(model.output):
-        with located((at / "output")[i]):
+        with locate_errors((at / "output")[i]):
             if output.variable in variables:
                 raise InputError(f"{output.variable} is compared twice; keep one.")
             variables[output.variable] = reading.fmu.number(output.variable)
@@ -470,7 +468,7 @@ def _data(model: _DataModel, reading: _Reading, at: Place) -> FmuData:
     time = _time(model.time)
     table = read_columns(path, [time, *columns.values()], 1)
     measured = {name: table.columns[column.name] for name, column in columns.items()}
-    with located(at):
+    with locate_errors(at):
         return fmu_curve(model.name, table.columns[model.time], measured, start=reading.settings, **more)
 
 
@@ -482,12 +480,12 @@ def _rows(
     more: Mapping[str, Any],
     at: Place,
 ) -> FmuData:
-    """Values at the end of one simulation for each row."""
+    """Data of values at the end of one simulation per row."""
     if model.stop is None:
         raise (at / "stop").error('this key is missing; with rows, state the end of each simulation, such as "3 ms"')
     set_columns = {}
     for name, column in model.rows.items():
-        with located(at / "rows" / name):
+        with locate_errors(at / "rows" / name):
             reading.fmu.adjustable(name)
             set_columns[name] = _column(column, reading.fmu.number(name))
     table = read_columns(path, [*columns.values(), *set_columns.values()], 1)
@@ -497,17 +495,17 @@ def _rows(
         for i in range(count)
     ]
     measured = {name: table.columns[column.name] for name, column in columns.items()}
-    with located(at):
+    with locate_errors(at):
         return fmu_rows(model.name, each, measured, model.stop, **more)
 
 
 def _column(name: str, variable: FmuVariable) -> Column:
-    """Column whose numbers become those of a variable; without a unit they are in that of the FMU."""
+    """Column with values of a variable; the default unit is the FMU's."""
     return Column(name, variable.known_unit, otherwise=variable.known_unit)
 
 
 def _time(name: str) -> Column:
-    """Column of times; without a unit they are in seconds, the unit of time in an FMU."""
+    """Column of times; the default unit is the second, as in FMUs."""
     return Column(name, "s", increasing=True, otherwise="s")
 
 
@@ -515,7 +513,7 @@ def _tolerances(model: _DataModel, variables: Mapping[str, FmuVariable], at: Pla
     tolerances = {}
     for i, output in enumerate(model.output):
         if output.tolerance is not None:
-            with located((at / "output")[i] / "tolerance"):
+            with locate_errors((at / "output")[i] / "tolerance"):
                 tolerances[output.variable] = _number(output.tolerance, variables[output.variable], parse_difference)
                 if not tolerances[output.variable] > 0.0:
                     raise InputError("a tolerance must be greater than zero.")
@@ -528,7 +526,7 @@ def _inputs(model: _InputsModel | None, reading: _Reading, at: Place) -> FmuInpu
     path = reading.reach.path(reading.reach.file.parent, model.file, at / "file")
     columns = {}
     for name, column in model.columns.items():
-        with located(at / "columns" / name):
+        with locate_errors(at / "columns" / name):
             columns[name] = _column(column, reading.fmu.number(name))
     table = read_columns(path, [_time(model.time), *columns.values()], 2)
     return FmuInputs(

@@ -1,4 +1,4 @@
-"""Calibration of a foreign FMU in a run folder, and its resumption: progress, result, report."""
+"""Calibrate a foreign FMU into a run folder, or resume it: progress, result, report."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import click
 
 from commonrail.base.errors import InputError
 from commonrail.cli.console import print_json, print_lines, print_table
-from commonrail.cli.fit import end_if_stopped, reported, stage_of
+from commonrail.cli.fit import end_if_stopped, run_and_report, stage_of
 from commonrail.cli.options import free_run_folder, stem_of
 from commonrail.cli.study_kind import RunOptions, StudyKind
 
 
 def _refuse_workers(options: RunOptions) -> None:
-    """Refuse options that have no meaning for an FMU."""
+    """Refuse options that do not apply to an FMU."""
     if options.workers is not None or options.cluster is not None:
         name = "--workers" if options.cluster is None else "--cluster"
         raise InputError(f"{name}: an FMU is simulated in processes of this machine; give their number by --threads.")
@@ -51,18 +51,18 @@ STUDY = StudyKind(_resume, _calibrate)
 
 
 def _run(title: str, folder: Path, search: Callable[..., object], json: bool) -> None:
-    """Search with progress on stderr, and print the record or its figures; exit status 130 if it was stopped."""
+    """Search with progress on stderr, then print the result; exit status 130 if stopped."""
     from commonrail.plugins.foreign_fmu.page import fmu_lines, fmu_tables
 
     stage = partial(stage_of, counted="simulations")
-    outcome = reported(title, folder, lambda listener: search(listener=listener), stage)
+    outcome = run_and_report(title, folder, lambda listener: search(listener=listener), stage)
     record = outcome.record
     if json:
         places = {"run": str(folder), "report": str(outcome.report)}
         print_json({"kind": "fmu calibration", **places, "result": record})
     else:
         if record["synthetic"]:
-            click.echo(f"SYNTHETIC: {record['synthetic']}")
+            print_lines([f"SYNTHETIC: {record['synthetic']}"])
         for table in fmu_tables(record):
             print_table(table)
         print_lines(fmu_lines(record))

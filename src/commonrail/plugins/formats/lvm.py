@@ -1,7 +1,7 @@
 """Channels of a LabVIEW measurement file (.lvm), a text whose header gives start and spacing of the samples.
 
 Source: National Instruments, "Specification for the LabVIEW Measurement File (.lvm)". Samples are evenly spaced by that
-specification, so that times are X0 + n Delta_X; the columns of x, which have six digits, are not read.
+specification: times are X0 + n Delta_X; the columns of x, which have six digits, are not read.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from commonrail.base.input import LARGEST_FILE
 from commonrail.base.units import convert, fits, read_decimal
 from commonrail.readers.columns import PLAIN, Channel, ChannelSheet, FileForm
 from commonrail.readers.location import MOST_VALUES, Place, check_columns
-from commonrail.readers.text import lines_of, read_encoded
+from commonrail.readers.text import number_lines, read_encoded
 
 _MAGIC, _END, _COMMENT = "LabVIEW Measurement", "***End_of_Header***", "Comment"
 _SEPARATORS = {"tab": "\t", "comma": ",", "": "\t"}
@@ -49,7 +49,7 @@ class LvmFile(ChannelSheet):
     def __init__(self, path: Path, form: FileForm = PLAIN) -> None:
         data, encoding = read_encoded(path, LARGEST_FILE, form.encoding)
         self.said = f"encoding {encoding}"
-        lines = lines_of(path, data)
+        lines = number_lines(path, data)
         _, first = next(lines, (0, ""))
         if not first.startswith(_MAGIC):
             raise InputError(f'{path}: this is no LabVIEW measurement file; its first line must be "{_MAGIC}".')
@@ -66,7 +66,7 @@ class LvmFile(ChannelSheet):
 
 
 def _header(path: Path, rows: Rows) -> dict[str, list[str]]:
-    """Tags of a header that are used with the cells behind them, up to its end."""
+    """Tags of a header that are used with the cells after them, up to its end."""
     cells_of_tags: dict[str, list[str]] = {}
     for _, (tag, *cells) in rows:
         if tag == _END:
@@ -83,7 +83,7 @@ def _first(head: dict[str, list[str]], tag: str) -> str:
 def _channels(path: Path, rows: Rows, segment: dict[str, list[str]], decimal: str) -> list[Channel]:
     """Channels below the header of a segment."""
     _, titles = next(rows, (0, []))
-    # a column of x stands before every channel, or before all of them, where it may be blank
+    # a column of x is before every channel, or before all of them, where it may be blank
     places = [i for i, title in enumerate(titles) if i and title.strip() not in (_X_TITLE, _COMMENT, "")]
     if not places or _first(segment, "Channels") != str(len(places)):
         raise InputError(

@@ -21,7 +21,7 @@ from commonrail.readers.quantity_matrix import (
     FoundMap,
     GivenUnits,
     Matrix,
-    kind_of,
+    find_kind,
     map_of_matrix,
     plain_unit,
 )
@@ -29,7 +29,7 @@ from commonrail.readers.quantity_matrix import (
 # Variables of a MAT file, of version 5 to 7 or of version 7.3, which is HDF5; both are read in a child process.
 #
 # Fields of structures are named with a point, ``run.rate``, and columns of a matrix ``rate(:,2)``. MATLAB knows no
-# units: that of ``rate`` is the text ``rate_unit`` or the field ``units.rate`` beside it, or is stated by the reader.
+# units: the unit of ``rate`` is the text ``rate_unit`` or the field ``units.rate`` next to it, or stated by the reader.
 
 MOST_NAMES = 10_000  # vectors and columns of matrices
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -64,7 +64,7 @@ class MatFile:
             raise InputError(f"{path}: the file has no variable with numbers{''.join(reasons)}.")
 
     def unit(self, name: str) -> str:
-        """Unit of a variable, empty if the file has none."""
+        """Unit of a variable, or empty."""
         structure, _, last = name.partition("(")[0].rpartition(".")
         inside = f"{structure}." if structure else ""
         beside = [f"{inside}{last}_unit", f"{inside}units.{last}", f"units.{last}"]
@@ -150,11 +150,11 @@ def _variable(file: MatFile, kind: str, dimensions: int) -> str:
 def _fitting(file: MatFile, kind: str, dimensions: int) -> list[str]:
     """Variables that hold a kind by their unit, else by their name."""
     fitting = [name for name, array in file.arrays.items() if array.ndim == dimensions]
-    of_kind = [name for name in fitting if (unit := file.unit(name)) and kind_of(unit) == kind]
-    return of_kind if len(of_kind) == 1 else _named(of_kind or fitting, kind)
+    of_kind = [name for name in fitting if (unit := file.unit(name)) and find_kind(unit) == kind]
+    return of_kind if len(of_kind) == 1 else _find_named(of_kind or fitting, kind)
 
 
-def _named(names: Sequence[str], kind: str) -> list[str]:
+def _find_named(names: Sequence[str], kind: str) -> list[str]:
     """Variables by the first of the usual names that any of them has."""
     for usual in _NAMES[kind]:
         matches = [name for name in names if name.rpartition(".")[2].lower() == usual]

@@ -83,7 +83,7 @@ def _decode(samples: Any, rule: Any, numeric: Sequence[int]) -> tuple[Any, str]:
 
 
 def _words(rule: Any, codes: Any) -> list[str]:
-    """Text of each code, empty if it has none; asammdf itself omits the upper ends of ranges of codes."""
+    """Text of each code, or empty; asammdf itself omits the upper ends of ranges of codes."""
     words, blocks, i = [""] * len(codes), rule.referenced_blocks or {}, 0
     # version 3 holds some texts in the rule itself
     while (text := blocks.get(f"text_{i}", getattr(rule, f"text_{i}", None))) is not None:

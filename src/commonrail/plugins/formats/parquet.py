@@ -19,14 +19,14 @@ from commonrail.readers.location import Groups
 
 
 class _Column(NamedTuple):
-    """Numbers, or places in the texts, and where there is no value."""
+    """Numbers or indices of texts, and a mask of missing values."""
 
     values: NDArray[Any]
     none: Bools
     texts: list[str] | None
 
     def cells(self, rows: IndexArray) -> list[str]:
-        """Texts of some rows, empty where there is no value."""
+        """Texts of some rows, empty for missing values."""
         values = self.values[rows].tolist()
         if self.texts is None:
             texts = [repr(value) if isinstance(value, float) else str(value) for value in values]
@@ -35,7 +35,7 @@ class _Column(NamedTuple):
         return ["" if none else text for text, none in zip(texts, self.none[rows].tolist(), strict=True)]
 
     def numbers(self) -> Floats | None:
-        """Values, NaN where there is none; None if one is no number."""
+        """Values, NaN for missing ones; None if one is not a number."""
         values = self.values
         if self.texts is not None:
             try:
@@ -69,7 +69,7 @@ class ParquetFile:
         self._columns = [_Column(arrays[f"c{i}"], arrays.get(f"n{i}", none), t) for i, t in enumerate(about["texts"])]
 
     def unit(self, name: str) -> str:
-        """Unit of a column, empty if its name has none."""
+        """Unit of a column, from its name, or empty."""
         return name_and_unit(self.header[self.names.index(name)])[1]
 
     def take(self, columns: Sequence[Column]) -> Table:

@@ -18,7 +18,7 @@ from commonrail.readers.location import LONGEST_NAME, MOST_COLUMNS, MOST_ROWS
 
 WHAT = "Parquet file"
 
-LARGEST_FOOTER = 2_000_000  # [bytes]; its objects take up to some hundred times as much
+LARGEST_FOOTER = 2_000_000  # [bytes]; its objects take up to a hundred times as much
 MOST_CELLS = 100_000_000
 LARGEST_CONTENT = 2_000_000_000  # [bytes] uncompressed
 LONGEST_TEXT = 1000  # [bytes] of a cell
@@ -29,7 +29,7 @@ _MAGIC = b"PAR1"
 def read(path: Path, data: bytes, save: Save) -> dict[str, Any]:
     """Header, number of rows, and the texts of each column.
 
-    Array ``c<i>`` has the numbers of a column, or the indices of its texts; where ``n<i>`` is true there is none.
+    Array ``c<i>`` has the numbers of a column, or the indices of its texts; ``n<i>`` marks missing values.
     """
     try:
         _check_footer(path, data)
@@ -40,7 +40,7 @@ def read(path: Path, data: bytes, save: Save) -> dict[str, Any]:
         # Texts stay codes of the few that differ: a text repeated in every row takes no more than a number.
         coded = [column.path for column in columns if column.physical_type == "BYTE_ARRAY"]
         table = parquet.ParquetFile(BytesIO(data), read_dictionary=coded).read().unify_dictionaries()
-        texts = [_saved(path, name, i, table.column(i), save) for i, name in enumerate(table.column_names)]
+        texts = [_save_column(path, name, i, table.column(i), save) for i, name in enumerate(table.column_names)]
     except (InputError, MemoryError):
         raise
     except (pyarrow.ArrowException, OSError, ValueError) as error:
@@ -49,7 +49,7 @@ def read(path: Path, data: bytes, save: Save) -> dict[str, Any]:
     return {"header": [str(name) for name in table.column_names], "rows": table.num_rows, "texts": texts}
 
 
-def _saved(path: Path, header: str, i: int, column: Any, save: Save) -> list[str] | None:
+def _save_column(path: Path, header: str, i: int, column: Any, save: Save) -> list[str] | None:
     """Save a column; returns its texts, if it holds texts."""
     if column.null_count:
         save(f"n{i}", column.is_null().to_numpy())

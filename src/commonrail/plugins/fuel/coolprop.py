@@ -1,4 +1,4 @@
-"""Laws of a pure fuel, Eq. (2), fitted to the properties that CoolProp computes, and held to limits of accuracy."""
+"""Laws of a pure fuel, Eq. (2), fitted to properties from CoolProp within limits of accuracy."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from commonrail.plugins.fuel.run import FittedFuel, FittedLaw, heat_capacity_law
 from commonrail.readers.fuel import parse_fuel
 
 LIMITS = {"density": 1e-3, "sound_speed": 5e-3, "kinematic_viscosity": 3e-2}
-"""Largest deviations of a fuel from CoolProp [1], beyond which it is refused."""
+"""Largest accepted deviations of a fuel from CoolProp [1]."""
 
 _FOUND = ("density", "bulk_modulus", "isentropic_bulk_modulus", "sound_speed", "kinematic_viscosity", "heat_capacity")
 
 _PRESSURES, _TEMPERATURES = 21, 9  # of the fit
-_CHECKS = 32, 12  # of the check: between those of the fit, but for the ends
-_DEGREES = (3, 2, 1)  # of K1, K3, K4 of the moduli; higher ones did not better n-dodecane or methanol by a tenth
+_CHECKS = 32, 12  # of the check: between the points of the fit, except at the ends
+_DEGREES = (3, 2, 1)  # of K1, K3, K4 of the moduli; higher ones improved n-dodecane and methanol by less than 10 %
 _VISCOSITY = (4, 3, 2)
 
 
 class Deviation(NamedTuple):
-    """Largest relative deviation of a property from CoolProp's, and the state that it is at, in words."""
+    """Largest relative deviation of a property from CoolProp, and its state in words."""
 
     largest: float
     state: str
@@ -39,8 +39,8 @@ class Deviation(NamedTuple):
 class Fluid:
     """Pure fluid of CoolProp, liquid over a range of pressure [Pa] and temperature [K].
 
-    Raises InputError if CoolProp is missing, knows no such fluid or no viscosity of it, if its equation of state ends
-    within the range, or the fluid is no liquid there.
+    Raises InputError if CoolProp or the fluid is missing, its equation of state ends within the range, or the fluid is
+    not liquid there.
     """
 
     def __init__(self, name: str, pressure: tuple[float, float], temperature: tuple[float, float]) -> None:
@@ -48,16 +48,15 @@ class Fluid:
             from CoolProp import CoolProp
         except ImportError as error:
             raise InputError(
-                "--coolprop needs CoolProp, which is not installed: install it with pip install 'commonrail[fuel]'."
+                "--coolprop: CoolProp is not installed; install it with pip install 'commonrail[fuel]'."
             ) from error
-        self.name, self.version, self._of = name, CoolProp.get_global_param_string("version"), CoolProp
+        self.name, self._of = name, CoolProp
+        self.version = CoolProp.get_global_param_string("version")
         fluid_names = CoolProp.get_global_param_string("fluids_list").split(",")
         try:
             self._state = CoolProp.AbstractState("HEOS", "" if set("&[]:") & set(name) else name)
         except ValueError as error:
-            raise InputError(
-                f"--coolprop: CoolProp knows no pure fluid {name!r}{nearest(name, fluid_names)}."
-            ) from error
+            raise InputError(f"--coolprop: CoolProp has no pure fluid {name!r}{nearest(name, fluid_names)}.") from error
         self._check(pressure, temperature)
 
     def _check(self, pressure: tuple[float, float], temperature: tuple[float, float]) -> None:
@@ -97,13 +96,13 @@ class Fluid:
 def fit_pure_fuel(
     name: str, pressure: tuple[float, float], temperature: tuple[float, float]
 ) -> tuple[FittedFuel, dict[str, float], str]:
-    """Laws of a pure fluid, what their polynomials in a simulation miss by property, and a sentence on the source.
+    """Fit the laws of a pure fluid; returns laws, errors of the simulation's polynomials by property, and source.
 
-    The laws' errors are largest deviations at pressures and temperatures other than those of the fit; below the lowest
-    pressure, down to zero, the laws are extrapolated.
+    Errors of the laws are the largest deviations at pressures and temperatures between those of the fit. From the
+    lowest pressure down to zero the laws are extrapolated.
 
-    `pressure` [Pa], `temperature` [K]: lowest and highest. Raises InputError if the fluid cannot be had (`Fluid`), or
-    the laws miss it by more than `LIMITS`.
+    `pressure` [Pa], `temperature` [K]: lowest and highest. Raises InputError as `Fluid`, or if a deviation exceeds
+    `LIMITS`.
     """
     fluid = Fluid(name, pressure, temperature)
     fit = _fit_laws(fluid, pressure, temperature)
@@ -114,7 +113,7 @@ def fit_pure_fuel(
     fuel = parse_fuel(tomllib.loads(document(fit, name, source)), name, name)
     p, t = (np.linspace(*ends, n) for ends, n in zip((pressure, temperature), _CHECKS, strict=True))
     true = fluid.properties(p, t)
-    with np.errstate(all="ignore"):  # laws that are no numbers are refused
+    with np.errstate(all="ignore"):  # a NaN is refused below
         deviations = {prop: _largest(values / true[prop] - 1.0, p, t) for prop, values in _laws(fuel, p, t).items()}
     _refuse_inaccurate(f"{name}: over this range the law misses", deviations)
     simulated = {prop: _largest(values / true[prop] - 1.0, p, t) for prop, values in _simulate(fuel, p, t).items()}
@@ -124,7 +123,7 @@ def fit_pure_fuel(
 
 
 def _fit_laws(fluid: Fluid, pressure: tuple[float, float], temperature: tuple[float, float]) -> FittedFuel:
-    """Laws fitted to a fluid, at pressures that are dense at both ends."""
+    """Fit laws to a fluid at pressures that are denser at both ends."""
     spread = pressure[0] + (pressure[1] - pressure[0]) * (0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, _PRESSURES)))
     levels = np.linspace(*temperature, _TEMPERATURES)
     at = {name: values.ravel() for name, values in fluid.properties(spread, levels).items()}
@@ -141,7 +140,7 @@ def _fit_laws(fluid: Fluid, pressure: tuple[float, float], temperature: tuple[fl
         FittedLaw("vapour_pressure", "ln(Pa)", {"ln_pressure": vapour}, 0.0),
         heat_capacity_law(t, at["heat_capacity"], 2),
     )
-    # from zero: a modulus held below the lowest pressure would have a kink that no polynomial follows
+    # from zero: a constant modulus below the lowest pressure would have a kink that polynomials cannot follow
     return FittedFuel(laws, (0.0, pressure[1]), temperature, len(p))
 
 
@@ -162,7 +161,7 @@ def _laws(fuel: Fuel, p: Floats, temperature: Floats) -> dict[str, Floats]:
 
 
 def _simulate(fuel: Fuel, p: Floats, temperature: Floats) -> dict[str, Floats]:
-    """Properties by the polynomials of the hot loop (temperatures, pressures), those with `LIMITS`."""
+    """Properties with `LIMITS` by the polynomials of a simulation (temperatures, pressures)."""
     properties = np.empty((len(LIMITS), len(temperature), len(p)))
     for i, f in enumerate(fuel_coefficients(fuel, level) for level in temperature.tolist()):
         for j, at in enumerate(p.tolist()):
@@ -178,15 +177,15 @@ def _largest(error: Floats, p: Floats, temperature: Floats) -> Deviation:
 
 
 def _refuse_inaccurate(what: str, deviations: dict[str, Deviation]) -> None:
-    """Raise InputError if a deviation is beyond its limit; `what`: fluid and what deviates, in words."""
+    """Raise InputError if a deviation exceeds its limit; `what`: fluid and law in words."""
     for prop, limit in LIMITS.items():
         deviation = deviations[prop]
         if not deviation.largest <= limit:
             most = f"by {significant(deviation.largest, 3, 100.0)} %" if deviation.largest < 1.0 else "altogether"
             raise InputError(
                 f"--coolprop {what} the {prop.replace('_', ' ')} {most}, {deviation.state}, "
-                f"and at most {percent(limit)} % "
-                "is accepted; narrow --temperature or --pressure there."
+                f"and at most {percent(limit)} % is "
+                "accepted; narrow --temperature or --pressure there."
             )
 
 

@@ -7,7 +7,7 @@ import json as text_of
 from commonrail.plugins.fuel.run import FittedFuel
 
 _VAPOUR = """
-[vapour_pressure] # not in the table; only its smallness beside the return pressure matters
+[vapour_pressure] # not in the table; it must only be small compared with the return pressure
 unit = "ln(Pa)"
 mark = "E"
 source = "taken from n-dodecane"
@@ -17,7 +17,7 @@ ln_pressure = [6.598002, 2.179211, -0.3124296, 0.04114257, -0.005736842]
 
 
 def document(fit: FittedFuel, title: str, source: str) -> str:
-    """Text of a fuel file; `source`: sentence on what was fitted."""
+    """Text of a fuel file; `source`: origin of the fitted data in words."""
     low, high = (value * 1e-6 for value in fit.pressure)
     lines = [
         "# Written by commonrail fuel. Polynomials ascend in (T - 353.15 K)/(40 K); pressures in MPa.",

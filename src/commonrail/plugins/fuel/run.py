@@ -16,14 +16,14 @@ from commonrail.physics.law import Domain
 from commonrail.readers.columns import Column, Table
 from commonrail.readers.tables import has_columns, open_sheet, take_columns
 
-FEWEST = 3  # pressures at each temperature: a modulus that grows with pressure needs as many densities
-_WEIGHTS = (2e-4, 5e-3)  # deviations of density and modulus that count alike, as good measurements have them
+FEWEST = 3  # pressures at each temperature: densities needed for a modulus that grows with pressure
+_WEIGHTS = (2e-4, 5e-3)  # equivalent deviations of density and modulus: errors of good measurements
 _OPTIONAL = {"bulk_modulus": "Pa", "sound_speed": "m/s", "heat_capacity": "J/(kg K)"}
-_MODULUS, _SOUND = (1000.0, 15.0, 0.92), (1200.0, 17.0, 0.91)  # start values K1 [MPa], K3, K4: those of n-dodecane
+_MODULUS, _SOUND = (1000.0, 15.0, 0.92), (1200.0, 17.0, 0.91)  # start values K1 [MPa], K3, K4, of n-dodecane
 
 
 class FittedLaw(NamedTuple):
-    """Law of a fuel file: its table, unit, polynomials by name, and largest relative deviation from the data."""
+    """Law of a fuel file: table, unit, polynomials by name, and largest relative deviation from the data."""
 
     table: str
     unit: str
@@ -32,7 +32,7 @@ class FittedLaw(NamedTuple):
 
 
 class FittedFuel(NamedTuple):
-    """Laws fitted to a table, its ranges of pressure [Pa] and temperature [K], and its number of rows."""
+    """Fitted laws, ranges of pressure [Pa] and temperature [K], and number of rows of the data."""
 
     laws: tuple[FittedLaw, ...]
     pressure: tuple[float, float]
@@ -43,10 +43,9 @@ class FittedFuel(NamedTuple):
 def fit_fuel(path: Path) -> FittedFuel:
     """Fit the laws of Eq. (2) to the columns of a table.
 
-    `path` has columns pressure, temperature, density and viscosity (kinematic or dynamic), and perhaps bulk_modulus
-    (isothermal), sound_speed and heat_capacity (isobaric). Without bulk_modulus the modulus is that with which density
-    grows with pressure.
-    InputError if a column is missing, temperatures or pressures are too few, or no positive modulus fits.
+    Columns: pressure, temperature, density, viscosity (kinematic or dynamic); optional bulk_modulus (isothermal),
+    sound_speed and heat_capacity (isobaric). Without bulk_modulus the modulus follows from the densities. InputError if
+    a column is missing, temperatures or pressures are too few, or no positive modulus fits.
     """
     sheet = open_sheet(path)
     columns = [
@@ -63,7 +62,8 @@ def fit_fuel(path: Path) -> FittedFuel:
         note(f"{path}: not used: {', '.join(unused)}{meant}")
     _check_repeated(table, names)
     c = table.columns
-    p, temperature, density = c["pressure"] * 1e-6, c["temperature"], c["density"]
+    p, temperature = c["pressure"] * 1e-6, c["temperature"]
+    density = c["density"]
     levels = [np.flatnonzero(temperature == level) for level in np.unique(temperature)]
     if len(levels) < 2 or min(len(np.unique(p[rows])) for rows in levels) < FEWEST:
         raise InputError(f"{path}: at least two temperatures and at each {FEWEST} pressures are needed.")
@@ -88,7 +88,7 @@ def fit_fuel(path: Path) -> FittedFuel:
 
 
 def modulus_law(table: str, p: Floats, temperature: Floats, modulus: Floats, degrees: Sequence[int]) -> FittedLaw:
-    """Eq. (2) with K2 = 0 for moduli (n,) [MPa] at pressures [MPa] and temperatures [K]; `degrees`: of K1, K3, K4."""
+    """Fit Eq. (2) with K2 = 0 to moduli (n,) [MPa] at pressures [MPa] and temperatures [K]; `degrees`: K1, K3, K4."""
 
     def deviation(*k: Floats) -> Floats:
         return saturating_law(p, k[0], 0.0 * k[0], *k[1:]) / modulus - 1.0
@@ -97,25 +97,25 @@ def modulus_law(table: str, p: Floats, temperature: Floats, modulus: Floats, deg
 
 
 def viscosity_law(p: Floats, temperature: Floats, viscosity: Floats, degrees: Sequence[int]) -> FittedLaw:
-    """Eq. (2) for viscosities (n,) [mm2/s], or for their logarithm, whichever leaves the smaller largest deviation."""
+    """Fit Eq. (2) to viscosities (n,) [mm2/s] or to their logarithm, whichever has the smaller largest deviation."""
     levels = [np.flatnonzero(temperature == level) for level in np.unique(temperature)]
     lowest = np.concatenate([rows[p[rows] == p[rows].min()] for rows in levels])
     line = np.polynomial.polynomial.Polynomial.fit
 
-    def fitted(unit: str, values: Floats, deviation: Callable[[Floats], Floats], start: Sequence[float]) -> FittedLaw:
+    def fit_law(unit: str, values: Floats, deviation: Callable[[Floats], Floats], start: Sequence[float]) -> FittedLaw:
         first = line(scaled_temperature(temperature[lowest]), values[lowest], degrees[0]).convert().coef.tolist()
         starts = [first, *_starts(start)]
         solution = _least_squares(lambda *k: deviation(power_law(p, *k)), temperature, degrees, starts)
         return _law("kinematic_viscosity", unit, solution)
 
     logarithm = np.log(viscosity)
-    plain = fitted("mm2/s", viscosity, lambda law: law / viscosity - 1.0, (0.01, 1.1))
-    other = fitted("ln(mm2/s)", logarithm, lambda law: np.expm1(law - logarithm), (0.02, 0.8))
+    plain = fit_law("mm2/s", viscosity, lambda law: law / viscosity - 1.0, (0.01, 1.1))
+    other = fit_law("ln(mm2/s)", logarithm, lambda law: np.expm1(law - logarithm), (0.02, 0.8))
     return min(plain, other, key=lambda law: law.error)
 
 
 def heat_capacity_law(temperature: Floats, heat_capacity: Floats, degree: int) -> FittedLaw:
-    """Polynomial in temperature for isobaric heat capacities (n,) [J/(kg K)]."""
+    """Fit a polynomial in temperature to isobaric heat capacities (n,) [J/(kg K)]."""
     line = np.polynomial.polynomial.Polynomial.fit(scaled_temperature(temperature), heat_capacity, degree).convert()
     coefficients = [float(f"{value:.9g}") for value in line.coef]
     error = round_up(np.abs(coefficient(coefficients, temperature) / heat_capacity - 1.0))
@@ -123,7 +123,7 @@ def heat_capacity_law(temperature: Floats, heat_capacity: Floats, degree: int) -
 
 
 def _check_repeated(table: Table, names: Sequence[str]) -> None:
-    """Refuse rows of one pressure and temperature that state two values."""
+    """Refuse rows that state two values at one pressure and temperature."""
     rows: dict[tuple[float, ...], int] = {}
     values = [table.columns[name].tolist() for name in names]
     for i, (pressure, temperature, *properties) in enumerate(zip(*values, strict=True)):
@@ -137,8 +137,9 @@ def _check_repeated(table: Table, names: Sequence[str]) -> None:
 
 
 def _density_and_modulus(path: Path, c: dict[str, Floats], levels: Sequence[IndexArray], most: int) -> list[FittedLaw]:
-    """Density at zero pressure and isothermal modulus, from which density over pressure follows."""
-    p, temperature, density, modulus = c["pressure"] * 1e-6, c["temperature"], c["density"], c.get("bulk_modulus")
+    """Fit density at zero pressure and isothermal modulus, which give the density over pressure."""
+    p, temperature = c["pressure"] * 1e-6, c["temperature"]
+    density, modulus = c["density"], c.get("bulk_modulus")
 
     def both(rho: Floats, *k: Floats) -> tuple[Floats, Floats]:
         laws = k[0], 0.0 * k[0], *k[1:]
@@ -156,7 +157,7 @@ def _density_and_modulus(path: Path, c: dict[str, Floats], levels: Sequence[Inde
         raise InputError(f"{path}: no positive bulk modulus fits the densities; they must grow with pressure.")
     if modulus is not None:
         error = np.abs(modulus_of_law * 1e6 / modulus - 1.0)
-    else:  # that of the compression from the lowest to the highest pressure
+    else:  # error of the compression from the lowest to the highest pressure
         ends = [(rows[np.argmin(p[rows])], rows[np.argmax(p[rows])]) for rows in levels]
         law = density * (1.0 + of_density)
         error = np.abs([(law[b] - law[a]) / (density[b] - density[a]) - 1.0 for a, b in ends])
@@ -166,7 +167,7 @@ def _density_and_modulus(path: Path, c: dict[str, Floats], levels: Sequence[Inde
 
 def _law(table: str, unit: str, solution: tuple[list[list[float]], float], k2: bool = False) -> FittedLaw:
     parts, error = solution
-    every = [parts[0], [0.0], *parts[1:]] if k2 else parts  # K2 = 0: a free one is degenerate, see the theory
+    every = [parts[0], [0.0], *parts[1:]] if k2 else parts  # K2 = 0: a free K2 is degenerate, see the theory
     return FittedLaw(table, unit, {f"k{i}": polynomial for i, polynomial in enumerate(every, start=1)}, error)
 
 
@@ -177,7 +178,7 @@ def _starts(values: Sequence[float]) -> list[list[float]]:
 def _least_squares(
     deviation: Callable[..., Floats], temperature: Floats, degrees: Sequence[int], starts: Sequence[list[float]]
 ) -> tuple[list[list[float]], float]:
-    """Polynomials that minimise deviations of laws from data, with nine digits, and the largest deviation left."""
+    """Fit polynomials (nine digits) that minimise the deviations, and return the largest remaining deviation."""
     from scipy.optimize import least_squares  # slow to import
 
     sizes = np.cumsum([d + 1 for d in degrees])
@@ -200,14 +201,14 @@ def _least_squares(
     try:
         with np.errstate(all="ignore"):
             solution = least_squares(residual, start, x_scale=scale, ftol=1e-13, xtol=1e-13, max_nfev=4000)
-    except ValueError as error:  # values of other orders of magnitude: the slopes overflow
-        raise InputError("No law of a fuel comes near these values; check the units of the columns.") from error
+    except ValueError as error:  # slopes overflow for values of other orders of magnitude
+        raise InputError("No fuel law fits these values; check the units of the columns.") from error
     x = np.array([float(f"{value:.9g}") for value in solution.x.tolist()])
     return polynomials(x), round_up(np.abs(residual(x)))
 
 
 def round_up(deviations: Floats) -> float:
-    """Largest of deviations, with two digits."""
+    """Largest deviation, rounded up to two digits."""
     worst = float(np.max(deviations))
     unit = 10.0 ** (np.floor(np.log10(worst)) - 1.0) if worst > 0.0 else 1.0
     return float(f"{np.ceil(worst / unit) * unit:.2g}")

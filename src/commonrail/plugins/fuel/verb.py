@@ -1,4 +1,4 @@
-"""commonrail fuel: fuel file from a table of measured properties, or of a pure fluid of CoolProp."""
+"""commonrail fuel: write a fuel file from a table of measured properties, or from CoolProp."""
 
 from __future__ import annotations
 
@@ -7,37 +7,35 @@ from typing import Annotated
 
 from commonrail.base.errors import InputError
 from commonrail.cli.console import print_json, print_rows, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import Json, check_file, read_axis, refuse_unused
 
 
-@verb
+@table_verb
 def fuel(
     table: Annotated[
         Path | None,
         Argument(
             metavar="[TABLE.csv]",
-            help="Columns pressure, temperature, density, viscosity (kinematic or dynamic) and, if there are, "
-            "bulk_modulus (isothermal), sound_speed.",
+            help="Columns pressure, temperature, density, viscosity (kinematic or dynamic); optional bulk_modulus "
+            "(isothermal), sound_speed.",
         ),
     ] = None,
     *,
     coolprop: Annotated[
-        str | None, Option(metavar="NAME", help="Pure fluid of CoolProp in place of a table, e.g. Methanol.")
+        str | None, Option(metavar="NAME", help="Pure fluid of CoolProp instead of a table, e.g. Methanol.")
     ] = None,
-    pressure: Annotated[
-        str | None, Option(metavar="LOW:HIGH", help="Range of the fluid, all of it liquid, e.g. 0.5:200MPa.")
-    ] = None,
-    temperature: Annotated[str | None, Option(metavar="LOW:HIGH", help="Range of the fluid, e.g. 20:80degC.")] = None,
-    out: Annotated[Path, Option(metavar="FUEL.toml", help="Fuel file to be written.")],
+    pressure: Annotated[str | None, Option(metavar="LOW:HIGH", help="Range of the liquid, e.g. 0.5:200MPa.")] = None,
+    temperature: Annotated[str | None, Option(metavar="LOW:HIGH", help="Range of the liquid, e.g. 20:80degC.")] = None,
+    out: Annotated[Path, Option(metavar="FUEL.toml", help="Fuel file to write.")],
     title: Annotated[str | None, Option(help="Title of the fuel. [default: the name of the file]")] = None,
     json: Json = False,
 ) -> None:
     """Fit a fuel to a table of its properties, or to CoolProp.
 
-    The file states the largest deviation of each law, and the range of pressures and temperatures. Of a fluid of
-    CoolProp at most 0.1 % in density, 0.5 % in sound speed and 3 % in viscosity are accepted. An injector takes the
-    file by `file = "FUEL.toml"` in its table [fuel].
+    The file states the largest deviation of each law, and the range of pressures and temperatures. Deviations from
+    CoolProp must not exceed 0.1 % in density, 0.5 % in sound speed and 3 % in viscosity. An injector uses the file by
+    `file = "FUEL.toml"` in its table [fuel].
 
     \b
     Examples:
@@ -50,7 +48,7 @@ def fuel(
         raise InputError(f"--out: {out} already exists; name another file, or remove it first.")
     check_file(out, "--out")
     if title is not None and not title.isprintable():
-        raise InputError("--title: a title of printable characters on one line is expected.")
+        raise InputError("--title: use printable characters on one line.")
     if (table is None) == (coolprop is None):
         raise InputError("Name either a table of properties or a fluid by --coolprop NAME.")
     refuse_unused({name: (coolprop is not None, "--coolprop NAME") for name in ("pressure", "temperature")})

@@ -1,4 +1,4 @@
-"""Fuel file from a table of properties, or from a pure fluid of CoolProp."""
+"""Write a fuel file from a table of properties, or from a pure fluid of CoolProp."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from commonrail.readers.fuel import load_fuel
 
 
 class WrittenFuel(NamedTuple):
-    """Fuel that was written: its file, its laws, and largest deviations in a simulation of a CoolProp fluid."""
+    """Written fuel: file, laws, and (for CoolProp) largest deviations of the simulation's polynomials."""
 
     path: Path
     fitted: FittedFuel
@@ -38,13 +38,13 @@ def fuel(
     out : str or path
         Fuel file, which must not exist.
     table : str or path, optional
-        Columns pressure, temperature, density, viscosity and, if there are, bulk_modulus and sound_speed.
+        Columns pressure, temperature, density, viscosity; optional bulk_modulus and sound_speed.
     coolprop : str
-        Fluid in place of a table, such as ``"Methanol"``.
+        Fluid instead of a table, such as ``"Methanol"``.
     pressure, temperature : (float or str, float or str)
-        Range of that fluid, all of it liquid [Pa], [K].
+        Range of the liquid [Pa], [K].
     title : str
-        By default the name of the file.
+        Default: name of the file.
 
     Returns
     -------
@@ -55,11 +55,11 @@ def fuel(
     InputError
         If the file exists, the table cannot be used, or CoolProp cannot compute the fluid well enough.
     ConfigurationError
-        If there is not either a table or a fluid with its ranges.
+        Unless either a table or a fluid with its ranges is given.
     """
     path = file_path(out, "fuel file")
     if path.exists():
-        raise InputError(f"{path}: there already is such a file; name another one, or remove it first.")
+        raise InputError(f"{path}: the file already exists; name another one, or remove it first.")
     if (table is None) == (not coolprop):
         raise ConfigurationError("Name either a table of properties or a fluid of CoolProp.")
     if table is not None:
@@ -74,5 +74,5 @@ def fuel(
         ranges = array(pressure, "Pa", "pressure", 1).tolist(), array(temperature, "K", "temperature", 1).tolist()
         fitted, simulated, source = fit_pure_fuel(coolprop, *ranges)
     write_text(path, document(fitted, title or path.stem, source))
-    load_fuel(path)  # what is written is read
+    load_fuel(path)  # checks that it can be read
     return WrittenFuel(path, fitted, simulated)

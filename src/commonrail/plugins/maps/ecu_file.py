@@ -190,7 +190,7 @@ class MapFile:
         candidates: list[tuple[bool, int, list[str], list[str], MapTable]] = []
         for table in self._tables:
             units = [table.y.unit, table.x.unit, table.unit]
-            kinds = [quantity_matrix.kind_of(unit) for unit in units]
+            kinds = [quantity_matrix.find_kind(unit) for unit in units]
             missing = [kind for kind in quantity_matrix.KINDS if kind not in kinds]
             if kinds.count("") == len(missing) and all(map(stated.get, missing)) and kinds[2] != "rail pressure":
                 kinds = [kind or (missing[0] if len(missing) == 1 else "") for kind in kinds]

@@ -201,6 +201,7 @@ def _special_cells_table(maps: Mapping[str, InjectionMap]) -> Table:
         f"All other cells deliver their quantity within {TOLERANCE * MM3:g} mm³"
         + (", before the adjustments." if any(m.costs for m in maps.values()) else "."),
         2,
+        inputs=("meaning",),  # the sentences above count these
     )
 
 

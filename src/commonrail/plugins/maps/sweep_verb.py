@@ -13,7 +13,7 @@ from commonrail.base.output import write_text
 from commonrail.base.units import parse
 from commonrail.cli import options
 from commonrail.cli.console import SIMULATING, print_result, print_table, print_text, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.plugins.maps.verb import read_conditions, read_quantities
 
 SECOND, SINGLE = "tiSecond", "tiEnergising"  # default labels
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from commonrail.plugins.maps.sweep import Sweep, Variable
 
 
-@verb
+@table_verb
 def sweep(
     model: Annotated[str, Argument(metavar="MODEL", help="Injector file, a name of the catalogue, or a run folder.")],
     *,

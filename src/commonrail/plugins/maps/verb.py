@@ -15,7 +15,7 @@ from commonrail.base.text import count_noun
 from commonrail.base.units import fits, parse
 from commonrail.cli import options
 from commonrail.cli.console import print_result, print_text, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.plugins.maps.choices import Beyond, Several
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ INVERSE, QUANTITY = "tiEnergising", "qInjected"  # default labels
 UNITS = ("pressure_unit", "quantity_unit", "time_unit")  # options of a file's units
 
 
-@verb
+@table_verb
 def map_(
     models: Annotated[
         tuple[str, ...],

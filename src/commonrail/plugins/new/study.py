@@ -1,4 +1,4 @@
-"""A study written from an injector and data files, its parameters screened at the points of the data."""
+"""Write a study from an injector and data files, with free parameters screened at the points of the data."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ from commonrail.calibration.study import step_for_all
 from commonrail.calibration.usual import BENCH, usual_parameter, with_usual_prior
 from commonrail.data.base import DataSet
 from commonrail.data.quantities.data import QuantityData, chosen_rows
-from commonrail.data.registry import kind_of
+from commonrail.data.registry import get_kind
 from commonrail.data.simulator import Simulator
 from commonrail.data.study_block import Context, drive_unit
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.variants import unread_parameters
 from commonrail.readers.columns import PLAIN, TIME, Column, FileForm, Sheet
-from commonrail.readers.formats import format_of
+from commonrail.readers.formats import find_format
 from commonrail.readers.injector import load_injector
 from commonrail.readers.injector_writer import dump_injector
 from commonrail.readers.location import Place, Reach
-from commonrail.readers.operating_points import pattern_of
+from commonrail.readers.operating_points import find_pattern
 from commonrail.readers.overview import RATES, UNKNOWN, ZERO, Survey, survey
 from commonrail.readers.quantity_matrix import GivenUnits
 from commonrail.readers.tables import open_sheet
@@ -47,15 +47,15 @@ from commonrail.runs.folder import final_text, new_folder
 
 # A folder to start from: a commented injector, a study and an example curve, which the user replaces.
 
-# Names below `templates`, in the order in which a person reads them.
+# Files of the folder `template`, in reading order.
 TEMPLATES = ("README.md", "injector.toml", "study.toml", "data/evi.csv")
 
 
 def write_new(folder: Path) -> list[Path]:
     """Write an injector, a study, an example curve and a README into a new or empty folder.
 
-    Returns the files written. Raises `InputError` if something is there already; nothing is overwritten. Raises
-    `OutputError` if the folder cannot be written.
+    Returns the written files. Raises `InputError` if the folder is not empty, and `OutputError` if it cannot be
+    written.
     """
     templates = resources.files(__package__) / "template"
     return write_into(folder, {name: (templates / name).read_bytes() for name in TEMPLATES})
@@ -64,7 +64,7 @@ def write_new(folder: Path) -> list[Path]:
 def write_into(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
     """Write files into a new or empty folder.
 
-    `files`: content by the path below the folder. Raises `InputError`, `OutputError` as `write_new`.
+    `files`: content by path relative to the folder. Raises `InputError`, `OutputError` as `write_new`.
     """
     with new_folder(folder) as place, writing(folder):
         for name, content in files.items():
@@ -74,7 +74,7 @@ def write_into(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
     return [folder / name for name in files]
 
 
-# Free parameters where no screening can be made: what the quantity depends on most and drawings know least.
+# Free parameters without a screening: those with the largest effect and the least known from drawings.
 _FREE = ("control_chamber.z_hole_diameter", "control_chamber.a_hole_diameter", "nozzle.discharge_maximum")
 _FREE_OF_DIRECT = ("nozzle.discharge_maximum", "needle_seat.diameter")
 
@@ -83,36 +83,36 @@ _OF_NOTES = "by a note above the map"
 _MEANINGS = {
     "cylinder_pressure": "pressure behind the nozzle",
     "return_pressure": "pressure at the end of the return line",
-    "rail_pressure": "the file does not tell it",
-    "energising_time": "the file does not tell it",
+    "rail_pressure": "not stated by the file",
+    "energising_time": "not stated by the file",
     "time": "column of the times",
     "rate": "column of the rate of injection",
     "drive": "column of the measured current or voltage, which drives this injector",
     "time_zero": "time of the file at which energising starts",
     "shots": "offset, from the trigger's edge to the start of energising",
 }
-# Keys of a rate that may have a value although the content of the file does not tell it.
+# Keys of a rate whose value may be assumed, since the content of the file does not state it.
 _CHECKED = {
-    "time_zero": "time of the file at which energising starts; no file tells it",
+    "time_zero": "time of the file at which energising starts; files do not state it",
     "time_unit": "unit by the name of the column",
     "rate_unit": "unit by the names of the columns",
     "rail_pressure": "by the name of the file or its column",
     "energising_time": "by the name of the file or its column",
     "shots": "the only current begins to rise by offset after the trigger's edge, to a sample of it",
 }
-# Weight of a map beside rates. On two benches of 50 points and 120 shots (`studies/walk_bench.py`, seeds 1 and 2) the
-# rms of the quantities above 3 mm³ falls with it from 0.9 and 2.7 % to 0.7 and 0.9 %, and the largest error of a curve
-# rises from 6.0 and 4.8 % to 6.3 and 5.6 %.
+# Weight of a map next to rates. On two benches of 50 points and 120 shots (`studies/walk_bench.py`, seeds 1 and 2) it
+# lowers the rms of the quantities above 3 mm³ from 0.9 and 2.7 % to 0.7 and 0.9 %, and raises the largest error of a
+# curve from 6.0 and 4.8 % to 6.3 and 5.6 %.
 WEIGHT = 100
-# What stands for an open key in the screening, whose result hardly depends on it.
+# Substitutes for open keys in the screening, whose result hardly depends on them.
 _SUBSTITUTES = {"cylinder_pressure": "5 MPa", "return_pressure": "0.5 MPa", "time_zero": ZERO, "offset": ZERO}
 
 
 class StatedByUser(NamedTuple):
-    """Values that the user states for all files, as texts with their units; empty where they are to be stated later.
+    """Values stated by the user for all files, as texts with units; empty if they are to be stated later.
 
-    `pressures` of the bench and `points` of rates are texts by the keys of a study; `form` and `units` are those of
-    files that do not tell them; `free` are the parameters to fit, screened if none is named.
+    `pressures` of the bench and `points` of rates: texts by the keys of a study; `form` and `units`: for files that
+    lack them; `free`: parameters to fit, screened if empty.
     """
 
     pressures: Mapping[str, str]
@@ -123,11 +123,11 @@ class StatedByUser(NamedTuple):
 
 
 class Started(NamedTuple):
-    """A study that was written.
+    """Written study.
 
-    `files`: all that were written; `surveys`: what each data file was taken for; `open`: keys that are to be stated;
-    `assumed`: keys that no file tells and that have a value nevertheless, to be checked; `free`: parameters that a
-    screening at the points of the data proposes, best seen first; empty if there was none.
+    `files`: all written files; `surveys`: how each data file was understood; `open`: keys to state; `assumed`: keys
+    with assumed values, to check; `free`: parameters proposed by a screening at the points of the data, most
+    influential first; empty without a screening.
     """
 
     study: Path
@@ -152,21 +152,21 @@ def new(
     injector : str or path, optional
         Name of the catalogue or file, for a study of data files.
     files : list of path
-        Data files of the study: maps, traces, records of shots. Without any, the study has a synthetic example curve.
+        Data files of the study: maps, traces, records of shots. Default: a synthetic example curve.
     stated : StatedByUser, optional
-        What the files do not tell, such as the cylinder pressure of the bench.
+        Facts missing from the files, such as the cylinder pressure of the bench.
 
     Returns
     -------
     Started
-        Files written; keys that are to be stated or checked.
+        Written files; keys to state or check.
 
     Raises
     ------
     InputError
-        If something is in the folder, or a file cannot be read or is no data of a study.
+        If the folder is not empty, or a file cannot be read or holds no data for a study.
     ConfigurationError
-        If files have no injector, or an injector or a statement no files.
+        If files come without an injector, or an injector or a statement without files.
     """
     path = file_path(folder, "folder")
     if files and injector is not None:
@@ -174,15 +174,15 @@ def new(
     if files or injector is not None or stated is not None:
         raise ConfigurationError("A study of data files needs both files and an injector; give both, or neither.")
     written = write_new(path)
-    return Started(path / "study.toml", tuple(written), (), (), (), ())
+    return Started(study=path / "study.toml", files=tuple(written), surveys=(), open=(), assumed=(), free=())
 
 
 def write_study_from(folder: Path, injector: str, sources: Sequence[Path], stated: StatedByUser) -> Started:
     """Write a study into a new or empty folder, with copies of the data files.
 
-    `injector`: as of `load_injector`; a file is copied, completed if it names other files; `sources`: data files, see
-    `survey`. Raises `InputError` if something is in the folder already, a file cannot be read, is no data of a study,
-    or two have one name. Raises `OutputError` if the folder cannot be written.
+    `injector`: as in `load_injector`; a file is copied, completed if it names other files; `sources`: data files, see
+    `survey`. Raises `InputError` if the folder is not empty, a file cannot be read or holds no data for a study, or two
+    files have one name. Raises `OutputError` if the folder cannot be written.
     """
     model = load_injector(injector)
     surveys = tuple(survey_file(path, stated) for path in sources)
@@ -190,7 +190,7 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
     names = [path.name for path in sources]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise InputError(f"Two of the data files are called {twice}; rename one.")
+        raise InputError(f"Two of the data files have the name {twice}; rename one.")
     _check_points(surveys, stated.points)
     blocks = [block_of_file(surveyed, surveys, model, stated) for surveyed in surveys]
     with new_folder(folder) as place, writing(folder):
@@ -205,9 +205,10 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
         bench = {key: stated.pressures.get(key) or noted.get(key, UNKNOWN) for key in _BENCH}
         read = [key for key in _BENCH if key in noted and not stated.pressures.get(key)]
         trial = _Trial(model, [bench | block for block in blocks], study)
-        free, delay, doubts = free_by_name or trial.screen_parameters(), trial.delay(), trial.doubted_units(surveys)
+        free = free_by_name or trial.screen_parameters()
+        delay, doubts = trial.delay(), trial.doubt_units(surveys)
         for curve in delay.curves if delay else ():
-            blocks[trial.block_of(curve.name)]["meter"] = BENCH
+            blocks[trial.find_block(curve.name)]["meter"] = BENCH
         warmth = _temperature_lines(model, noted.get("fuel_temperature", ""))
         lines = [
             *_head(injector, bench, [survey.path.name for survey in surveys], read),
@@ -236,15 +237,17 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
     )
     screened = () if free_by_name else tuple(parameter.name for parameter in free)
     files = tuple(folder / path.relative_to(place) for path in (study, *copies))
-    return Started(files[0], files, surveys, tuple(missing), tuple(assumed), screened)
+    return Started(
+        study=files[0], files=files, surveys=surveys, open=tuple(missing), assumed=tuple(assumed), free=screened
+    )
 
 
 def survey_file(path: Path, stated: StatedByUser) -> Survey:
-    """Survey of a file; with the units that the user states only if the file does not tell them.
+    """Survey a file; units stated by the user apply only if the file lacks them.
 
-    `InputError` if it cannot be read, or is no data of a study.
+    `InputError` if it cannot be read, or holds no data for a study.
     """
-    is_book = format_of(path) == "xlsx"
+    is_book = find_format(path) == "xlsx"
     form = stated.form._replace(encoding="") if is_book else stated.form._replace(sheet="")
     result = survey(path, form)
     if not result.block and any(stated.units.by_kind().values()):
@@ -255,7 +258,7 @@ def survey_file(path: Path, stated: StatedByUser) -> Survey:
 
 
 def _check_points(surveys: Sequence[Survey], points: Mapping[str, str]) -> None:
-    """Refuse an operating point of the command line that contradicts the name of a file, or that no file lacks."""
+    """Refuse an operating point of the command line that contradicts the name of a file, or that all files state."""
     rates = [survey for survey in surveys if survey.block["kind"] == "rate"]
     for key, text in points.items():
         option, unit = f"--{key.replace('_', '-')} {text}", "Pa" if key == "rail_pressure" else "s"
@@ -268,7 +271,7 @@ def _check_points(surveys: Sequence[Survey], points: Mapping[str, str]) -> None:
 
 
 def block_of_file(survey: Survey, surveys: Sequence[Survey], model: Injector, stated: StatedByUser) -> dict[str, Any]:
-    """Keys of the block of a file, `UNKNOWN` where they are to be stated; `surveys` are those of all files."""
+    """Keys of the block of a file, `UNKNOWN` if they must be stated; `surveys`: of all files."""
     names = [s.path.stem for s in surveys]
     name = survey.path.name if names.count(survey.path.stem) > 1 else survey.path.stem
     block: dict[str, Any] = {"kind": survey.block["kind"], "name": name, "role": "fit"}
@@ -282,13 +285,13 @@ def block_of_file(survey: Survey, surveys: Sequence[Survey], model: Injector, st
 
 
 def _drive(survey: Survey, unit: str) -> dict[str, Any]:
-    """Key with the only channel that may be the measured drive, or the pattern of several.
+    """Key with the only channel that may be the measured drive, or with the pattern of several.
 
-    A record that begins before time 0, where the energising starts, shows the zero of the sensor.
+    Energising starts at time 0, so a record that begins earlier shows the zero of the sensor.
     """
     channels = [channel for channel in survey.channels if channel.kind == unit]
     names = [channel.name for channel in channels]
-    column = pattern_of(names) if "columns" in survey.block else names[0] if len(names) == 1 else None
+    column = find_pattern(names) if "columns" in survey.block else names[0] if len(names) == 1 else None
     stated = {"unit": channels[0].unit} if column and channels[0].unit_by_name else {}
     starts = [any_channel.low for any_channel in survey.channels if any_channel.kind == "s"] + [
         any_channel.times[0] for any_channel in channels if any_channel.times
@@ -297,14 +300,14 @@ def _drive(survey: Survey, unit: str) -> dict[str, Any]:
     return {"column": column or UNKNOWN, **stated, **rest}
 
 
-BEGUN = 0.1  # share of a current's range from which it has begun to rise: chosen, above the noise of a clamp
-EARLY = 0.5  # share of the time between two triggers up to which a rise belongs to the one before it, chosen
+BEGUN = 0.1  # share of a current's range at which it begins to rise; chosen, above the noise of a clamp
+EARLY = 0.5  # share of the time between two triggers within which a rise belongs to the earlier one; chosen
 
 
 def _offset(survey: Survey, trigger: str) -> str:
     """Time from the trigger's edge to the start of energising, by the rise of the only current.
 
-    `UNKNOWN` if there is no such current, or its rises scatter about the edges by more than two of its samples.
+    `UNKNOWN` without such a current, or if its rises scatter about the edges by more than two samples.
     """
     currents = [channel for channel in survey.channels if channel.kind == "A" and channel.name != trigger]
     if len(currents) != 1 or not (step := currents[0].step):
@@ -331,7 +334,7 @@ def _rises(sheet: Sheet, name: str, share: float) -> Floats:
 
 
 def _copy_injector(source: str, model: Injector, target: Path) -> Path:
-    """Copy of an injector's file; of a variant, or where it refers to other files, one with all values."""
+    """Copy an injector's file; a variant, or a file that refers to others, is written with all values."""
     document = read_toml(Path(source))[0] if source.endswith(".toml") else {}
     if not document or str(document.get("base", "")).endswith(".toml") or "file" in document.get("fuel", {}):
         dump_injector(model, target)
@@ -340,36 +343,37 @@ def _copy_injector(source: str, model: Injector, target: Path) -> Path:
 
 
 class _Trial:
-    """Data sets of blocks, which are read before the study is there, with substitutes for what is open.
+    """Data sets of blocks, read before the study is written, with substitutes for open keys.
 
-    `blocks`: keys of each with those of the bench; `study`: path of the file.
+    `blocks`: keys of each, with the keys of the bench; `study`: path of the file.
     """
 
     def __init__(self, model: Injector, blocks: Sequence[Mapping[str, Any]], study: Path) -> None:
-        self.model, self.blocks, self.study = model, blocks, study
+        self.model, self.blocks = model, blocks
+        self.study = study
         self.space, self.error = usual_space(model), ""
         self.step = step_for_all(model, self.space)
         self.sets: list[tuple[int, DataSet]] = []
         for i in range(len(blocks)):
             try:
                 self.sets += [(i, data) for data in self._read_block(i)]
-            except CommonrailError as error:  # who reads the study gets it too
+            except CommonrailError as error:  # reading the study reports it too
                 self.error = final_text(str(error), study.parent)
 
     def _read_block(self, i: int) -> list[DataSet]:
-        """Data sets of a block, none if it states no operating points."""
+        """Data sets of a block; empty without operating points."""
         assumed = _assume_open_values(self.blocks[i])
         if open_keys(assumed):
             return []
-        kind = kind_of(self.blocks[i]["kind"])
+        kind = get_kind(self.blocks[i]["kind"])
         context = Context(self.model, self.step, Reach(self.study, False), (Place(str(self.study)) / "data")[i])
-        with quiet():  # who reads the study gets its notes
+        with quiet():  # reading the study gives the same notes
             return list(kind.read_all(read_model(kind.model, assumed, context.at), context))
 
     def screen_parameters(self) -> list[Parameter]:
-        """Parameters to free, by a screening at the points of the data that state them; none if there are no such data.
+        """Screen the parameters to free at the operating points of the data; empty without operating points.
 
-        A map that has more points than a screening takes is screened on a part of its pressures and times.
+        A large map is screened on some of its pressures and times.
         """
         left, data = MOST_SIMULATIONS // len(around(self.space, self.space.reference).values), list[DataSet]()
         sets = sorted((data_set for _, data_set in self.sets), key=lambda data_set: len(data_set.simulated_points))
@@ -378,24 +382,24 @@ class _Trial:
             left -= len(data[-1].simulated_points)
         free = [] if self.error else screen(self.model, self.space, data, self.step)
         if not free:
-            reason = self.error or "the data see none of them, or state no operating points."
-            note(f"Usual parameters are free within 10 %, because none is screened: {reason}")
+            reason = self.error or "the data do not depend on them, or state no operating points."
+            note(f"Usual parameters are free within 10 %, because the screening failed: {reason}")
         return free
 
     def delay(self) -> Delay | None:
-        """Delay that all curves share whose time zero and operating point are stated."""
+        """Common delay of all curves with a stated time zero and operating point."""
         simulator = Simulator(self.model, (), self.step)
         curves = [
             curve for i, curve in self.sets if curve.bounds is not None and not {*open_keys(self.blocks[i])} & _TIMES
         ]
         return next(iter(common_delays((curve, curve.score(simulator)) for curve in curves)), None)
 
-    def block_of(self, name: str) -> int:
-        """Number of the block with a data set of this name."""
+    def find_block(self, name: str) -> int:
+        """Index of the block with a data set of this name."""
         return next(i for i, data in self.sets if data.name == name)
 
-    def doubted_units(self, surveys: Sequence[Survey]) -> dict[int, str]:
-        """Reasons to doubt that rates are volumes, by the numbers of their blocks."""
+    def doubt_units(self, surveys: Sequence[Survey]) -> dict[int, str]:
+        """Reasons to doubt that rates are volumes, by index of their blocks."""
         doubts = {}
         for i, surveyed in enumerate(surveys):
             units = [channel.unit for channel in surveyed.channels if channel.kind in RATES]
@@ -409,16 +413,16 @@ class _Trial:
                     f'{surveyed.path.name}: its rate is read in {units[0]}, and "{masses[0]}" names a mass'
                 )
         for finding in unit_findings([surveyed for _, surveyed in self.sets], self.model):
-            doubts[self.block_of(finding.subject)] = finding.sentence
+            doubts[self.find_block(finding.subject)] = finding.sentence
         return doubts
 
 
-_TIMES = {"time_zero", "shots.offset"}  # keys without which an onset says nothing
+_TIMES = {"time_zero", "shots.offset"}  # keys that an onset needs
 _MASS = re.compile(r"(?<![a-z])mg(?![a-z])", re.I)
 
 
 def _thin(data: DataSet, most: int) -> DataSet:
-    """Data set with evenly spaced pressures and times of a map that has more than `most` points."""
+    """Thin a map of more than `most` points to evenly spaced pressures and times."""
     if not isinstance(data, QuantityData) or len(data.points) <= most:
         return data
     rails = np.array([point.initial_pressures()[0] for point in data.points])
@@ -432,7 +436,7 @@ def _thin(data: DataSet, most: int) -> DataSet:
 
 
 def _assume_open_values(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """Keys with substitutes for what is open, where the screening has one."""
+    """Replace open keys by the substitutes of the screening."""
     return {
         key: _assume_open_values(value)
         if isinstance(value, Mapping)
@@ -450,7 +454,7 @@ def _copy(source: Path, target: Path) -> Path:
 
 
 def _temperature_lines(model: Injector, text: str) -> list[str]:
-    """Fuel temperature that a bench has noted, as a value that the study changes."""
+    """Lines that fix the fuel temperature noted by the bench."""
     if not text:
         return []
     value, (low, high) = parse(text, "K"), model.fuel.temperature_range
@@ -476,7 +480,7 @@ def _head(injector: str, bench: Mapping[str, str], files: Sequence[str], noted: 
 
 
 def _meter_lines(delay: Delay | None) -> list[str]:
-    """Meter with a free delay, which the onsets of the curves ask for."""
+    """Lines of a meter with a free delay, suggested by the onsets of the curves."""
     if delay is None:
         return []
     note(f"{delay.sentence()}: the delay of their meter is free, as [meters.{BENCH}].delay; check it.")
@@ -490,7 +494,7 @@ def data_lines(
     stated: StatedByUser,
     doubts: Mapping[int, str] = MappingProxyType({}),
 ) -> list[str]:
-    """Lines of the blocks of files, each key that is to be stated or checked with a comment; `doubts` by block."""
+    """Lines of the blocks of files, with comments on keys to state or check; `doubts` by block."""
     lines: list[str] = []
     for i, (surveyed, block) in enumerate(zip(surveys, blocks, strict=True)):
         lines.append(f"# {surveyed.taken_for}{'; ' + surveyed.said if surveyed.said else ''}")
@@ -501,8 +505,8 @@ def data_lines(
         lines += [_line(key, value, is_to_check(key, block, stated)) for key, value in block.items()]
         if block["kind"] == "quantities" and "weight" not in block and any(other["kind"] == "rate" for other in blocks):
             lines.append(
-                f"weight = {WEIGHT} # few quantities have little say in the search beside the samples of rates; "
-                "the most likely values and intervals take each set by its noise instead"
+                f"weight = {WEIGHT} # gives few quantities more influence in the search next to many samples of rates; "
+                "the most likely values and intervals use the noise of each set instead"
             )
         lines.append("")
     return lines
@@ -510,7 +514,7 @@ def data_lines(
 
 def _parameter_lines(model: Injector, free: Sequence[Parameter], is_named: bool) -> list[str]:
     heading = (
-        "# Free: what nobody measured and these data see, best seen first; how far each is usually off is its prior."
+        "# Free: unmeasured parameters that affect these data, most influential first; usual errors are their priors."
     )
     lines = [heading] if free and not is_named else []
     for parameter in free:
@@ -538,10 +542,10 @@ def _prior_line(parameter: Parameter) -> list[str]:
 
 
 def _optimiser_lines(blocks: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Search for such data.
+    """Lines of the optimiser for such data.
 
-    On benches of a map and 120 shots the staged one ended at two thirds of the J of the evolution, in the same time
-    (`studies/walk_bench.py`): a map has cliffs, where quantities become zero.
+    On benches of a map and 120 shots the staged search reached two thirds of the J of the evolution in the same time
+    (`studies/walk_bench.py`): a map has cliffs where quantities become zero.
     """
     if any(block["kind"] == "quantities" for block in blocks):
         head = "[optimiser] # `members` are screened, ensembles contract, least squares follow, `polish` refines"
@@ -559,7 +563,7 @@ def _optimiser_lines(blocks: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def is_to_check(key: str, block: Mapping[str, Any], stated: StatedByUser) -> bool:
-    """Return whether a key has a value that is to be checked: neither content of the file nor user tells it."""
+    """Return whether a key has an assumed value: neither the content of the file nor the user states it."""
     return (
         key in _CHECKED
         and block["kind"] == "rate"
@@ -570,7 +574,7 @@ def is_to_check(key: str, block: Mapping[str, Any], stated: StatedByUser) -> boo
 
 
 def open_keys(keys: Mapping[str, Any]) -> list[str]:
-    """Keys whose values are unknown, those of an inline table with its name."""
+    """Keys with unknown values; keys of an inline table are prefixed by its name."""
     unknown_keys = [key for key, value in keys.items() if value == UNKNOWN]
     for key, value in keys.items():
         unknown_keys += [f"{key}.{inner}" for inner in open_keys(value)] if isinstance(value, Mapping) else []
@@ -580,7 +584,7 @@ def open_keys(keys: Mapping[str, Any]) -> list[str]:
 def _line(key: str, value: Any, is_checked: bool = False) -> str:
     comments = {
         "role": '"fit", or "validation": compared, not fitted',
-        "window": 'samples that count from the start of energising; seen by a meter: meter = "NAME", [meters.NAME]',
+        "window": 'samples that count, from the start of energising; for a meter: meter = "NAME", [meters.NAME]',
         "synthetic": "what about the data is not measured",
     }
     if is_checked:
@@ -591,43 +595,43 @@ def _line(key: str, value: Any, is_checked: bool = False) -> str:
 
 
 def _toml(value: Any) -> str:
-    """Value as TOML: a text, true or false, a list of them, or an inline table."""
+    """Value as TOML: text, boolean, list or inline table."""
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{key} = {value_text(item)}" for key, item in value.items()) + " }"
     return value_text(value)
 
 
-# Screening of an injector's parameters at the points of measured data: those that a first fit should free.
+# Screening of an injector's parameters at the points of measured data, for a first fit.
 
-# Ranges of lengths that the user names, over those of a screening: so wide that values of other types lie inside.
+# Factor on the ranges of parameters named by the user: wide enough for other injector types.
 NAMED = 2.0
-# Rms change of the data over their rms from which a parameter is freed, chosen at a bench's noise: where a model is far
-# from the part, its slopes say little of what the part will ask for, and a prior holds what the data do not.
+# Smallest rms change of the data, relative to their rms, from which a parameter is freed: about the noise of a bench.
+# If the model is far from the part, slopes are a weak guide; a prior then holds what the data do not determine.
 SEEN = 0.01
-MOST = 12  # parameters that are freed
-MOST_SIMULATIONS = 40_000  # some 10 s
+MOST = 12  # freed parameters
+MOST_SIMULATIONS = 40_000  # about 10 s
 
 
 def usual_space(injector: Injector, names: Sequence[str] = ()) -> Space:
-    """Parameters of an injector, each within a usual range about its value; by default what nobody has measured.
+    """Parameters of an injector within usual ranges about their values; default: all unmeasured parameters.
 
-    Measured values, counts, zeros and the temperature of the fuel are no part of these. Raises `InputError` for a name
-    that is unknown, and `ConfigurationError` for one that the variant does not read, or that has no range.
+    The default excludes counts, zeros and the temperature of the fuel. Raises `InputError` for an unknown name, and
+    `ConfigurationError` for a parameter that the variant does not read or that has no range.
     """
     for name in names:
         if name not in injector.values:
             raise InputError(f"{injector.name} has no parameter {name}{nearest(name, injector.values)}.")
     injector.check_read(names)
-    wider = NAMED if names else 1.0
-    return Space([usual_parameter(injector, name, wider) for name in names or _names(injector)])
+    widening = NAMED if names else 1.0
+    return Space([usual_parameter(injector, name, widening) for name in names or _names(injector)])
 
 
 def screen(injector: Injector, space: Space, data: Sequence[DataSet], time_step: float) -> list[Parameter]:
-    """Parameters of a space to free, best seen first; none where the data have too many points.
+    """Screen the parameters of a space for those to free, most influential first; empty if the data are too large.
 
-    From the local slopes of the simulated data: each is the parameter whose range changes them most beyond what those
-    before it imitate (pivoted Gram-Schmidt; Yao et al. 2003, Polym. React. Eng. 11, 563), as long as that is `SEEN`.
-    `time_step` in [s].
+    From the local slopes of the simulated data, each step takes the parameter whose range changes the data most beyond
+    the effects of the parameters before it, while the change is at least `SEEN` (pivoted Gram-Schmidt; Yao et al. 2003,
+    Polym. React. Eng. 11, 563). `time_step` in [s].
     """
     place = around(space, space.reference)
     left = MOST_SIMULATIONS // len(place.values)
@@ -646,7 +650,7 @@ def screen(injector: Injector, space: Space, data: Sequence[DataSet], time_step:
 
 
 def _best_seen(changes: Floats) -> list[int]:
-    """Columns of changes (n, parameters) in the order in which the data see them, up to `MOST`."""
+    """Order columns of changes (n, parameters) by their effect on the data, up to `MOST`."""
     rest, order = changes.copy(), list[int]()
     while len(order) < MOST:
         further = np.linalg.norm(rest, axis=0)
@@ -660,7 +664,11 @@ def _best_seen(changes: Floats) -> list[int]:
 
 
 def _names(injector: Injector) -> list[str]:
-    of_the_model = "solenoid.turns", "drive.regulator_gain", FUEL_TEMPERATURE  # wound, chosen, stated by the bench
+    of_the_model = (
+        "solenoid.turns",
+        "drive.regulator_gain",
+        FUEL_TEMPERATURE,
+    )  # fixed by design, by choice and by the bench
     fixed = {*COUNTS, *of_the_model, *unread_parameters(injector.variant)}
     return [
         name

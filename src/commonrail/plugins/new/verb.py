@@ -1,4 +1,4 @@
-"""commonrail new: a commented injector, study and data file to start from, a study of data files, or a plug-in."""
+"""commonrail new: write an example study, a study of data files, or a plug-in."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ import click
 from commonrail.base import registry
 from commonrail.base.errors import InputError
 from commonrail.cli.console import print_json, print_pairs
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import DecimalSign, Encoding, Json, SheetName, check_folder, read_form
 
 if TYPE_CHECKING:
     from commonrail.plugins.new.study import Started, StatedByUser
 
-# What the user states for files that do not.
+# Facts that the user states for files that lack them.
 BenchCylinderPressure = Annotated[str, Option(help="Cylinder pressure of the bench, e.g. 5MPa.")]
 BenchReturnPressure = Annotated[str, Option(help="Pressure at the end of the return line, e.g. 0.5MPa.")]
 RateRailPressure = Annotated[str, Option(help="Rail pressure of rates whose files do not state it.")]
 RateEnergisingTime = Annotated[str, Option(help="Energising time of rates whose files do not state it.")]
-PressureUnit = Annotated[str, Option(help="Unit of the rail pressures of maps that have none.")]
-TimeUnit = Annotated[str, Option(help="Unit of the energising times of maps that have none.")]
-QuantityUnit = Annotated[str, Option(help="Unit of the quantities of maps that have none, e.g. mm3.")]
+PressureUnit = Annotated[str, Option(help="Unit of rail pressures of maps that state none.")]
+TimeUnit = Annotated[str, Option(help="Unit of energising times of maps that state none.")]
+QuantityUnit = Annotated[str, Option(help="Unit of quantities of maps that state none, e.g. mm3.")]
 
 
-@verb
+@table_verb
 def new(
     folder: Annotated[
-        Path | None, Argument(metavar="DIR", help="A new or empty folder; with --plugin by default of its name.")
+        Path | None, Argument(metavar="DIR", help="New or empty folder; default with --plugin: its name.")
     ] = None,
     *,
     injector: Annotated[
@@ -64,9 +64,8 @@ def new(
 ) -> None:
     """Write a small study to start from.
 
-    Its example curve is synthetic and marked so. With --from it is a study of your own files: maps, traces or
-    records of shots, copied and described as they were understood, with the parameters that a screening at the points
-    of the data proposes.
+    The example curve is synthetic. With --from the study uses your own files: maps, traces or records of shots. They
+    are copied, described as they were understood, and a screening at their points proposes free parameters.
 
     \b
     Examples:
@@ -85,14 +84,14 @@ def new(
     of_data = any((*pressures.values(), *points.values(), *units, *free, sheet, encoding, decimal))
     if plugin:
         if from_ or injector is not None or of_data:
-            raise InputError("--plugin stands alone; omit the options of a study.")
+            raise InputError("--plugin excludes the options of a study; omit them.")
         following = f"pip install -e {quote(str(folder))}, then pytest {quote(str(folder))}, commonrail {plugin} --help"
         _say_written(write_plugin(folder, plugin), f'{following}; in a study: method = "{plugin} search"', json)
         return
     if from_ or injector is not None:
         if injector is None or not from_:
             raise InputError(
-                "Give --injector and one or more files with --from, or neither; `commonrail catalogue` lists injectors."
+                "State both --injector and --from FILE, or neither; `commonrail catalogue` lists injectors."
             )
         from commonrail.plugins.new.study import write_study_from
 
@@ -107,7 +106,7 @@ def new(
             _print(started)
         return
     if of_data:
-        raise InputError("Pressures, times, units, form of the files and --free belong to --from; omit them.")
+        raise InputError("Pressures, times, units, form of the files and --free need --from; add it, or omit them.")
     from commonrail.plugins.new.study import write_new
 
     _say_written(write_new(folder), f"commonrail calibrate {quote(str(folder / 'study.toml'))}", json)
@@ -122,7 +121,7 @@ def _say_written(written: Sequence[Path], following: str, json: bool) -> None:
     click.echo(f"next: {following}")
 
 
-# A package with parts, from the templates beside this module: $name is its name, $module that of its module.
+# A package with parts, from the templates next to this module: $name is the package, $module its module.
 
 _NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
 _TEMPLATES = {
@@ -138,17 +137,17 @@ _TEMPLATES = {
 def write_plugin(folder: Path, name: str) -> list[Path]:
     """Write a package with a verb and an optimiser, and its tests, into a new or empty folder.
 
-    Raises `InputError` if the name is no name of a package or that of a verb, or something is in the folder.
+    Raises `InputError` if the name is not valid for a package or is already a verb, or the folder is not empty.
     """
     from commonrail.plugins.new.study import write_into
 
     if not _NAME.fullmatch(name):
-        raise InputError(f"--plugin {name}: give a name of small letters, digits and single hyphens, as my-plugin.")
+        raise InputError(f"--plugin {name}: use small letters, digits and single hyphens, as in my-plugin.")
     if registry.find("verbs", name) is not None:
-        raise InputError(f"--plugin {name}: there is a verb of this name; choose another.")
+        raise InputError(f"--plugin {name}: a verb of this name exists; choose another name.")
     module = name.replace("-", "_")
     if iskeyword(module) or find_spec(module) is not None:
-        raise InputError(f"--plugin {name}: there is a module {module} in this Python; choose another name.")
+        raise InputError(f"--plugin {name}: this Python has a module {module}; choose another name.")
     templates = resources.files(__package__) / "plugin_template"
     texts = {
         path.format(module): Template((templates / file).read_text(encoding="utf-8")).substitute(
@@ -166,10 +165,10 @@ def read_stated(
     units: tuple[str, str, str],
     files: Sequence[Path],
 ) -> StatedByUser:
-    """Values that the options of a verb state for data files, as texts by keys of a study.
+    """Values that options state for data files, as texts by keys of a study.
 
-    Pressures and times that no operating point has are refused (`InputError`), and unusual ones noted. `form`:
-    encoding, decimal sign, sheet; `units`: of rail pressures, energising times and quantities.
+    Impossible pressures and times are refused (`InputError`), unusual ones noted. `form`: encoding, decimal sign,
+    sheet; `units`: of rail pressures, energising times and quantities.
     """
     from commonrail.base.arguments import amount
     from commonrail.base.hooks import note
@@ -184,7 +183,7 @@ def read_stated(
             option, (unit, limits) = f"--{key.replace('_', '-')}", limits_by_key.get(key, ("Pa", OTHER_PRESSURES))
             low, high = limits.likely
             if not low <= amount(text, unit, option, limits) <= high:
-                note(f"{option}: {text} was read, and {to_text(low, unit)} to {to_text(high, unit)} is usual.")
+                note(f"{option}: {text} is unusual; {to_text(low, unit)} to {to_text(high, unit)} is expected.")
     return StatedByUser(pressures, points, read_form(*form, files), GivenUnits(*units))
 
 
@@ -200,5 +199,5 @@ def _print(started: Started) -> None:
     if started.assumed:
         click.echo(f"assumed, check: {', '.join(started.assumed)}")
     if started.free:
-        click.echo(f"free, best seen by the data first: {', '.join(started.free)}")
+        click.echo(f"free, most influential first: {', '.join(started.free)}")
     click.echo(f"next: check {started.study}, then commonrail calibrate {quote(str(started.study))}")

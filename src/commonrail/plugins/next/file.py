@@ -1,4 +1,4 @@
-"""Measuring plans as CSV files and JSON records."""
+"""Measuring plan as CSV file and JSON record."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from commonrail.base.csv_output import write_csv
 from commonrail.base.text import number
 from commonrail.plugins.next.run import Measurement, MeasurementPlan
-from commonrail.plugins.next.study import place_of
+from commonrail.plugins.next.study import locate
 
 HEADER = (
     "order",
@@ -31,7 +31,7 @@ def write_plan(path: Path, plan: MeasurementPlan) -> None:
 
 
 def _row(measurement: Measurement) -> list[str]:
-    rail, time, dwell = place_of(measurement.candidate.point)
+    rail, time, dwell = locate(measurement.candidate.point)
     pulses = measurement.candidate.point.pulses
     first = f"{pulses[0].duration * 1e6:.6g}" if len(pulses) > 1 else ""
     numbers = [
@@ -52,7 +52,7 @@ def _row(measurement: Measurement) -> list[str]:
 
 
 def _record(measurement: Measurement) -> dict[str, Any]:
-    rail, time, dwell = place_of(measurement.candidate.point)
+    rail, time, dwell = locate(measurement.candidate.point)
     return {
         "kind": measurement.candidate.kind,
         "rail_pressure": rail,

@@ -1,4 +1,4 @@
-"""Tables and sentences of a measuring plan, and what notebooks show of it."""
+"""Measuring plan in reports, terminal and notebooks: tables, sentences, figure."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.physics.meters import known_quantity
 from commonrail.plugins.next.run import Measurement, MeasurementPlan
 from commonrail.plugins.next.settings import Criterion
-from commonrail.plugins.next.study import place_of
+from commonrail.plugins.next.study import locate
 from commonrail.report.analysis import result_html
 from commonrail.report.fit.rules import Tile
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
@@ -33,15 +33,17 @@ _AIMS = {
 def plan_tables(plan: MeasurementPlan) -> list[Table]:
     """Measurements in order, and standard errors before and after them."""
     rows = list(enumerate(plan.measurements, 1))
-    note = f"Factor: {_AIMS[plan.settings.criterion]}, with this measurement and those above it, over that before."
+    note = (
+        f"Factor: {_AIMS[plan.settings.criterion]}, with the measurements up to this row, relative to before the plan."
+    )
     first = table_from_columns(
         "Next measurements",
         rows,
         [
             ("kind", lambda row: row[1].candidate.kind),
-            ("p, MPa", lambda row: to_fixed(place_of(row[1].candidate.point)[0], 1, 1e-6)),
+            ("p, MPa", lambda row: to_fixed(locate(row[1].candidate.point)[0], 1, 1e-6)),
             ("dwell, µs", lambda row: _dwell(row[1])),
-            ("ET, µs", lambda row: to_fixed(place_of(row[1].candidate.point)[1], 0, 1e6)),
+            ("ET, µs", lambda row: to_fixed(locate(row[1].candidate.point)[1], 0, 1e6)),
             ("cost", lambda row: significant(row[1].candidate.cost, 3)),
             ("expected, mm³", lambda row: significant(row[1].value, 3, 1e9)),
             ("st. dev. before, mm³", lambda row: significant(row[1].deviation, 2, 1e9)),
@@ -58,7 +60,7 @@ def plan_tables(plan: MeasurementPlan) -> list[Table]:
             ("with the plan", lambda item: quantity(plan.after[item[0]], known_quantity(item[0]).unit, 3)),
             ("ratio", lambda item: to_fixed(plan.after[item[0]] / item[1], 3)),
         ],
-        "What is known by bounds alone counts as a uniform distribution.",
+        "A parameter that is known only by its bounds counts as uniformly distributed.",
     )
     return [first, second]
 
@@ -67,7 +69,7 @@ _KINDS = {"quantities": "a quantity", "rate": "a rate curve", "return quantities
 
 
 def plan_headline(plan: MeasurementPlan) -> str:
-    """Cost of the plan, its gain, whether that is worth measuring, and the gain by another kind."""
+    """Cost and gain of the plan, whether it is worth measuring, and the gain by other kinds of measurement."""
     texts = [f"{count_noun(len(plan.measurements), 'measurement')} at cost {plan.cost:g}"]
     for last in plan.measurements[-1:]:
         aims = "predictions" if plan.settings.criterion is Criterion.V else "the parameters"
@@ -87,21 +89,21 @@ def _fall(ratio: float) -> str:
 
 
 def _where(measurement: Measurement) -> str:
-    rail, time, _ = place_of(measurement.candidate.point)
+    rail, time, _ = locate(measurement.candidate.point)
     return f"{pressure(rail)}, {to_fixed(time, 0, MICROSECOND)} µs"
 
 
 def plan_lines(plan: MeasurementPlan) -> list[str]:
-    """Gain and cost, number of candidates, and what the plan takes for granted."""
+    """Sentences on gain and cost, number of candidates, and assumptions."""
     lines = [plan_headline(plan), f"chosen from {plan.candidates} candidates"]
     if len(plan.measurements) < plan.settings.points:
         asked = count_noun(plan.settings.points, "measurement")
         lines.append(
-            f"{len(plan.measurements)} of the {asked} asked for: no other candidate tells more within the budget and "
-            "the distance between points; state more rail pressures or energising times, or a smaller distance."
+            f"Only {len(plan.measurements)} of {asked}: no other candidate adds information within the budget and the "
+            "distance between points; state more rail pressures or energising times, or a smaller distance."
         )
     if plan.failed:
-        lines.append(f"{plan.failed} pairs of a candidate and a draw could not be simulated; they are left out.")
+        lines.append(f"{plan.failed} simulations of candidates failed; they are omitted.")
     return lines + list(plan.notes)
 
 
@@ -112,19 +114,17 @@ def plan_html(plan: MeasurementPlan, study: Study) -> str:
 
 
 def plan_tiles(plan: MeasurementPlan) -> list[Tile]:
-    """The first measurements, and what the plan gains until then."""
+    """Tiles of the first measurements, with the gain up to each."""
     tiles = []
     for k, measurement in enumerate(plan.measurements[:TILES], 1):
         dwell = f"dwell {_dwell(measurement)} µs; " if len(measurement.candidate.point.pulses) > 1 else ""
-        words = (
-            f"{dwell}standard deviation {to_signed(100.0 * (measurement.factor - 1.0), 0)} % with it and those before"
-        )
+        words = f"{dwell}standard deviation {to_signed(100.0 * (measurement.factor - 1.0), 0)} % up to here"
         tiles.append(Tile(f"{k}. {measurement.candidate.kind}", _where(measurement), words))
     return tiles
 
 
 def plan_figures(plan: MeasurementPlan, measured: Sequence[OperatingPoint] = ()) -> list[Chart]:
-    """Measurements among the operating points `measured` that the fit has seen; none of an empty plan."""
+    """Figure of the planned among the fitted operating points (`measured`); empty for an empty plan."""
     planned = [measurement.candidate.point for measurement in plan.measurements]
     series = [Series("planned", "best", *_coordinates(planned), MARKERS, 1)]  # squares among discs
     series += [Series("fitted", "measured", *_coordinates(measured), MARKERS)] if measured else []
@@ -134,22 +134,20 @@ def plan_figures(plan: MeasurementPlan, measured: Sequence[OperatingPoint] = ())
 
 def _coordinates(places: Sequence[OperatingPoint]) -> tuple[Points, Points]:
     """Energising times [µs] and rail pressures [MPa]."""
-    coordinates = [place_of(point) for point in places]
+    coordinates = [locate(point) for point in places]
     return points(time * MICROSECOND for _, time, _ in coordinates), points(rail * MPA for rail, _, _ in coordinates)
 
 
 def _dwell(measurement: Measurement) -> str:
     return (
-        to_fixed(place_of(measurement.candidate.point)[2], 0, 1e6)
-        if len(measurement.candidate.point.pulses) > 1
-        else "–"
+        to_fixed(locate(measurement.candidate.point)[2], 0, 1e6) if len(measurement.candidate.point.pulses) > 1 else "–"
     )
 
 
 def _arrays(plan: MeasurementPlan) -> Arrays:
     """Measurements in their order."""
     ones = plan.measurements
-    places = np.array([place_of(measurement.candidate.point) for measurement in ones]).reshape(-1, 3)
+    places = np.array([locate(measurement.candidate.point) for measurement in ones]).reshape(-1, 3)
     axis = ("measurement",)
     values = {
         "kind": Array(axis, np.array([measurement.candidate.kind for measurement in ones])),

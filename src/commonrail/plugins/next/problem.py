@@ -1,4 +1,4 @@
-"""Linear model of all candidates about the draws of a fit, with the errors that measurements share."""
+"""Linear model of all candidates about the draws of a fit, with the errors shared by measurements."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from commonrail.base.arrays import Floats
-from commonrail.data.base import DataSet, widths_of
+from commonrail.data.base import DataSet, value_widths
 from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.simulator import Simulator
@@ -18,18 +18,18 @@ from commonrail.plugins.certainty.estimate import Estimate, bounded
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.noise_fit import Block, FittedNoise, block_of
 from commonrail.plugins.next.settings import Criterion
-from commonrail.plugins.next.study import Candidate, Problem, place_of, planned
+from commonrail.plugins.next.study import Candidate, Problem, locate, plan_data_sets
 
-KEPT = 0.999  # share of a discrepancy's variance that its loads hold
-FIRM = 1e-12  # added to variances of positions, of which a combination may not vary at all
+KEPT = 0.999  # share of a discrepancy's variance that its loads represent
+FIRM = 1e-12  # added to variances of positions, since a combination of them may not vary at all
 
 
 class Response(NamedTuple):
-    """Measurement that could be made, as a linear model of the positions of the parameters.
+    """Candidate as a linear model of the positions of the parameters between their bounds.
 
-    `value` is the mean quantity over the draws [m³], NaN if the kind has none or most simulations failed; `scale` the
-    unit of the rows, for a quantity its tolerance [m³], NaN for a curve. `rows` (r, d) are derivatives of the whitened
-    values with respect to the positions; `plain` (d,) are derivatives of a quantity in tolerances, zero for a curve.
+    `value`: mean quantity over the draws [m³], NaN if not defined or most simulations failed; `scale`: tolerance of a
+    quantity [m³], NaN for a curve; `rows` (r, d): derivatives of the whitened values with respect to the positions;
+    `plain` (d,): derivatives of a quantity in tolerances, zero for a curve.
     """
 
     candidate: Candidate
@@ -41,11 +41,11 @@ class Response(NamedTuple):
 
 
 def regress(unit: Floats, values: Floats) -> Floats:
-    """Derivatives (d, n) of values (m, n) with respect to positions (m, d): a linear regression on the draws."""
+    """Regress values (m, n) on positions (m, d) of the draws: derivatives (d, n)."""
     return np.asarray(np.linalg.lstsq(unit - unit.mean(axis=0), values - values.mean(axis=0), rcond=None)[0])
 
 
-def responses_of(
+def simulate_responses(
     candidates: Sequence[Candidate],
     data: Sequence[DataSet],
     noises: Mapping[str, FittedNoise],
@@ -53,15 +53,16 @@ def responses_of(
     points: Floats,
     unit: Floats,
 ) -> list[Response]:
-    """Responses of candidates, in order, simulated at draws (m, d): points [SI], and their positions between bounds.
+    """Simulate the candidates at draws (m, d) and linearise them, in order.
 
-    `noises` are those of a measurement of each kind. A candidate that fails at most of the draws tells nothing.
+    `points` [SI] and `unit` (positions between bounds) are the draws; `noises`: noise of each kind of measurement. A
+    candidate that fails at most of the draws gets zero derivatives.
     """
     responses: dict[int, Response] = {}
     for kind in dict.fromkeys(candidate.kind for candidate in candidates):
         places = [i for i, candidate in enumerate(candidates) if candidate.kind == kind]
         group = [candidates[i] for i in places]
-        sets = planned(kind, [candidate.point for candidate in group], data)
+        sets = plan_data_sets(kind, [candidate.point for candidate in group], data)
         if isinstance(sets[0], QuantityData):
             simulated = sets[0].simulated(simulator, points)
             of_kind = [_quantity(c, sets[0], noises[kind], y, unit) for c, y in zip(group, simulated.T, strict=True)]
@@ -98,17 +99,17 @@ def _curve(candidate: Candidate, data: DataSet, noise: FittedNoise, values: Floa
     slopes = regress(unit[sound], data.residuals(values[sound]))
     tangents = _decorrelate(noise.whiten(slopes), block_of(data, 0), noise)
     # the rows of R of a QR decomposition tell as much as all samples
-    value = float(np.sum(mean * widths_of(data))) if isinstance(data, RateData) else math.nan
+    value = float(np.sum(mean * value_widths(data))) if isinstance(data, RateData) else math.nan
     rows = np.asarray(np.linalg.qr(tangents.T, mode="r"), float)
     return Response(candidate, value, math.nan, rows, np.zeros(unit.shape[1]), failed)
 
 
 def _silent(candidate: Candidate, scale: float, d: int, failed: int) -> Response:
-    """Response of a candidate that fails at most of the draws: it tells nothing of d parameters."""
+    """Response with zero derivatives, for a candidate that fails at most of the draws."""
     return Response(candidate, math.nan, scale, np.zeros((1, d)), np.zeros(d), failed)
 
 
-def problem_of(
+def build_problem(
     criterion: Criterion,
     estimate: Estimate,
     likelihood: Likelihood,
@@ -119,15 +120,13 @@ def problem_of(
     injector_count: int,
     predicted: int,
 ) -> Problem:
-    """Problem of design about draws (m, d) of a fit.
+    """Build the design problem about draws (m, d) of a fit.
 
-    The unknowns are the positions, whose covariance is that of the draws, and the loads of stated discrepancies. Data
-    sets are in the order of the blocks of `likelihood`, whose noise is taken for granted.
+    Unknowns are the positions, with the covariance of the draws, and the loads of stated discrepancies. Data sets are
+    in the order of the blocks of `likelihood`, whose noise is taken as known.
 
-    `parameters`: columns that criteria D and A are about; `injector_count`: number of parameters of the injector, the
-    first ones,
-    since a prediction does not depend on those of the bench; `predicted`: number of responses, the first ones, that
-    criterion V is about.
+    `parameters`: columns for criteria D and A; `injector_count`: number of leading parameters that belong to the
+    injector, since predictions do not depend on the bench; `predicted`: number of leading responses for criterion V.
     """
     loads, planned_loads = _discrepancies(likelihood, data, responses)
     d, size = draws.shape[1], draws.shape[1] + len(loads)
@@ -136,9 +135,10 @@ def problem_of(
     crossed, of_loads = joint[:d, d:], joint[d:, d:] + np.eye(len(loads))
     information = np.zeros((size, size))
     information[:d, :d] = np.linalg.inv(bounded(np.cov(draws.T).reshape(d, d)) + FIRM * np.eye(d))
-    if len(loads):  # so that the covariance of the positions, whatever the loads are, stays that of the draws
+    if len(loads):  # keeps the marginal covariance of the positions equal to the covariance of the draws
         information[:d, :d] += crossed @ np.linalg.solve(of_loads, crossed.T)
-        information[:d, d:], information[d:, :d], information[d:, d:] = crossed, crossed.T, of_loads
+        information[:d, d:], information[d:, :d] = crossed, crossed.T
+        information[d:, d:] = of_loads
     rows = np.zeros((len(responses), max(len(response.rows) for response in responses), size))
     for i, response in enumerate(responses):
         rows[i, : len(response.rows), :d] = response.rows
@@ -153,9 +153,9 @@ def problem_of(
 
 
 def _predictions(responses: Sequence[Response], loads: Floats, rows: Floats, d: int, injector_count: int) -> Floats:
-    """Rows (k, D) of predictions in tolerances, of the real injector: model and discrepancy.
+    """Rows (k, D) of predictions of the real injector (model and discrepancy), in tolerances.
 
-    Where no candidate is a quantity, the samples of the curves are predicted, in units of their noise.
+    If no candidate is a quantity, the samples of the curves are predicted, in units of their noise.
     """
     maps = [i for i, response in enumerate(responses) if math.isfinite(response.scale)]
     if not maps:
@@ -168,7 +168,7 @@ def _predictions(responses: Sequence[Response], loads: Floats, rows: Floats, d: 
 
 
 def _slope_weights(estimate: Estimate) -> Floats:
-    """Information of an innovation (n,) of each value's law over that of the Gaussian one."""
+    """Information of each value's noise law relative to a Gaussian (n,)."""
     likelihood, weights = estimate.likelihood, np.ones(estimate.likelihood.size)
     innovations = likelihood.whiten(estimate.errors)
     for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True):
@@ -176,12 +176,13 @@ def _slope_weights(estimate: Estimate) -> Floats:
     return weights
 
 
-# What the model cannot do is an error that measurements share. Each is a load of unit variance on the values, made and
-# planned; loads are further unknowns with unit prior information. Those of a single curve are part of its covariance.
+# A discrepancy of the model is an error shared by measurements. Each is a load of unit variance on the measured and
+# planned values; loads are further unknowns with unit prior information. Loads of a single curve belong to its
+# covariance instead.
 
 
 def has_discrepancy(block: Block) -> bool:
-    """True if a data set states a discrepancy that is correlated."""
+    """True if a data set states a correlated discrepancy."""
     return bool(block.noise.discrepancy and block.noise.length)
 
 
@@ -199,7 +200,7 @@ def common_loads(block: Block, places: Floats) -> Floats:
 
 
 def _decorrelate(tangents: Floats, block: Block, noise: FittedNoise) -> Floats:
-    """Derivatives (d, n) of a curve, whitened by the noise alone, with its stated discrepancy as part of the noise."""
+    """Whiten derivatives (d, n) of a curve by its stated discrepancy, after whitening by the noise."""
     loads = noise.whiten(block.stated_courses())
     if not len(loads):
         return tangents
@@ -208,7 +209,7 @@ def _decorrelate(tangents: Floats, block: Block, noise: FittedNoise) -> Floats:
 
 
 def _first(data: Sequence[DataSet], response: Response) -> int:
-    """Number of the first data set of a candidate's kind."""
+    """Index of the first data set of a candidate's kind."""
     return next(i for i, data_set in enumerate(data) if data_set.kind == response.candidate.kind)
 
 
@@ -217,7 +218,7 @@ def _discrepancies(
 ) -> tuple[Floats, Floats]:
     """Loads (k, n) of the maps' discrepancies on the data, and on the candidates (k, c)."""
     of_data, of_candidates = [np.zeros((0, likelihood.size))], [np.zeros((0, len(responses)))]
-    places = np.array([place_of(response.candidate.point)[1::-1] for response in responses])
+    places = np.array([locate(response.candidate.point)[1::-1] for response in responses])
     first = np.array([_first(data, response) for response in responses])
     for i, block in enumerate(likelihood.blocks):
         if block.ordered or not has_discrepancy(block):

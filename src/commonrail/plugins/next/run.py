@@ -1,4 +1,4 @@
-"""Next measurements of a calibration: those that would make named parameters or a map's predictions most certain."""
+"""Choice of the next measurements: the plan that makes parameters or predictions most certain."""
 
 from __future__ import annotations
 
@@ -23,34 +23,33 @@ from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.noise_fit import FittedNoise
 from commonrail.plugins.certainty.run import certainty as certify
 from commonrail.plugins.certainty.uncertain import with_uncertain_free
-from commonrail.plugins.next.problem import Response, has_discrepancy, problem_of, responses_of
+from commonrail.plugins.next.problem import Response, build_problem, has_discrepancy, simulate_responses
 from commonrail.plugins.next.settings import DesignSettings
 from commonrail.plugins.next.study import (
     KINDS,
     MOST_CANDIDATES,
     Candidate,
     Problem,
-    fitted_kinds,
     grid,
-    place_of,
-    planned,
+    list_fitted_kinds,
+    locate,
+    plan_data_sets,
     usual_axes,
 )
 
-# Choice of measurements: one after the other by gain per cost, then exchange as long as one improves the plan.
+# Measurements are added by gain per cost, then exchanged as long as an exchange improves the plan.
 
-LEAST = 1e-9  # fall of the criterion that counts as one
+LEAST = 1e-9  # smallest decrease of the criterion that counts
 MOST_EXCHANGES = 200
-OTHER_STARTS = 8  # plans that begin with the second, third … best first measurement
+OTHER_STARTS = 8  # further plans, which begin with the second best measurement, the third best, and so on
 
 
 class Rules(NamedTuple):
     """Limits of a plan.
 
-    `costs` (c,) are those of the candidates; `levels` (c,) settings of the bench that they need, such as a rail
-    pressure, of which each that a plan uses costs `level_cost`; `blocked` (c, c) marks candidates that exclude each
-    other, and on the diagonal those that may not be repeated; `most` is the largest number of measurements, `budget`
-    the largest cost.
+    `costs` (c,): costs of the candidates; `levels` (c,): setting of the bench that each needs, such as a rail pressure;
+    each level in a plan costs `level_cost`; `blocked` (c, c): pairs of candidates that exclude each other (on the
+    diagonal: no repetition); `most`: largest number of measurements; `budget`: largest cost.
     """
 
     costs: Floats
@@ -65,14 +64,14 @@ class Rules(NamedTuple):
         which = list(selection)
         return float(np.sum(self.costs[which])) + self.level_cost * len(set(self.levels[which].tolist()))
 
-    def added(self, selection: Sequence[int]) -> Floats:
+    def added_cost(self, selection: Sequence[int]) -> Floats:
         """Cost (c,) that each candidate adds to a plan."""
         new = ~np.isin(self.levels, self.levels[list(selection)])
         return np.asarray(self.costs + self.level_cost * new)
 
     def admissible(self, selection: Sequence[int]) -> Bools:
-        """Mask (c,) of the candidates that may join a plan."""
-        fits = self.cost(selection) + self.added(selection) <= self.budget * (1.0 + 1e-9)
+        """Mask (c,) of the candidates that can be added to a plan."""
+        fits = self.cost(selection) + self.added_cost(selection) <= self.budget * (1.0 + 1e-9)
         return np.asarray(fits & ~self.blocked[list(selection)].any(axis=0))
 
 
@@ -83,11 +82,11 @@ def too_close(places: Floats, others: Floats, least: Floats) -> Bools:
 
 
 def greedy(problem: Problem, rules: Rules, first: Sequence[int] = (), *, per_cost: bool = True) -> list[int]:
-    """Measurements after `first`, each the best next one by the fall of the criterion, per cost or alone."""
+    """Extend `first` by the candidate that lowers the criterion most (per cost or in total), again and again."""
     selection = list(first)
     while len(selection) < rules.most:
         fall = problem.score(selection) - problem.scores(selection)
-        worth = fall / rules.added(selection) if per_cost else fall
+        worth = fall / rules.added_cost(selection) if per_cost else fall
         worth = np.where(rules.admissible(selection) & (fall > LEAST), worth, -np.inf)
         best = int(worth.argmax())
         if not np.isfinite(worth[best]):
@@ -97,7 +96,7 @@ def greedy(problem: Problem, rules: Rules, first: Sequence[int] = (), *, per_cos
 
 
 def exchange(problem: Problem, rules: Rules, selection: Sequence[int]) -> list[int]:
-    """Plan with measurements exchanged, the best exchange first, until none improves it."""
+    """Exchange measurements of a plan, best exchange first, until no exchange improves it."""
     plan = list(selection)
     for _ in range(MOST_EXCHANGES):
         before = problem.score(plan)
@@ -114,39 +113,38 @@ def exchange(problem: Problem, rules: Rules, selection: Sequence[int]) -> list[i
 
 
 def select(problem: Problem, rules: Rules) -> list[int]:
-    """Best plan found, in the order of gain per cost.
+    """Select the best plan, ordered by gain per cost.
 
-    Plans are greedy with and without regard to cost, and such as begin with another good measurement; each is improved
-    by exchange.
+    Greedy plans with and without regard to cost, and with other good first measurements, are improved by exchange.
     """
     worth = np.where(rules.admissible([]), -problem.scores([]), -np.inf)
     starts = [[int(i)] for i in np.argsort(-worth, kind="stable")[1 : 1 + OTHER_STARTS] if np.isfinite(worth[i])]
     plans = [greedy(problem, rules, per_cost=False), *(greedy(problem, rules, first) for first in ([], *starts))]
-    return _ordered(problem, rules, min((exchange(problem, rules, plan) for plan in plans), key=problem.score))
+    return _order_by_gain(problem, rules, min((exchange(problem, rules, plan) for plan in plans), key=problem.score))
 
 
-def _ordered(problem: Problem, rules: Rules, plan: Sequence[int]) -> list[int]:
-    """The plan, each measurement the best next one per cost."""
+def _order_by_gain(problem: Problem, rules: Rules, plan: Sequence[int]) -> list[int]:
+    """Order a plan so that each measurement is the best next one per cost."""
     left, ordered = list(plan), list[int]()
     while left:
-        worth = (problem.score(ordered) - problem.scores(ordered)) / rules.added(ordered)
+        worth = (problem.score(ordered) - problem.scores(ordered)) / rules.added_cost(ordered)
         ordered.append(left.pop(int(np.argmax(worth[left]))))
     return ordered
 
 
-TRUSTED = 5.0  # degrees of freedom from which a scale that was estimated is believed
-WORTH = 0.1  # fall of an error from which it is worth measuring: an error that 50 values estimate is uncertain by that
-DRAWS, DRAWS_EACH = 100, 5  # draws at which candidates are simulated, or more of many parameters
-MOST_TRIED = 16  # places at which a kind that is not planned is tried: the best of them is named, no plan is made
+TRUSTED = 5.0  # degrees of freedom from which an estimated noise scale is used
+WORTH = 0.1  # relative decrease of an error that is worth measuring: the uncertainty of an error from 50 values
+DRAWS, DRAWS_EACH = 100, 5  # draws at which candidates are simulated: at least, and per parameter
+MOST_TRIED = 16  # places at which other kinds of measurement are tried
 
 
 class Measurement(NamedTuple):
     """Measurement of a plan.
 
-    `value` is the injected or returned quantity that is expected [m³], NaN if it could not be simulated; `deviation`
-    the standard deviation of that quantity before the plan [m³], noise of the measurement excluded, NaN for a curve;
-    `factor` a typical standard deviation that the criterion is about, after this measurement and those before it, over
-    that before the plan; `ratio` the same of the standard error of the plan's `widest` parameter.
+    `value`: expected injected or returned quantity [m³], NaN if it could not be simulated; `deviation`: standard
+    deviation of this quantity before the plan [m³], without measurement noise, NaN for a curve; `factor`: typical
+    standard deviation of the criterion after the plan up to here, over the value before the plan; `ratio`: the same for
+    the standard error of the plan's `widest` parameter.
     """
 
     candidate: Candidate
@@ -167,17 +165,17 @@ class MeasurementPlan(Shown):
     cost : float
     settings : DesignSettings
     candidates : int
-        Number that the plan was chosen from.
+        Number of candidates.
     before, after : mapping of str to float
         Standard error of each parameter [SI], without and with the plan.
     failed : int
-        Simulations of candidates that failed, each at one draw.
+        Failed simulations of candidates.
     notes : tuple of str
-        What the plan takes for granted.
+        Assumptions of the plan.
     widest : str
-        Parameter whose standard error is the largest share of its range before the plan.
+        Parameter with the largest standard error in proportion to its range, before the plan.
     alternatives : tuple of Measurement
-        Best single one of each fitted kind that the plan does not choose from.
+        Best single measurement of each fitted kind that is not planned.
     """
 
     presenter = "commonrail.plugins.next.page:PLAN"
@@ -195,11 +193,11 @@ class MeasurementPlan(Shown):
 
     @property
     def is_worth_measuring(self) -> bool:
-        """True if the plan lowers what the criterion is about, or the widest interval, by `WORTH`."""
+        """True if the plan lowers the criterion's standard deviation, or the widest interval, by `WORTH`."""
         return any(min(measurement.factor, measurement.ratio) <= 1.0 - WORTH for measurement in self.measurements[-1:])
 
 
-def candidates_of(
+def list_candidates(
     study: Study,
     costs: Mapping[str, float] = {},
     pressures: Floats | None = None,
@@ -207,13 +205,13 @@ def candidates_of(
     dwells: Sequence[float] = (),
     first_energising_time: float = 0.0,
 ) -> list[Candidate]:
-    """Candidates of kinds with their costs, by default of the first kind of `KINDS` that was fitted, on a grid.
+    """List candidates of kinds (with their costs) on a grid; default: the first kind of `KINDS` that was fitted.
 
-    Rail pressures [Pa] and energising times [s] lie within the range of the data by default; dwells [s] and the first
+    Rail pressures [Pa] and energising times [s] cover the range of the data by default; dwells [s] and the first
     energising time [s] are as in `grid`.
     """
     data = of_role(study.data, Role.FIT)
-    usual_kind = fitted_kinds(data)[0]
+    usual_kind = list_fitted_kinds(data)[0]
     if pressures is None or times is None:
         usual = usual_axes(data)
         pressures = usual[0] if pressures is None else pressures
@@ -231,7 +229,7 @@ def next_measurements(
     threads: int | None = None,
     note: Callable[[str], None] = lambda _: None,
 ) -> MeasurementPlan:
-    """Measurements that would make parameters or predictions most certain, with the noise of the data that there are.
+    """Plan the measurements that make parameters or predictions most certain, with the noise of the present data.
 
     Parameters
     ----------
@@ -239,7 +237,7 @@ def next_measurements(
     best : mapping of str to float
         Values [SI], as `Calibration.best`.
     candidates : sequence of Candidate, optional
-        Measurements that could be made; by default points within the range of the data, of their kind.
+        Possible measurements; default: points within the range of the data.
     settings : DesignSettings, optional
     threads : int, optional
         All usable processors by default; the result does not depend on it.
@@ -249,17 +247,17 @@ def next_measurements(
     Raises
     ------
     ConfigurationError
-        If an argument is of another kind, a name is unknown, or no candidate may be measured.
+        If an argument has the wrong type, a name is unknown, or no candidate is allowed.
     SimulationError
         If the best values cannot be simulated.
     """
     instance(study, Study, "study")
     settings = settings or DesignSettings()
     threads = thread_count(threads)
-    study.space.point(best)  # before the candidates, whose range a study may lack
+    study.space.point(best)  # checked first: the default candidates need a range of the data
     names = settings.parameters or study.space.names
     columns = [_column(study, name) for name in names]
-    all_candidates = list(candidates_of(study) if candidates is None else candidates)
+    all_candidates = list(list_candidates(study) if candidates is None else candidates)
     free = with_uncertain_free(study)
     data = in_order(free.data)
     _check(all_candidates, data)
@@ -267,15 +265,15 @@ def next_measurements(
     note("fitting the noise of the data ...")
     certainty = certify(study, best, threads=threads, seed=settings.seed)
     estimate, draws = certainty.estimate, certainty.draws.unit
-    noises, notes = _trusted(estimate, data)
+    noises, notes = _take_noise(estimate, data)
     many = min(max(DRAWS, DRAWS_EACH * draws.shape[1]), len(draws))
     unit = draws[np.random.default_rng(settings.seed).permutation(len(draws))[:many]]
     note(f"simulating {len(all_candidates)} candidates at {many} draws of the parameters ...")
     likelihood = estimate.likelihood.with_noises(noises)
     simulator = Simulator(free.injector, likelihood.names, study.time_step, threads, same_bits=study.same_bits)
     by_kind = {item.kind: noise for item, noise in reversed(list(zip(data, noises, strict=True)))}
-    responses = responses_of(all_candidates, data, by_kind, simulator, likelihood.space.from_unit(unit), unit)
-    problem = problem_of(
+    responses = simulate_responses(all_candidates, data, by_kind, simulator, likelihood.space.from_unit(unit), unit)
+    problem = build_problem(
         settings.criterion,
         estimate,
         likelihood,
@@ -290,8 +288,8 @@ def next_measurements(
     plan = select(problem, rules._replace(costs=np.where(np.arange(len(all_candidates)) < n, rules.costs, np.inf)))
     if not plan:
         raise ConfigurationError(
-            "No candidate may be measured within the budget and the distance to the points that there are, or none "
-            "tells anything; state other rail pressures and energising times, or a smaller distance."
+            "No candidate is within the budget and far enough from the measured points, or none adds information; "
+            "state other rail pressures and energising times, or a smaller distance."
         )
     before, after = (_standard_errors(study, estimate, problem, selection) for selection in ([], plan))
     widest = max(study.space.parameters, key=lambda item: before[item.name] / (item.upper - item.lower)).name
@@ -300,15 +298,24 @@ def next_measurements(
     for kind in dict.fromkeys(item.kind for item in all_candidates[n:]):
         best_one = min((i for i, item in enumerate(all_candidates) if item.kind == kind), key=scores.__getitem__)
         others += _measurements(problem, [best_one], responses, column) if np.isfinite(scores[best_one]) else []
-    measurements, failed = tuple(_measurements(problem, plan, responses, column)), sum(r.failed for r in responses[:n])
-    gains = before, after, failed, tuple(notes), widest, tuple(others)
-    return MeasurementPlan(measurements, rules.cost(plan), settings, n, *gains)
+    return MeasurementPlan(
+        measurements=tuple(_measurements(problem, plan, responses, column)),
+        cost=rules.cost(plan),
+        settings=settings,
+        candidates=n,
+        before=before,
+        after=after,
+        failed=sum(response.failed for response in responses[:n]),
+        notes=tuple(notes),
+        widest=widest,
+        alternatives=tuple(others),
+    )
 
 
 def _of_other_kinds(candidates: Sequence[Candidate], data: Sequence[DataSet]) -> list[Candidate]:
-    """Candidates of the fitted kinds that are not wanted, at some of the same points."""
-    stride = len(candidates) // MOST_TRIED | 1  # odd, so that it meets all times of a grid
-    kinds = [kind for kind in fitted_kinds(data) if kind not in {item.kind for item in candidates}]
+    """Candidates of the other fitted kinds, at some of the same points."""
+    stride = len(candidates) // MOST_TRIED | 1  # odd: reaches all times of a grid
+    kinds = [kind for kind in list_fitted_kinds(data) if kind not in {item.kind for item in candidates}]
     return [Candidate(kind, item.point) for kind in kinds for item in candidates[::stride]]
 
 
@@ -317,18 +324,18 @@ def _check(candidates: Sequence[Candidate], data: Sequence[DataSet]) -> None:
         raise ConfigurationError(f"There must be 1 to {MOST_CANDIDATES} candidates, not {len(candidates)}.")
     for candidate in candidates:
         if candidate.kind not in KINDS:
+            hint = nearest(candidate.kind, KINDS)
             raise ConfigurationError(
-                f'"{candidate.kind}" is no kind of measurement{nearest(candidate.kind, KINDS)}; '
-                f"{join_words(KINDS)} are."
+                f'Unknown kind of measurement "{candidate.kind}"{hint}; take one of {join_words(KINDS)}.'
             )
         if not number(candidate.cost, "1", "cost of a candidate") > 0.0:
             raise ConfigurationError(f"The cost of a measurement must be greater than zero, not {candidate.cost:g}.")
     for kind in {candidate.kind for candidate in candidates}:
-        planned(kind, (), data)
+        plan_data_sets(kind, (), data)
 
 
-def _trusted(estimate: Estimate, data: Sequence[DataSet]) -> tuple[list[FittedNoise], list[str]]:
-    """Noise of the data sets: of a map with too few points to estimate it, one tolerance."""
+def _take_noise(estimate: Estimate, data: Sequence[DataSet]) -> tuple[list[FittedNoise], list[str]]:
+    """Noise of the data sets; at least one tolerance for a map with too few points for an estimate."""
     noises, notes = [], []
     for block, noise, data_set in zip(estimate.likelihood.blocks, estimate.likelihood.noises, data, strict=True):
         if isinstance(data_set, QuantityData) and not noise.stated and noise.freedom < TRUSTED:
@@ -336,7 +343,7 @@ def _trusted(estimate: Estimate, data: Sequence[DataSet]) -> tuple[list[FittedNo
             notes.append(
                 f"{data_set.name} has too few points to estimate its noise: at least one tolerance is assumed."
             )
-        if not block.ordered and has_discrepancy(block):  # its loads act on planned points too
+        if not block.ordered and has_discrepancy(block):  # its loads also act on planned points
             noise = replace(noise, courses=np.empty((0, 0)))
         noises.append(noise)
         if not has_discrepancy(block):
@@ -348,17 +355,17 @@ def _trusted(estimate: Estimate, data: Sequence[DataSet]) -> tuple[list[FittedNo
 
 
 def _rules(candidates: Sequence[Candidate], data: Sequence[DataSet], settings: DesignSettings) -> Rules:
-    places = np.array([place_of(item.point) for item in candidates])
+    places = np.array([locate(item.point) for item in candidates])
     least = np.array([settings.apart_pressure, settings.apart_time, settings.apart_time])
     kinds = np.array([item.kind for item in candidates])
     blocked = too_close(places, places, least) & (kinds[:, None] == kinds)
     taken = np.zeros(len(candidates), bool)
     for item in data:
-        measured_places = np.array([place_of(point) for point in item.points])
+        measured_places = np.array([locate(point) for point in item.points])
         taken |= too_close(places, measured_places, least).any(axis=1) & (kinds == item.kind)
     costs = np.where(taken, np.inf, np.array([item.cost for item in candidates]))
     _, levels = np.unique(places[:, 0], return_inverse=True)
-    budget = 1e300 if settings.budget is None else settings.budget  # less than what a taken place costs
+    budget = 1e300 if settings.budget is None else settings.budget  # less than the infinite cost of a measured place
     return Rules(costs, levels.reshape(-1), settings.pressure_cost, blocked, settings.points, budget)
 
 
@@ -377,17 +384,17 @@ def _measurements(
 
 
 def _standard_errors(study: Study, estimate: Estimate, problem: Problem, plan: Sequence[int]) -> dict[str, float]:
-    """Standard error of each parameter of a study [SI], after a plan."""
+    """Standard errors of the parameters [SI] after a plan."""
     scale = estimate.likelihood.scaled(estimate.unit)
     deviations = np.sqrt(np.diag(problem.covariance(plan))[: len(scale)]) * scale
     return dict(zip(study.space.names, deviations.tolist(), strict=False))
 
 
 def _column(study: Study, name: str) -> int:
-    """Place of a parameter among the free ones; `ConfigurationError` if there is none of this name."""
+    """Index of a free parameter; `ConfigurationError` for an unknown name."""
     names = study.space.names
     if name not in names:
         raise ConfigurationError(
-            f"{name} is no free parameter of the study{nearest(name, names)}; free are {', '.join(names)}."
+            f"{name} is not a free parameter of the study{nearest(name, names)}; free are {', '.join(names)}."
         )
     return names.index(name)

@@ -12,21 +12,21 @@ NOT_NEGATIVE = Limits(0.0, math.inf)
 
 
 class Criterion(StrEnum):
-    """Figure that a plan is to make small."""
+    """Figure that a plan minimises."""
 
     V = "v"
-    """Mean variance of predictions: the same as A, the rows being those of the predictions."""
+    """Mean variance of the predictions: A, with rows of the predictions."""
 
     D = "d"
-    """Volume of the region of the named parameters: ½ ln det C over their number."""
+    """Volume of the region of the parameters: ½ ln det C over their number."""
 
     A = "a"
-    """Mean squared standard error of the named parameters: ½ ln of the mean of C's diagonal."""
+    """Mean squared standard error of the parameters: ½ ln of the mean of C's diagonal."""
 
 
 @settings
 class DesignSettings:
-    """Settings of a measuring plan; `ConfigurationError` for a value of another kind or beyond its limits."""
+    """Settings of a measuring plan; `ConfigurationError` for a value of the wrong type or beyond its limits."""
 
     points: int = setting(
         words="number of points", default=3, limits=Limits(1, 100), text="Largest number of measurements."

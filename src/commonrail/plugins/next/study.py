@@ -27,7 +27,7 @@ _ROUND_PRESSURE, _ROUND_TIME = 1e6, 10e-6
 
 
 class Candidate(NamedTuple):
-    """Measurement that could be made.
+    """Possible measurement.
 
     Attributes
     ----------
@@ -42,8 +42,8 @@ class Candidate(NamedTuple):
     cost: float = 1.0
 
 
-def place_of(point: OperatingPoint) -> tuple[float, float, float]:
-    """Rail pressure [Pa], last energising time [s] and dwell before it [s], 0 for a single injection."""
+def locate(point: OperatingPoint) -> tuple[float, float, float]:
+    """Locate a point by rail pressure [Pa], last energising time [s] and dwell before it [s] (0: single injection)."""
     pulses = point.pulses
     dwell = pulses[-1].start - pulses[-2].start - pulses[-2].duration if len(pulses) > 1 else 0.0
     return float(point.initial_pressures()[0]), pulses[-1].duration if pulses else 0.0, dwell
@@ -56,13 +56,13 @@ def grid(
     dwells: Sequence[float] = (),
     first_energising_time: float = 0.0,
 ) -> list[OperatingPoint]:
-    """Operating points of all combinations of pressures [Pa] and times [s], all else as in `like`.
+    """Operating points for all combinations of pressures [Pa] and times [s]; otherwise as in `like`.
 
-    Dwells are between the end of a first energising and the begin of the second [s]; none for single injections.
-    ConfigurationError if dwells are given without a first energising time, or a value lies beyond its limits.
+    Dwells separate the end of a first energising from the start of the second [s]; without dwells injections are
+    single. ConfigurationError for dwells without a first energising time, or a value beyond its limits.
     """
     if len(dwells) and not first_energising_time > 0.0:
-        raise ConfigurationError("Dwells need the energising time of the first injection; give it too.")
+        raise ConfigurationError("Dwells need the energising time of the first injection; state it.")
     operating_points = []
     for rail, time, dwell in itertools.product(rail_pressures, energising_times, dwells if len(dwells) else [None]):
         pulses = (
@@ -75,47 +75,47 @@ def grid(
 
 
 def usual_axes(data: Sequence[DataSet]) -> tuple[Floats, Floats]:
-    """Rail pressures [Pa] and energising times [s] within the range of data, in round numbers.
+    """Rail pressures [Pa] and energising times [s] over the range of the data, in round numbers.
 
-    ConfigurationError if the data cover one rail pressure and one energising time alone.
+    ConfigurationError if the data have a single rail pressure and energising time.
     """
-    places = np.array([place_of(point) for data_set in data for point in data_set.points])
-    pressures = _rounded(places[:, 0], _PRESSURES, _ROUND_PRESSURE)
-    times = _rounded(places[:, 1], _TIMES, _ROUND_TIME)
+    places = np.array([locate(point) for data_set in data for point in data_set.points])
+    pressures = _round_axis(places[:, 0], _PRESSURES, _ROUND_PRESSURE)
+    times = _round_axis(places[:, 1], _TIMES, _ROUND_TIME)
     if len(pressures) * len(times) == 1:
         raise ConfigurationError(
-            "All data are of one rail pressure and energising time, so there is no range to choose new points from; "
-            "state the rail pressures and energising times that the bench can run."
+            "All data have the same rail pressure and energising time; state the rail pressures and energising times "
+            "that the bench can run."
         )
     return pressures, times
 
 
-def _rounded(values: Floats, n: int, step: float) -> Floats:
+def _round_axis(values: Floats, n: int, step: float) -> Floats:
     low, high = float(values.min()), float(values.max())
     inner = step * np.round(np.linspace(low, high, n) / step)
     return np.unique(np.clip(inner, low, high))
 
 
-def fitted_kinds(data: Sequence[DataSet]) -> list[str]:
-    """Kinds of measurement that can be planned, in the order of the fitted data; ConfigurationError if none is."""
+def list_fitted_kinds(data: Sequence[DataSet]) -> list[str]:
+    """List the kinds of measurement that can be planned, in the order of the data; ConfigurationError if none can."""
     kinds = list(dict.fromkeys(data_set.kind for data_set in data if data_set.kind in KINDS))
     if not kinds:
         fitted = join_words(sorted({data_set.kind for data_set in data}))
         raise ConfigurationError(
-            f"The study fits {fitted} alone, and the noise of a new measurement is that of a fitted set of its kind; "
-            f"fit {', '.join(KINDS[:-1])} or {KINDS[-1]}."
+            f"The study fits only {fitted}, but the noise of a new measurement comes from fitted data of its kind; fit "
+            f"{', '.join(KINDS[:-1])} or {KINDS[-1]}."
         )
     return kinds
 
 
-def planned(kind: str, points: Sequence[OperatingPoint], like: Sequence[DataSet]) -> list[DataSet]:
-    """Data sets of measurements that are not made yet, their values zero.
+def plan_data_sets(kind: str, points: Sequence[OperatingPoint], like: Sequence[DataSet]) -> list[DataSet]:
+    """Make data sets for planned measurements, with values zero.
 
-    Meter, tolerances and sampling are those of the first data set of the kind; ConfigurationError if there is none.
+    Meter, tolerances and sampling are copied from the first data set of the kind; ConfigurationError if it is absent.
     """
     model = next((data_set for data_set in like if data_set.kind == kind), None)
     if isinstance(model, RateData):
-        return [_planned_rate(model, point) for point in points]
+        return [_plan_rate(model, point) for point in points]
     if isinstance(model, QuantityData):
         zeros = np.zeros(len(points))
         return [
@@ -130,13 +130,13 @@ def planned(kind: str, points: Sequence[OperatingPoint], like: Sequence[DataSet]
             )
         ]
     raise ConfigurationError(
-        f'There is no fitted data set of the kind "{kind}" whose noise and meter a new one could have; plan for '
-        f"{' or '.join(fitted_kinds(like))}."
+        f'The study fits no data of the kind "{kind}", which would give noise and meter of a new measurement; plan for '
+        f"{' or '.join(list_fitted_kinds(like))}."
     )
 
 
-def _planned_rate(model: RateData, point: OperatingPoint) -> RateData:
-    """Curve sampled as the model's, as long after the end of energising."""
+def _plan_rate(model: RateData, point: OperatingPoint) -> RateData:
+    """Curve with the model's sampling, ending as long after the end of energising."""
     width = float(np.median(np.diff(model.bounds)))
     begin = min(float(model.bounds[0]) - model.point.start, 0.0)
     after = float(model.bounds[-1]) - model.point.end_of_energising
@@ -150,17 +150,17 @@ def _planned_rate(model: RateData, point: OperatingPoint) -> RateData:
 
 # Criteria of optimal design, as the logarithm of a typical standard deviation.
 #
-# A measurement adds rᵀr of its whitened derivatives r to the information H, and V = H⁻¹. With rows e of what is to be
-# predicted or estimated, C = e V eᵀ. Errors that measurements share are further columns of H, r and e, with unit prior
-# information: the sum then is that of generalised least squares with the whole covariance.
+# A measurement with whitened derivatives r adds rᵀr to the information H; V = H⁻¹. With rows e of the predictions or
+# parameters of interest, C = e V eᵀ. Errors shared by measurements are further columns of H, r and e with unit prior
+# information, which equals generalised least squares with the full covariance.
 
 
 class Problem(NamedTuple):
     """Linear model of measurements.
 
-    `information` (D, D) before any of them is positive definite; `rows` (c, r, D) are whitened derivatives of each of c
-    candidates, which has up to r independent values, zero where it has fewer; `aims` (k, D) rows of what is to be
-    predicted or estimated.
+    `information` (D, D): before any measurement, positive definite; `rows` (c, r, D): whitened derivatives of c
+    candidates with up to r independent values, padded with zeros; `aims` (k, D): rows of the predictions or parameters
+    of interest.
     """
 
     criterion: Criterion
@@ -169,22 +169,22 @@ class Problem(NamedTuple):
     aims: Floats
 
     def covariance(self, plan: Sequence[int]) -> Floats:
-        """Covariance V (D, D) after candidates have been measured; one may be measured several times."""
+        """Covariance V (D, D) after the candidates of a plan, which may repeat."""
         rows = self.rows[list(plan)].reshape(-1, self.rows.shape[-1])
         return np.asarray(np.linalg.inv(self.information + rows.T @ rows))
 
     def score(self, plan: Sequence[int]) -> float:
-        """Criterion after candidates have been measured."""
+        """Criterion after the candidates of a plan."""
         aimed = self.aims @ self.covariance(plan) @ self.aims.T
         if self.criterion is Criterion.D:
             return float(0.5 * np.linalg.slogdet(aimed)[1] / len(aimed))
         return float(0.5 * np.log(np.trace(aimed) / len(aimed)))
 
     def scores(self, plan: Sequence[int]) -> Floats:
-        """Criterion (c,) after candidates have been measured and, in addition, each of them."""
+        """Criterion (c,) after the candidates of a plan and one more, for each candidate."""
         covariance = self.covariance(plan)
         spread = self.rows @ covariance  # (c, r, D)
-        # covariance (c, r, r) of a candidate's values before it is measured, and with what is aimed at (c, r, k)
+        # covariance (c, r, r) of a candidate's values before its measurement, and with the aims (c, r, k)
         before = np.eye(self.rows.shape[1]) + spread @ self.rows.transpose(0, 2, 1)
         crossed = spread @ self.aims.T
         aimed = self.aims @ covariance @ self.aims.T

@@ -1,4 +1,4 @@
-"""commonrail next: operating points and kinds of measurement that would tell most about a calibrated injector."""
+"""commonrail next: operating points and kinds of measurement that add most to a calibration."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from commonrail.base.errors import InputError, nearest
 from commonrail.base.output import write_text
 from commonrail.base.units import parse
 from commonrail.cli.console import print_result, print_text, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import Json, Threads, check_distinct, check_file, check_report, read_axis, refuse_unused
 from commonrail.plugins.next.settings import Criterion, DesignSettings
 
 
-@verb
+@table_verb
 def next_(
     run: Annotated[Path, Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
     *,
     settings: DesignSettings,
     parameter: Annotated[
         tuple[str, ...],
-        Option(metavar="NAME", help="Parameter that criteria d and a are about; repeatable. [default: all]"),
+        Option(metavar="NAME", help="Parameter for criteria d and a; repeatable. [default: all]"),
     ] = (),
     rail_pressure: Annotated[
         str | None, Option(help="Rail pressures, e.g. 40:160:20MPa. [default: 8 within the data]")
@@ -38,7 +38,7 @@ def next_(
         tuple[str, ...],
         Option(
             metavar="KIND[=COST]",
-            help='Kind of measurement that the run has data of, with its cost: quantities, rate, "return quantities"; '
+            help='Kind of measurement in the run, with its cost: quantities, rate, "return quantities"; '
             "repeatable. [default: the first of these that was fitted, cost 1]",
         ),
     ] = (),
@@ -49,8 +49,8 @@ def next_(
 ) -> None:
     """Advise which points to measure next.
 
-    Noise and correlation are those of the run's data. Candidates are simulated at draws of what the data leave open, so
-    that the plan does not rest on one set of values.
+    Noise and correlation are taken from the run's data. Candidates are simulated at draws of the parameters, so the
+    plan accounts for their remaining uncertainty.
 
     \b
     Examples:
@@ -59,7 +59,7 @@ def next_(
     """
     from commonrail.plugins.next.file import plan_record, write_plan
     from commonrail.plugins.next.page import plan_html, plan_lines, plan_tables
-    from commonrail.plugins.next.run import candidates_of, next_measurements
+    from commonrail.plugins.next.run import list_candidates, next_measurements
     from commonrail.runs.folder import read_fit
 
     refuse_unused({"parameter": (settings.criterion is not Criterion.V, "--criterion d or a")})
@@ -69,7 +69,7 @@ def next_(
     check_distinct(out, report)
     settings = replace(settings, parameters=parameter)
     study, best = read_fit(run)
-    candidates = candidates_of(
+    candidates = list_candidates(
         study,
         dict(map(_kind, kind)),
         None if rail_pressure is None else read_axis(rail_pressure, "Pa", "--rail-pressure"),

@@ -14,7 +14,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import InputError
 from commonrail.base.text import numbers
-from commonrail.data.currents import flow_of, read_energisings
+from commonrail.data.currents import find_flow, read_energisings
 from commonrail.data.records import record_head
 from commonrail.engine.operating_point import Energising
 from commonrail.physics.injector import Injector
@@ -304,7 +304,7 @@ def _read_command(table: Table, time: str, command: str) -> tuple[list[tuple[flo
             f'{table.path}, column "{command}": it is constant and energises nothing; give the column of '
             "the command by --command, or a file of its times by --energisings."
         )
-    current, flows = flow_of(clock, value)
+    current, flows = find_flow(clock, value)
     inner = current[1:-1][flows[:-2] & flows[1:-1] & flows[2:]]
     if table.units[command] == "A" or (len(inner) and float(np.mean(inner < HOLD * current.max())) > HOLDING):
         read = read_energisings(clock, value)

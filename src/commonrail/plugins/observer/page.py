@@ -278,8 +278,11 @@ def _compensation_table(record: Record) -> Table:
         ("without, mm³", each("plain_quantities", MM3, 2)),
         ("met", lambda row: "yes" if row["met"] else f"no: {each('quantities', MM3, 2)(row)} mm³"),
     ]
-    note = "Energising times by the states after the last shot; without: times of single injections by the model alone."
-    return table_from_columns("Compensated energising times", _trains(record), columns, note)
+    note = (
+        "Energising times by the states after the last shot; without: those of the model alone for each injection by "
+        "itself."
+    )
+    return table_from_columns("Compensated energising times", _trains(record), columns, note, inputs=("wanted, mm³",))
 
 
 def _quantities(record: Record) -> Figure:
@@ -418,7 +421,7 @@ def _shot_table(record: Record) -> Table:
     ]
     more = f" The first {SHOWN} of {len(rows)} injections; all are in observer.csv." if len(rows) > SHOWN else ""
     note = f"± one standard deviation; times from the start of the shot.{more}"
-    return table_from_columns("Injections", rows[:SHOWN], columns, note)
+    return table_from_columns("Injections", rows[:SHOWN], columns, note, inputs=("p, MPa", "ET, µs"))
 
 
 def _facts(record: Record) -> list[tuple[str, str]]:

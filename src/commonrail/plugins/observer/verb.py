@@ -9,7 +9,7 @@ from commonrail.base.errors import CommonrailError, InputError, nearest
 from commonrail.base.units import parse, parse_difference
 from commonrail.cli import options
 from commonrail.cli.console import Bar, Stage, print_json, print_result, print_text, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.guard import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ OF_LOG = (
 )
 
 
-@verb
+@table_verb
 def observe(
     log: Annotated[
         Path | None,
@@ -129,7 +129,7 @@ def observe(
     from commonrail.plugins.observer.page import observer_lines, observer_tables, warning_lines
     from commonrail.plugins.observer.run import observe as run
     from commonrail.plugins.observer.study import CURRENT_DELAY, FURTHER, ObserverSettings, check_model
-    from commonrail.readers.location import Place, located
+    from commonrail.readers.location import Place, locate_errors
     from commonrail.readers.toml import UNSTATED
     from commonrail.report.analysis import run_into, synthetic_lines
 
@@ -213,7 +213,7 @@ def observe(
     refused: list[str] = []
 
     def run_and_compensate() -> Observation:
-        with located(Place(log.name)), Bar("shots") as bar:
+        with locate_errors(Place(log.name)), Bar("shots") as bar:
             observation = run(
                 injector,
                 *read[:3],

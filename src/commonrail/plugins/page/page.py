@@ -27,7 +27,7 @@ from commonrail.calibration.space import Space
 from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.quantities.dead_times import FLATTEST, neighbours
-from commonrail.data.records import origin_of
+from commonrail.data.records import origin_word
 from commonrail.data.simulator import Simulator
 from commonrail.engine import plan
 from commonrail.engine.courses import CHECK_AFTER
@@ -198,7 +198,7 @@ def curve_numbers(d: RateData, simulator: Simulator, nodes: Sequence[float]) -> 
     return {
         "name": d.name,
         "role": d.role.value,
-        "origin": origin_of({"synthetic": d.synthetic}),
+        "origin": origin_word({"synthetic": d.synthetic}),
         "point": _point(point),
         "courses": [_course(course, point, simulator.time_step) for course in traced],
         "bounds": pack(d.bounds),
@@ -237,7 +237,7 @@ def map_numbers(d: QuantityData, simulator: Simulator, nodes: Sequence[float]) -
     return {
         "name": d.name,
         "role": d.role.value,
-        "origin": origin_of({"synthetic": d.synthetic}),
+        "origin": origin_word({"synthetic": d.synthetic}),
         "rows": rows,
         "densities": [
             _densities_of(stated_one if stated_one > 0.0 else math.nan, d.meter, cylinder, simulator.injector, nodes)

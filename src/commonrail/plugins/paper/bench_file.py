@@ -24,8 +24,8 @@ from commonrail.physics.law import Q
 from commonrail.plugins.paper import TRUTH, bench
 from commonrail.plugins.paper.bench import FRICTION, QUANTITIES, Curve, Friction, Scatter, Sensor, Truth, bench_curve
 from commonrail.readers import toml
-from commonrail.readers.injector import component_quantities, components_of, load_injector
-from commonrail.readers.location import Place, Reach, located, read_text
+from commonrail.readers.injector import component_quantities, list_components, load_injector
+from commonrail.readers.location import Place, Reach, locate_errors, read_text
 from commonrail.readers.toml import FileModel, Number, ParameterTable, Sourced, Stated, Text, Values
 
 _CATALOGUE = Catalogue("commonrail.plugins.paper", "truths", 'There is no truth "{}" of the virtual test bench')
@@ -85,7 +85,7 @@ def _tables(quantities: Mapping[str, Mapping[str, Q]]) -> Any:
 
 
 _ValuesModel = create_model(
-    "_ValuesModel", __base__=FileModel, **_tables({r: component_quantities(r) for r in components_of()})
+    "_ValuesModel", __base__=FileModel, **_tables({r: component_quantities(r) for r in list_components()})
 )
 _fields: Any = _tables(QUANTITIES) | {"values": (_ValuesModel, _ValuesModel())}
 _TruthModel = create_model("_TruthModel", __base__=_Head, **_fields)
@@ -157,7 +157,7 @@ def _truth(document: Mapping[str, Any], at: Place, text: str, folder: Path | Non
         sources,
         text,
     )
-    with located(at / "injector"):
+    with locate_errors(at / "injector"):
         base = load_injector(injector)
     _check_fit(truth, base, at)
     return truth
@@ -169,7 +169,7 @@ def _sources(tables: Mapping[str, Values]) -> dict[str, Source]:
 
 def _check_fit(truth: Truth, injector: Injector, at: Place) -> None:
     """Refuse what the injector cannot have."""
-    with located(at / "values"):
+    with locate_errors(at / "values"):
         truth.make_true_injector(injector)
     if any(truth.friction.coulomb + truth.friction.viscous) and injector.variant.body is not Body.FLEXIBLE:
         raise (at / "friction").error(

@@ -9,9 +9,9 @@ import click
 
 from commonrail.base.errors import InputError
 from commonrail.base.output import writing
-from commonrail.cli.console import Bar, Stage, print_json, print_rows, say
+from commonrail.cli.console import Bar, Stage, print_json, print_lines, print_rows, say
 from commonrail.cli.fit import Outcome
-from commonrail.cli.grammar import Option, verb
+from commonrail.cli.grammar import Option, table_verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import Json, Threads, free_run_folder
 from commonrail.plugins.paper import TRUTH
@@ -21,7 +21,7 @@ from commonrail.plugins.paper import TRUTH
 SEEDS, QUICK_SEEDS = 20, 9
 
 
-@verb
+@table_verb
 def reproduce(
     *,
     seeds: Annotated[
@@ -63,7 +63,7 @@ def reproduce(
         places = {"run": str(outcome.folder), "report": str(outcome.report)}
         print_json({"kind": "reproduction", **places, "result": outcome.record})
     else:
-        click.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
+        print_lines([f"SYNTHETIC: {outcome.record['synthetic']}"])
         claims = outcome.record["claims"]
         rows = [[c["verdict"], f"{c['true_in']} of {c['of']}", c["claim"], c["figure"]] for c in claims]
         print_rows(["verdict", "true in", "claim of the paper", "here"], rows, "The paper's claims", texts=4)

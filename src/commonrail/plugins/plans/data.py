@@ -1,4 +1,4 @@
-"""Test plan as a kind of measured data: quantities per stroke, each judged by its band."""
+"""Test plan as measured data of a study: quantities per stroke, each judged by its band."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from commonrail.base.arguments import Quantity, instances, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.base.text import number
-from commonrail.data.base import Missing, Role, Score, Term, ToleratedData, read_labels, share_of, term_of
+from commonrail.data.base import Missing, Role, Score, Term, ToleratedData, make_term, read_labels, relative_to
 from commonrail.data.noise import Noise
-from commonrail.data.quantities.data import QuantityData, values_of
+from commonrail.data.quantities.data import QuantityData, point_values
 from commonrail.data.quantities.returned import ReturnData
 from commonrail.data.records import point_record
 from commonrail.data.simulator import ITSELF, Candidates, Simulator
@@ -30,18 +30,18 @@ from commonrail.physics.meters import Meter
 from commonrail.physics.variants import RETURN, reader_of, unread_inputs
 from commonrail.plugins.plans.page import note_without_rate
 from commonrail.plugins.plans.study import Bands, Measure, PlanTest, State, TestPlan, load_plan
-from commonrail.readers.location import Place, located
+from commonrail.readers.location import Place, locate_errors
 from commonrail.readers.toml import Unit
 
-# Residual for one half band. Bands are specifications of what passes, not measurements: makers aim at the nominal, so
-# that values near it are likelier than those at the limits, for which JCGM 100:2008 (GUM), 4.3.9, takes a triangular
-# distribution, whose standard deviation is the half band over √6. So a quantity at its limit is 2.4 of them off.
+# Residual for one half band. Makers aim at the nominal quantity, so values near it are likelier than values at the
+# limits. JCGM 100:2008 (GUM), 4.3.9, takes a triangular distribution for this, whose standard deviation is the half
+# band over √6: a quantity at its limit is 2.4 of them off.
 RESIDUAL = math.sqrt(6.0)
-SPECIFIED = Noise(sigma=1.0)  # that standard deviation is stated, not estimated from a few residuals
+SPECIFIED = Noise(sigma=1.0)  # the standard deviation is stated, not estimated from a few residuals
 
 
 class PlanModel(DataModel):
-    """A test plan; `tests` chooses some of its tests by name."""
+    """Block of a test plan; `tests` selects some of its tests by name."""
 
     selects_rows: ClassVar[bool] = True
 
@@ -56,8 +56,8 @@ class PlanModel(DataModel):
 class PlanData(ToleratedData):
     """Tests with a nominal quantity per stroke and a band each.
 
-    An error is the distance from the nominal quantity in half bands times `RESIDUAL`; a band with one limit costs
-    nothing inside. A return holds what the guides leak between two strokes where the stroke rate is known.
+    An error is the distance from the nominal quantity in half bands times `RESIDUAL`; inside a band with one limit it
+    is zero. A return includes the leakage of the guides between two strokes if the stroke rate is stated.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class PlanData(ToleratedData):
     Raises
     ------
     ConfigurationError
-        If an argument is of another kind, there is no test, or a stroke is shorter than what is simulated of it.
+        If an argument has the wrong type, there is no test, or a stroke is shorter than its simulation.
     """
 
     kind: ClassVar[str] = "test plan"
@@ -136,31 +136,32 @@ class PlanData(ToleratedData):
         synthetic: str = "",
         meter: Meter | None = None,
     ) -> Self:
-        """Data of a plan for an injector, whose fuel makes volumes of masses.
+        """Data of a plan for an injector, whose fuel converts masses to volumes.
 
         `pressures`: in the cylinder and at the end of the return line [Pa]; the rest as the attributes. Raises
-        `ConfigurationError` if the injector lacks a return that a test measures, or its fuel does not cover a point.
+        `ConfigurationError` if a test measures the return of an injector without one, or the fuel does not cover a
+        point.
         """
         points = tuple(test.point(*pressures) for test in plan.tests)
         for test, point in zip(plan.tests, points, strict=True):
-            with located(Place(plan.name, f"test {test.name}")):
+            with locate_errors(Place(plan.name, f"test {test.name}")):
                 check_point(injector, point)
                 if test.measure is Measure.RETURN and RETURN in unread_inputs(injector.variant):
-                    cure = f"take a model with {reader_of(RETURN)}, or leave the test out"
+                    cure = f"take a model with {reader_of(RETURN)}, or omit the test"
                     raise ConfigurationError(f"{injector.name} has no return to measure; {cure}.")
         if plan.unit == "m3":
             return cls(name, role, plan.tests, points, weight, source, synthetic, meter=meter)
         density = np.array([mass_density(injector, plan.unit, point) for point in points])
-        tests = tuple(test.scaled(1.0 / d) for test, d in zip(plan.tests, density.tolist(), strict=True))
+        tests = tuple(test.scale(1.0 / d) for test, d in zip(plan.tests, density.tolist(), strict=True))
         return cls(name, role, tests, points, weight, source, synthetic, density, meter)
 
     @classmethod
     def read_all(cls, model: PlanModel, context: Context) -> tuple[Self, ...]:
         """Read a plan; see `DataSet.read_all`."""
         plan = load_plan(context.path(model.file, context.at, model.form), model.form)
-        with located(context.at):
+        with locate_errors(context.at):
             plan = plan.at_stroke_rate(model.stroke_rate)
-            plan = plan if model.tests is None else plan.chosen(model.tests)
+            plan = plan if model.tests is None else plan.select(model.tests)
             note_without_rate(model.name, plan.tests)
             data = cls.of(
                 plan,
@@ -178,11 +179,11 @@ class PlanData(ToleratedData):
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
         """One term for each plan."""
-        return [term_of(d, partial(_values, d), partial(np.not_equal, OK), to_horizon=d.to_horizon) for d in group]
+        return [make_term(d, partial(_values, d), partial(np.not_equal, OK), to_horizon=d.to_horizon) for d in group]
 
     @property
     def to_horizon(self) -> bool:
-        """True if a test measures the return, which goes on beyond the end of injection."""
+        """True if a test measures the return, which continues after the end of injection."""
         return any(test.measure is Measure.RETURN for test in self.tests)
 
     def simulated(self, simulator: Simulator, values: Floats) -> Floats:
@@ -192,7 +193,7 @@ class PlanData(ToleratedData):
         )
 
     def errors(self, values: Floats) -> Floats:
-        """Distances of simulated values (…, n) in half bands, as `Bands.excess`, times `RESIDUAL`."""
+        """Distances of simulated values (…, n) in half bands (`Bands.excess`) times `RESIDUAL`."""
         return RESIDUAL * self.bands.excess(values)
 
     def discrepancy(self, values: Floats) -> Floats:
@@ -220,7 +221,7 @@ class PlanScore(Score):
 
     @property
     def error(self) -> float:
-        """Root mean square distance in half bands; of a band with one limit, of what is beyond it."""
+        """Root mean square distance in half bands; a band with one limit counts its excess."""
         return float(np.sqrt(np.mean(self.data.bands.excess(self.values) ** 2)))
 
     @property
@@ -239,20 +240,21 @@ class PlanScore(Score):
         return self.data.measured[both], self.values[both]
 
     def best_gain(self, gains: Floats) -> float:
-        """Factor on the simulated values that makes J least; 1 where they lie inside: there a band asks for none."""
+        """Factor on the simulated values that minimises J; 1 if all lie inside their bands."""
         return 1.0 if all(state is State.INSIDE for state in self.states) else super().best_gain(gains)
 
     def relative_error(self) -> float:
         """Σ |error| over Σ quantity, each in its half band; NaN for a failed simulation."""
         level = float(np.sum(np.abs(self.data.measured / self.data.tolerances)))
-        return share_of(np.sum(np.abs(self.data.errors(self.values))), level)
+        return relative_to(np.sum(np.abs(self.data.errors(self.values))), level)
 
 
 def _part(data: PlanData, i: int) -> QuantityData:
-    """One test as a map of one point: what simulates its quantity."""
+    """Map of one point that simulates the quantity of a test."""
     test, density = data.tests[i], np.broadcast_to(data.mass_density, len(data.tests))
-    points, middle, none = data.points[i : i + 1], data.measured[i : i + 1], np.zeros(1, bool)
-    values = f"{data.name}, test {test.name}", data.role, points, middle, float(data.tolerances[i]), 0.0, none
+    points, middle = data.points[i : i + 1], data.measured[i : i + 1]
+    dead_time = np.zeros(1, bool)
+    values = f"{data.name}, test {test.name}", data.role, points, middle, float(data.tolerances[i]), 0.0, dead_time
     labels = data.weight, data.source, data.synthetic, float(density[i])
     if test.measure is Measure.DELIVERY:
         return QuantityData(*values, *labels, meter=data.meter)
@@ -263,7 +265,7 @@ def _part(data: PlanData, i: int) -> QuantityData:
 def _values(data: PlanData, batch: Batch, candidates: Candidates) -> Floats:
     """Quantities (candidates, tests) of a batch at the points of the tests [m³]."""
     parts = enumerate(data.parts)
-    return np.concatenate([values_of(p, batch.at_points(slice(i, i + 1)), candidates) for i, p in parts], axis=1)
+    return np.concatenate([point_values(p, batch.at_points(slice(i, i + 1)), candidates) for i, p in parts], axis=1)
 
 
 def _row(data: PlanData, i: int, scores: Mapping[str, PlanScore]) -> dict[str, Any]:
@@ -278,12 +280,12 @@ def _row(data: PlanData, i: int, scores: Mapping[str, PlanScore]) -> dict[str, A
         "test": test.name,
         "measure": test.measure.value,
         **{key: getattr(test, key) for key in ("stroke_rate", "nominal", "lower", "upper", "band")},
-        "found": {label: _found(test, float(score.values[i])) for label, score in scores.items()},
-        "bench": None if test.bench is None else _found(test, test.bench),
+        "found": {label: _judge_quantity(test, float(score.values[i])) for label, score in scores.items()},
+        "bench": None if test.bench is None else _judge_quantity(test, test.bench),
     }
 
 
-def _found(test: PlanTest, value: float) -> dict[str, Any]:
+def _judge_quantity(test: PlanTest, value: float) -> dict[str, Any]:
     """Quantity [m³], its distance in half bands, and its place in the band."""
     distance = float(Bands.of([test]).distance(np.array([value]))[0])
     return {"value": number(value), "distance": number(distance), "state": test.state(value).value}

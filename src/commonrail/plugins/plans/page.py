@@ -1,4 +1,4 @@
-"""Test plans in reports: table of the tests, tolerance fields as a picture, sentences, and the page of one model."""
+"""Test plans in reports: table of the tests, picture of the tolerance fields, sentences, page of one model."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from commonrail.base.chart import MARKERS, Bars, Figure, Panel, Series
 from commonrail.base.hooks import note
-from commonrail.base.table import LARGE, SIGNS, SMALL, Cell, Part, Table, table_from_parts
+from commonrail.base.table import LARGE, OPERATING_POINT, SIGNS, SMALL, Cell, Part, Table, table_from_parts
 from commonrail.base.text import (
     MISSING,
     count_noun,
@@ -29,10 +29,10 @@ from commonrail.report.presenter import Presenter
 
 SIMULATED = "simulated"  # label of the one model of `commonrail plan`
 LEVELS = {"pass": GOOD, "fail": BAD, "open": CARE}
-WIDEST = 4.0  # half bands beyond which a marker of the picture stays at its edge; chosen
+WIDEST = 4.0  # half bands beyond which a marker is drawn at the edge of the picture; chosen
 _NOTE = (
-    f"Distances from the nominal quantity in half bands: ±1 at the limits; {SIGNS[SMALL]} inside, {SIGNS[LARGE]} not. "
-    "The rms is that of the distances, where a test with one limit counts as zero inside and by its excess outside."
+    f"Distances from the nominal quantity in half bands, ±1 at the limits: {SIGNS[SMALL]} inside, {SIGNS[LARGE]} "
+    "outside. In their rms a test with one limit counts only its excess."
 )
 
 
@@ -74,7 +74,7 @@ VIEW = PlanView()
 
 
 def test_name(row: Record) -> str:
-    """Name of a test, with its measure where that is the return."""
+    """Name of a test, with the measure if it is the return."""
     return f"{row['test']} (return)" if row["measure"] == Measure.RETURN.value else str(row["test"])
 
 
@@ -95,13 +95,13 @@ def _cells(value_record: Record) -> Iterator[Cell]:
 
 
 def plan_table(data: Record, texts: Texts) -> Table:
-    """Table of the tests: band, then quantity and distance of each label, and of the bench if it has measured any.
+    """Table of the tests: band, quantity and distance of each label, and of the bench if it has results.
 
-    `data`: record of a plan; `texts`: heads by label.
+    `data`: record of a plan; `texts`: headings by label.
     """
     parts = [
         Part(("test",), lambda row: (test_name(row),)),
-        Part(("rail, MPa", "energising, µs"), lambda row: (megapascal(row["rail_pressure"]), _times(row))),
+        Part(OPERATING_POINT, lambda row: (megapascal(row["rail_pressure"]), _times(row))),
         Part(("band",), lambda row: (row["band"],)),
         Part(
             [head for text in texts.values() for head in (text, "distance")],
@@ -110,7 +110,9 @@ def plan_table(data: Record, texts: Texts) -> Table:
     ]
     if any(row["bench"] for row in data["rows"]):
         parts.append(Part(("bench", "distance"), lambda row: _cells(row["bench"] or {})))
-    return table_from_parts(f"Tests of {data['name']}, mm³ per stroke", data["rows"], parts, _NOTE)
+    return table_from_parts(
+        f"Tests of {data['name']}, mm³ per stroke", data["rows"], parts, _NOTE, inputs=OPERATING_POINT
+    )
 
 
 def plan_figure(data: Record, models: Models) -> Figure:
@@ -118,10 +120,12 @@ def plan_figure(data: Record, models: Models) -> Figure:
     rows = data["rows"]
     places = tuple(float(i) for i in range(len(rows)))
     series = [
-        Series(m.text, m.look, tuple(_edged(r["found"].get(k, {})) for r in rows), places, MARKERS, m.family)
+        Series(m.text, m.look, tuple(_clip_to_picture(r["found"].get(k, {})) for r in rows), places, MARKERS, m.family)
         for k, m in models.items()
     ]
-    series.append(Series("bench", MEASURED, tuple(_edged(row["bench"] or {}) for row in rows), places, MARKERS))
+    series.append(
+        Series("bench", MEASURED, tuple(_clip_to_picture(row["bench"] or {}) for row in rows), places, MARKERS)
+    )
     shown = tuple(s for s in series if any(x is not None for x in s.x))
     reach = max([1.5, *(abs(x) for s in shown for x in s.x if x is not None)])
     # a quantity with an upper limit alone begins at nothing
@@ -129,13 +133,13 @@ def plan_figure(data: Record, models: Models) -> Figure:
     end = tuple(reach if row["upper"] is None else 1.0 for row in rows)
     return Figure(
         f"Tolerance fields of {data['name']}",
-        f"Bars are what passes, zero is the nominal quantity; a marker beyond {WIDEST:.0f} half bands is at the edge.",
+        f"Bars show what passes, zero is the nominal quantity; markers beyond {WIDEST:.0f} half bands are at the edge.",
         "distance, half bands",  # short, for a telephone
         (Panel("", shown, bars=(Bars("tolerance field", "level", start, end),), rows=tuple(map(test_name, rows))),),
     )
 
 
-def _edged(value_record: Record) -> float | None:
+def _clip_to_picture(value_record: Record) -> float | None:
     distance = number(value_record.get("distance"))
     return None if distance is None else max(-WIDEST, min(WIDEST, distance))
 
@@ -144,7 +148,7 @@ def _edged(value_record: Record) -> float | None:
 
 
 def plan_lines(record: Record) -> list[str]:
-    """Sentences: the model, the part that the bench measured, tests without a number, what a return lacks."""
+    """Sentences on the model, the part on the bench, failed tests and returns without a stroke rate."""
     data = record["data"]
     rows = data["rows"]
     inside, rms = data["inside"][SIMULATED], to_fixed(data["rms"][SIMULATED], 2)
@@ -176,7 +180,7 @@ def note_without_rate(name: str, tests: Sequence[PlanTest]) -> None:
 
 
 def part_verdict(rows: Sequence[Record]) -> tuple[str, str]:
-    """Word on the part that the bench measured, pass, fail or open, and the sentence that says it."""
+    """Verdict on the part on the bench (pass, fail or open), and its sentence."""
     measured_rows = [(row, row["bench"]) for row in rows if row["bench"]]
     if outside := _outside(measured_rows):
         return "fail", f"The part fails.{outside}"
@@ -190,7 +194,7 @@ def part_verdict(rows: Sequence[Record]) -> tuple[str, str]:
 
 
 def _outside(rows: Sequence[tuple[Record, Record]]) -> str:
-    """Behind a sentence: the tests outside, with their distances."""
+    """Addition to a sentence: the tests outside, with their distances."""
     texts = [
         f"{test_name(row)} {f['state']} ({to_signed(f['distance'], 1)})"
         for row, f in rows
@@ -217,7 +221,7 @@ def plan_figures(record: Record) -> list[Figure]:
 
 
 class Section(NamedTuple):
-    """Section of the page of a part on the bench: what it adds to the first screen, and its figures and tables."""
+    """Section of the page of a part: lines and tiles of the first screen, figures and tables."""
 
     heading: str
     lines: Sequence[str]
@@ -229,7 +233,7 @@ class Section(NamedTuple):
 
 
 def plan_section(record: Record) -> Section:
-    """Tests of a plan, with model and part in their bands."""
+    """Section with the tests, and model and part in their bands."""
     data = record["data"]
     pressures = [pressure(data["rows"][0][key]) for key in ("cylinder_pressure", "return_pressure")]
     return Section(
@@ -238,7 +242,7 @@ def plan_section(record: Record) -> Section:
         _tiles(data),
         plan_figures(record),
         plan_tables(record),
-        "Bands are specifications of what passes, not measurements; a wide band is easily met.",
+        "A band is an acceptance limit, not a measurement; a wide band is easily met.",
         [
             ("Cylinder and return pressure", " and ".join(pressures)),
             ("Time step", f"{to_fixed(record['time_step'], 2, MICROSECOND)} µs"),
@@ -247,7 +251,7 @@ def plan_section(record: Record) -> Section:
 
 
 def bench_html(record: Record, kind: str, sections: Sequence[Section], command: str) -> str:
-    """Page of a part on the bench: the verdict of its record, if it has one, sections, and the command that made it."""
+    """Page of a part on the bench: verdict of its record (if any), sections, and the command that repeats it."""
     injector, verdict = record["injector"], record.get("verdict")
     model = f"{injector['title'] or injector['name']} ({injector['variant']})"
     shown = [s._asdict() | {"drawings": drawings(s.figures, name=s.heading.lower())} for s in sections]
@@ -262,13 +266,13 @@ def bench_html(record: Record, kind: str, sections: Sequence[Section], command: 
         first=next(iter(shown[0]["drawings"]), None),
         sections=shown,
         synthetic=[text for text in (injector["synthetic"], record["synthetic"]) if text],
-        commands=[("To make it again", command)],
+        commands=[("To repeat it", command)],
         facts=[("Model of a sound part", model), *(fact for section in sections for fact in section.facts)],
     )
 
 
 def plan_html(record: Record, command: str) -> str:
-    """Page of a model, and of a part where the bench measured one, on a plan."""
+    """Page of a model on a plan, and of a part if the bench measured one."""
     return bench_html(record, "Test plan", [plan_section(record)], command)
 
 

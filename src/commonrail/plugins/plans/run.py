@@ -1,4 +1,4 @@
-"""An injector on a test plan: every test simulated and judged by its band."""
+"""Simulate an injector at the tests of a plan and judge each quantity by its band."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from commonrail.plugins.plans.study import BENCH_PRESSURES, Measure, PlanTest, S
 
 @dataclass(frozen=True, repr=False)
 class PlanResult(Shown):
-    """Simulated quantities of a plan's tests beside their bands.
+    """Simulated quantities of a plan's tests, with their places in the bands.
 
     Attributes
     ----------
@@ -35,11 +35,11 @@ class PlanResult(Shown):
         Its `data` has the tests, its `values` the quantities per stroke (n,) [m³], NaN where one failed, and its
         `states` their places in the bands.
     reasons : tuple of str, length n
-        Why a test has no number; empty where it has one.
+        Reason why a test has no number; empty if it has one.
     time_step : float
         [s].
     hint : str
-        Sentence on a wrong unit that would explain deliveries far off, empty if none would.
+        Sentence on a wrong unit that would explain the deliveries; empty if no wrong unit does.
     """
 
     presenter = "commonrail.plugins.plans.page:PLAN"
@@ -71,17 +71,17 @@ class PlanResult(Shown):
 
 
 def injector_record(injector: Injector) -> dict[str, str]:
-    """Names of an injector, its variant, and what is synthetic of it."""
+    """Name, title, variant and synthetic mark of an injector."""
     return {key: getattr(injector, key) for key in ("name", "title", "synthetic")} | {"variant": injector.variant.label}
 
 
-# Factors of quantities that a wrong unit makes: of 1000, as of g for mg, and with the density of a usual diesel fuel,
-# 0.83 g/cm³, as of a mass for a volume.
+# Factors that a wrong unit causes: 1000 (g for mg), with or without the density of diesel fuel, 0.83 g/cm³ (mass for
+# volume).
 _WRONG_UNITS = tuple(power * density for power in (1e3, 1e-3) for density in (1.0, 0.83, 1.0 / 0.83))
 
 
 def _unit_hint(plan: TestPlan, score: PlanScore, pressures: tuple[Quantity, Quantity], simulator: Simulator) -> str:
-    """Sentence on a wrong unit that brings most deliveries inside their bands where none is; empty if none does."""
+    """Sentence on a wrong unit that would bring most deliveries inside, if none is; empty if there is no such unit."""
     at = [i for i, test in enumerate(plan.tests) if test.measure is Measure.DELIVERY]
     tests, values = [score.data.tests[i] for i in at], score.values[at]
 
@@ -94,7 +94,7 @@ def _unit_hint(plan: TestPlan, score: PlanScore, pressures: tuple[Quantity, Quan
         if 2 * inside(values * factor, tests) > len(at):
             return f"The simulated deliveries times {factor:.4g} would be inside: check the unit of the quantities."
     for factor, words in ((10.0, "ten times the"), (0.1, "a tenth of the")):
-        with suppress(CommonrailError):  # pressures that no model of it covers
+        with suppress(CommonrailError):  # pressures outside the range of the model
             moved = tuple(replace(plan.tests[i], rail_pressure=factor * plan.tests[i].rail_pressure) for i in at)
             data = PlanData.of(replace(plan, tests=moved), simulator.injector, pressures, plan.name)
             if 2 * inside(data.score(simulator).values, data.tests) > len(at):
@@ -120,10 +120,10 @@ def plan(
     plan : TestPlan or path
         A path is read by `load_plan`.
     stroke_rate : float or str, optional
-        Strokes [1/s], or text such as ``"1000 1/min"``, of tests that state none: between two strokes the guides leak
-        at rail pressure, which a return collects.
+        Strokes [1/s], or text such as ``"1000 1/min"``, for tests that state none: between two strokes the guides leak
+        into the return at rail pressure.
     cylinder_pressure, return_pressure : float or str
-        [Pa], or texts with units; by default of an injector bench, 0.5 and 0.1 MPa.
+        [Pa], or texts with units; default: an injector bench, 0.5 and 0.1 MPa.
     time_step : float or str
         [s], or text.
     threads : int, optional

@@ -1,4 +1,4 @@
-"""Test plan of an injector: tests with a nominal quantity per stroke and its band, read from a table."""
+"""Test plan of an injector: tests with a nominal quantity per stroke and a band, read from a table."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from commonrail.base.units import to_text
 from commonrail.engine.operating_point import RAIL_PRESSURES, Energising, OperatingPoint, read_pulses
 from commonrail.physics.law import Domain
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table
-from commonrail.readers.location import Place, located
+from commonrail.readers.location import Place, locate_errors
 from commonrail.readers.overview import synthetic_mark
 from commonrail.readers.tables import has_columns, open_sheet, take_columns
 
-AFTER_ENERGISING = 3e-3  # simulated after the end of energising, as of a quantity map [s]
-# In the cylinder and at the end of the return line [Pa]: of the bench of cases/cri2-16, and ambient [E].
+AFTER_ENERGISING = 3e-3  # simulated time after the end of energising, as for a quantity map [s]
+# Pressures in the cylinder (bench of cases/cri2-16) and at the end of the return line (ambient) [Pa], [E].
 BENCH_PRESSURES = (0.5e6, 0.1e6)
-NO_INJECTION = 0.01  # share of the nominal quantity below which a test is said to inject nothing [1]; chosen
+NO_INJECTION = 0.01  # share of the nominal quantity below which a test counts as without injection [1]; chosen
 STROKE_RATES = Limits(0.01, 1e3, (0.1, 100.0), ("Hz",))  # [1/s]
 
 
@@ -60,22 +60,22 @@ class State(StrEnum):
 
 @settings(kw_only=False)
 class PlanTest:
-    """One test of a plan; `ConfigurationError` if a value makes no sense, or limits and nominal contradict another."""
+    """One test of a plan; `ConfigurationError` for an impossible value, or limits that contradict the nominal one."""
 
-    name: str = setting(words="name of a test", text="As the plan calls it: VL, EM, LL, VE, leak.")
+    name: str = setting(words="name of a test", text="Name in the plan: VL, EM, LL, VE, leak.")
     rail_pressure: Number = setting(unit="Pa", limits=RAIL_PRESSURES)
     energisings: Setting[tuple[Energising, ...], Sequence[tuple[Quantity, Quantity]]] = setting(
         read=lambda value, _: read_pulses(value),
-        text="One or two; of duration zero for the leakage of the closed injector.",
+        text="One or two; with duration zero the leakage of the closed injector.",
     )
     nominal: OptionalNumber = setting(words="nominal quantity", unit="m3", default=None, text="Per stroke [m³ or kg].")
     lower: OptionalNumber = setting(words="lower quantity", unit="m3", default=None, text="Lower limit, if any.")
     upper: OptionalNumber = setting(words="upper quantity", unit="m3", default=None, text="Upper limit.")
     measure: Choice[Measure] = setting(words="measure of a test", default=Measure.DELIVERY)
     stroke_rate: OptionalNumber = setting(
-        unit="1/s", default=None, limits=STROKE_RATES, text="Of the bench, for what leaks between two strokes."
+        unit="1/s", default=None, limits=STROKE_RATES, text="Of the bench, for the leakage between two strokes."
     )
-    bench: OptionalNumber = setting(words="bench quantity", unit="m3", default=None, text="Measured of a part.")
+    bench: OptionalNumber = setting(words="bench quantity", unit="m3", default=None, text="Measured on a part.")
 
     def __post_init__(self) -> None:
         if self.measure is Measure.DELIVERY and not all(pulse.duration > 0.0 for pulse in self.energisings):
@@ -85,7 +85,7 @@ class PlanTest:
             )
         if self.upper is None and (self.lower is None or self.nominal is None):
             raise ConfigurationError(
-                f"The test {self.name} has no band; state half_band, upper_limit, or lower_limit beside nominal."
+                f"The test {self.name} has no band; state half_band, upper_limit, or lower_limit and nominal."
             )
         low, high = -math.inf if self.lower is None else self.lower, math.inf if self.upper is None else self.upper
         if not low < self.middle < high:
@@ -95,21 +95,21 @@ class PlanTest:
 
     @property
     def middle(self) -> float:
-        """Quantity from which distances count: the nominal one, else the middle of two limits, zero below one."""
+        """Origin of distances: the nominal quantity, else the middle of two limits, else zero for an upper limit."""
         if self.nominal is not None:
             return self.nominal
         return 0.0 if self.lower is None else 0.5 * (self.lower + (self.upper or 0.0))
 
     @property
     def half_bands(self) -> tuple[float, float]:
-        """Half band below and above the middle; of a limit alone that of its side on both."""
+        """Half band below and above the middle; a single limit gives both."""
         below = None if self.lower is None else self.middle - self.lower
         above = None if self.upper is None else self.upper - self.middle
         return below or above or math.nan, above or below or math.nan
 
     @property
     def band(self) -> str:
-        """Band as plans print it [mm³]: 45.8 ± 4.2, 60 −5 +6, ≤ 60, ≥ 10."""
+        """Band as printed in plans [mm³]: 45.8 ± 4.2, 60 −5 +6, ≤ 60, ≥ 10."""
         middle, below, above = (1e9 * v for v in (self.middle, *self.half_bands))
         if self.lower is None or self.upper is None:
             limit = f"≥ {middle - below:.4g}" if self.upper is None else f"≤ {middle + above:.4g}"
@@ -118,7 +118,7 @@ class PlanTest:
         return f"{middle:.4g} {ends}"
 
     def state(self, value: float) -> State:
-        """Place of a quantity; NaN is none."""
+        """Place of a quantity in the band; FAILED for NaN."""
         if not math.isfinite(value):
             return State.FAILED
         if self.upper is not None and value > self.upper:
@@ -129,13 +129,13 @@ class PlanTest:
         return State.INSIDE
 
     def point(self, cylinder_pressure: Quantity, return_pressure: Quantity) -> OperatingPoint:
-        """Operating point, pressures in [Pa], that is simulated until `AFTER_ENERGISING`."""
+        """Operating point of the test, simulated until `AFTER_ENERGISING`; pressures in [Pa]."""
         last = self.energisings[-1]
         end = last.start + last.duration + AFTER_ENERGISING
         return OperatingPoint(self.rail_pressure, self.energisings, cylinder_pressure, return_pressure, horizon=end)
 
-    def scaled(self, factor: float) -> PlanTest:
-        """The test with all quantities times a factor, such as masses made volumes."""
+    def scale(self, factor: float) -> PlanTest:
+        """Multiply all quantities by a factor, for example to turn masses into volumes."""
         values = (self.nominal, self.lower, self.upper, self.bench)
         nominal, lower, upper, bench = (None if value is None else value * factor for value in values)
         return replace(self, nominal=nominal, lower=lower, upper=upper, bench=bench)
@@ -143,14 +143,14 @@ class PlanTest:
 
 @dataclass(frozen=True)
 class TestPlan:
-    """Test plan: its name, its tests, the unit of their quantities, m3 or kg, and what its file says is synthetic."""
+    """Test plan: name, tests, unit of the quantities (m3 or kg), and the synthetic mark of its file."""
 
     name: str
     tests: tuple[PlanTest, ...]
     unit: str = "m3"
     synthetic: str = ""
 
-    __test__ = False  # no test of pytest, whatever its name
+    __test__ = False  # not a test of pytest in spite of its name
 
     def __post_init__(self) -> None:
         settle(self, tests=instances(self.tests, PlanTest, "tests of the plan"))
@@ -161,8 +161,8 @@ class TestPlan:
             if key in keys[:i]:
                 raise ConfigurationError(f"There are two tests {key[0]} of the {key[1]}; rename one.")
 
-    def chosen(self, names: Sequence[str]) -> TestPlan:
-        """The plan with some of its tests, by name; `ConfigurationError` if it has none of a name."""
+    def select(self, names: Sequence[str]) -> TestPlan:
+        """Return the plan with some of its tests; `ConfigurationError` for an unknown name."""
         test_names = [test.name for test in self.tests]
         for name in sequence(names, "names of tests", '["VL"]'):
             if name not in test_names:
@@ -173,7 +173,7 @@ class TestPlan:
         return replace(self, tests=tuple(test for test in self.tests if test.name in names))
 
     def at_stroke_rate(self, rate: Quantity | None) -> TestPlan:
-        """The plan with a stroke rate [1/s] for the tests that state none."""
+        """Return the plan with a stroke rate [1/s] for tests without one."""
         if rate is None:
             return self
         default_rate = amount(rate, "1/s", "stroke rate", STROKE_RATES)
@@ -182,7 +182,7 @@ class TestPlan:
 
 
 class Bands(NamedTuple):
-    """Middles of several bands, half bands below and above (n,), and whether both limits, and an upper one, exist."""
+    """Bands of several tests (n,): middle, half bands below and above, and which limits exist (1 or 0)."""
 
     middle: Floats
     below: Floats
@@ -197,18 +197,18 @@ class Bands(NamedTuple):
         return cls(*frozen(np.array(rows, float).T))
 
     def distance(self, values: Floats) -> Floats:
-        """Distances of quantities (…, n) from the middle in half bands: −1 and 1 at the limits."""
+        """Distances of quantities (…, n) from the middle in half bands; −1 and 1 at the limits."""
         deviation = values - self.middle
         return np.asarray(deviation / np.where(deviation < 0.0, self.below, self.above))
 
     def excess(self, values: Floats) -> Floats:
-        """The same, but of a band with one limit only what is beyond it."""
+        """Distances as in `distance`; for a band with one limit only the excess beyond it."""
         d = self.distance(values)
         beyond = np.where(self.has_upper > 0.0, np.maximum(d - 1.0, 0.0), np.minimum(d + 1.0, 0.0))
         return np.where(self.is_closed > 0.0, d, beyond)
 
 
-# The table of a plan. Columns but the first three may be missing, and their cells empty.
+# The table of a plan. Only the first three columns are required; other cells may be empty.
 
 _NEEDED = (
     Column("test"),
@@ -228,10 +228,10 @@ _OPTIONAL = (
     Column("bench", _BAND[1:], domain=Domain.NON_NEGATIVE, required=False),
 )
 
-# Ranges in SI units that numbers of a plan usually lie in, chosen so wide that beyond them a wrong unit is likelier.
-# Petrol is injected at some MPa, and no series injector is built for more than 300; a coil needs some 100 us to open a
-# valve, and 10 ms are over 60° of crank at 1000 1/min; injectors of ships deliver about 1 cm³, at 60 strokes a minute;
-# the fastest engines of cars inject 50 times a second.
+# Usual ranges of the numbers of a plan [SI], so wide that a number outside suggests a wrong unit. Petrol is injected at
+# a few MPa, and series injectors are built for up to 300; a coil needs about 100 us to open a valve, and 10 ms exceed
+# 60° of crank at 1000 1/min; injectors of ships deliver about 1 cm³, at 60 strokes a minute; the fastest engines of
+# cars inject 50 times a second.
 _ENERGISED = (50e-6, 10e-3)
 _USUAL = {
     "rail_pressure": (1e6, 400e6),
@@ -250,15 +250,15 @@ def load_plan(path: str | PathLike[str], form: FileForm = PLAIN) -> TestPlan:
     ----------
     path : str or path
         Table with the columns test, rail_pressure and energising_time; measure, second_energising_time, dwell,
-        stroke_rate, nominal, half_band, lower_limit, upper_limit and bench are optional. Units stand in the head; a
-        warning names the first number of a column that is unusually small or large in its unit.
+        stroke_rate, nominal, half_band, lower_limit, upper_limit and bench are optional. The heading states units; a
+        warning names the first number of a column that is unusually small or large.
     form : FileForm
         Encoding, decimal sign and sheet.
 
     Raises
     ------
     InputError, ConfigurationError
-        If the file cannot be read, a column or unit is missing, or a row makes no sense; with line and column.
+        If the file cannot be read, a column or unit is missing, or a row is impossible; with line and column.
     """
     path = file_path(path, "path of a test plan")
     sheet = open_sheet(path, form)
@@ -267,7 +267,8 @@ def load_plan(path: str | PathLike[str], form: FileForm = PLAIN) -> TestPlan:
     column_names = [column.name for column in (*_NEEDED, *_OPTIONAL)]
     for name in sheet.names:
         if name not in (*column_names, *table.headings.values()):
-            note(f'{path}: the column "{name}" is none of a test plan and is not read{nearest(name, column_names)}.')
+            hint = nearest(name, column_names)
+            note(f'{path}: the column "{name}" does not belong to a test plan and is not read{hint}.')
     units = {name: unit for name, unit in table.units.items() if unit in ("m3", "kg")}
     for name, unit in units.items():
         if unit != next(iter(units.values())):
@@ -277,12 +278,12 @@ def load_plan(path: str | PathLike[str], form: FileForm = PLAIN) -> TestPlan:
         _warn_of_unusual(table, name)
     tests = tuple(_test(table, row) for row in range(len(table.rows)))
     mark = synthetic_mark((*table.comments, *(cell for texts in table.texts.values() for cell in texts)))
-    with located(Place(str(path))):
+    with locate_errors(Place(str(path))):
         return TestPlan(path.name, tests, next(iter(units.values()), "m3"), mark)
 
 
 def _warn_of_unusual(table: Table, name: str) -> None:
-    """Warn of the first number of a column outside `_USUAL`; zero, as the energising time of a return, is none."""
+    """Warn of the first number of a column outside `_USUAL`; zero is allowed (energising time of a return)."""
     unit, values = table.units[name], table.columns[name]
     low, high = _USUAL.get(name) or _USUAL.get(unit) or (0.0, math.inf)
     slack = 1e-9  # rounding of a number that was converted
@@ -291,7 +292,7 @@ def _warn_of_unusual(table: Table, name: str) -> None:
         row = int(outside[0])
         usual = f"{to_text(low, unit)} to {to_text(high, unit)}" if low else f"at most {to_text(high, unit)}"
         value_text = to_text(float(values[row]), unit)
-        note(f"{table.place(name, row)}: this is {value_text}, and {usual} is usual; check the unit of the column.")
+        note(f"{table.place(name, row)}: this is {value_text}; usual is {usual}; check the unit of the column.")
 
 
 def _test(table: Table, row: int) -> PlanTest:
@@ -299,11 +300,11 @@ def _test(table: Table, row: int) -> PlanTest:
     cells = {name: None if math.isnan(values[row]) else float(values[row]) for name, values in table.columns.items()}
     name, word = (table.texts[key][row].strip() if key in table.texts else "" for key in ("test", "measure"))
     if not name:
-        raise table.place("test", row).error("the cell is empty, and the name of the test is expected")
+        raise table.place("test", row).error("the cell is empty; state the name of the test")
     if word not in ("", *Measure):
-        raise table.place("measure", row).error(f'"{word}" is no measure; write delivery or return')
+        raise table.place("measure", row).error(f'unknown measure "{word}"; write delivery or return')
     measure = Measure(word or Measure.DELIVERY)
-    with located(Place(str(table.path), f"{table.row} {table.rows[row]}")):
+    with locate_errors(Place(str(table.path), f"{table.row} {table.rows[row]}")):
         return PlanTest(
             name,
             float(table.columns["rail_pressure"][row]),
@@ -334,7 +335,7 @@ def _limits(table: Table, cells: dict[str, float | None], measure: Measure) -> t
         if value is None or (table.units[name] != "1" and name != "half_band"):
             return value
         if nominal is None:
-            raise ConfigurationError(f"The {name} is one of the nominal quantity, which is missing; state nominal.")
+            raise ConfigurationError(f"The {name} needs the nominal quantity, which is missing; state nominal.")
         return value * nominal if table.units[name] == "1" else value
 
     half, lower, upper = (quantity(name) for name in ("half_band", "lower_limit", "upper_limit"))
@@ -344,7 +345,7 @@ def _limits(table: Table, cells: dict[str, float | None], measure: Measure) -> t
         raise ConfigurationError("State half_band or limits, not both.")
     if measure is Measure.DELIVERY and half >= nominal * (1.0 - 1e-9):
         raise ConfigurationError(
-            f"The half_band of a delivery is {100.0 * half / nominal:.4g} % of the nominal quantity, so that a part "
-            "that injects nothing would pass; state less, or upper_limit if that may pass."
+            f"The half_band of a delivery is {100.0 * half / nominal:.4g} % of the nominal quantity, so a part "
+            "without injection would pass; state less, or upper_limit if it may pass."
         )
     return nominal - half, nominal + half

@@ -1,4 +1,4 @@
-"""commonrail plan: an injector, and a part on the bench, judged by a test plan; options of all that judge by one."""
+"""commonrail plan: judge an injector, and a part on the bench, by a test plan. Options shared by such verbs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from commonrail.base.output import write_text
 from commonrail.base.registry import part_digits
 from commonrail.base.units import parse, to_text
 from commonrail.cli.console import SIMULATING, print_result, print_text, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import (
     DecimalSign,
     Json,
@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     from commonrail.plugins.plans.study import TestPlan
 
 StrokeRate = Annotated[
-    str | None, Option(help="Stroke rate where the plan states none, e.g. 1000/min; a return needs it. [default: none]")
+    str | None, Option(help="Stroke rate of tests that state none, e.g. 1000/min; a return needs it. [default: none]")
 ]
-Page = Callable[[dict[str, Any], str], str]  # of a record and the command that makes it again
+Page = Callable[[dict[str, Any], str], str]  # from a record and the command that repeats it
 Report = Annotated[Path | None, Option(metavar="FILE.html", help="Report on one page.")]
 
 
@@ -44,16 +44,14 @@ Report = Annotated[Path | None, Option(metavar="FILE.html", help="Report on one 
 class BenchOptions:
     """Part, tests and bench of a command line, shared by all verbs that judge by a test plan."""
 
-    part: Annotated[str, Argument(metavar="PART", help="Catalogue name, part number, injector file or run folder.")]
-    tests: Annotated[
-        Path, Argument(metavar="TESTS.csv", help="Test plan; with a column bench also what a part delivered.")
-    ]
+    model: Annotated[str, Argument(metavar="PART", help="Catalogue name, part number, injector file or run folder.")]
+    tests: Annotated[Path, Argument(metavar="TESTS.csv", help="Test plan; a column bench holds the results of a part.")]
     cylinder_pressure: Annotated[
-        str | None, Option(help="Pressure behind the nozzle. [default: that of the run's first data, else 0.5MPa]")
+        str | None, Option(help="Pressure behind the nozzle. [default: as in the run's first data, else 0.5MPa]")
     ] = None
     return_pressure: Annotated[
         str | None,
-        Option(help="Pressure at the end of the return line. [default: that of the run's first data, else 0.1MPa]"),
+        Option(help="Pressure at the end of the return line. [default: as in the run's first data, else 0.1MPa]"),
     ] = None
     decimal: DecimalSign = None
     time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us"
@@ -64,12 +62,12 @@ class BenchOptions:
     def read(
         self, report: Path | None = None, stroke_rate: str | None = None
     ) -> tuple[Injector, TestPlan, dict[str, Any]]:
-        """Injector, test plan, and the other arguments of what judges them; a page is known to be writable then."""
+        """Injector, test plan and further arguments; checks first that the report can be written."""
         from commonrail.plugins.plans.study import BENCH_PRESSURES, load_plan
 
         check_report(report)
         tests = load_plan(self.tests, read_form(None, self.decimal, None, [self.tests]))
-        model = _read_part(self.part)
+        model = _read_part(self.model)
         injector = with_overrides(model.injector, self.set_)
         refuse_return_pressure(injector)
         cylinder, back = read_pressures(self.cylinder_pressure, self.return_pressure, model.folder, BENCH_PRESSURES)
@@ -95,7 +93,7 @@ class BenchOptions:
 
 
 def _read_part(text: str) -> NamedModel:
-    """Model of a text; of a part number that of the type whose file names it."""
+    """Model of a name, file or run; for a part number, the type that lists it."""
     from commonrail.cli.model_name import read_model_name
     from commonrail.readers.part_number import LENGTH, find_part
 
@@ -114,13 +112,13 @@ def _read_part(text: str) -> NamedModel:
     return read_model_name(text)
 
 
-@verb
+@table_verb
 def plan(bench: BenchOptions, *, stroke_rate: StrokeRate = None, report: Report = None) -> None:
     """Judge a model, and a part on the bench, by a test plan.
 
-    Every test is simulated; a quantity is inside or outside its band, and its distance from the nominal one is
-    stated in half bands. The column bench of the plan, if it has one, is judged alike: the part passes or fails.
-    Pressures that are not stated are those of an injector bench, 0.5 MPa behind the nozzle and 0.1 MPa in the return.
+    Every test is simulated. Its quantity is inside or outside the band, at a distance from the nominal quantity in half
+    bands. Results in the column bench are judged in the same way: the part passes or fails. Default pressures are
+    those of an injector bench, 0.5 MPa behind the nozzle and 0.1 MPa in the return.
 
     \b
     Examples:

@@ -12,7 +12,7 @@ from commonrail.base.chart import Band as Area
 from commonrail.base.table import Part, Table, table_from_parts
 from commonrail.base.text import MISSING, count_noun, field_unit, pressure, significant, to_fixed
 from commonrail.calibration.study import Study
-from commonrail.data.records import Record, origin_of
+from commonrail.data.records import Record, origin_word
 from commonrail.plugins.prediction.band import Band
 from commonrail.plugins.prediction.run import Prediction
 from commonrail.report.analysis import result_html
@@ -124,7 +124,7 @@ def _figure(band: Band, level: float) -> Figure | None:
         series.append(Series(label, "best", colour_group, points(unit.factor * band.values[rows]), LINES, *step))
     caption = f"Lines: predicted; shaded: {to_fixed(level, 0, 100.0)} % band of measured values."
     if band.measured:
-        caption += f" {name}: {origin_of({'synthetic': data.synthetic})}."
+        caption += f" {name}: {origin_word({'synthetic': data.synthetic})}."
     panel = Panel(f"{data.kind.replace('quantities', 'quantity')}, {unit.text}", tuple(series), bands=tuple(bands))
     return Figure(data.name, caption, axis, (panel,))
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, NamedTuple
 from commonrail.base.display import Shown
 from commonrail.base.record import Interval, Key, to_record
 from commonrail.calibration.parameter import Parameter
-from commonrail.data.records import record_of
+from commonrail.data.records import make_record
 from commonrail.plugins.sensitivity.settings import SensitivitySettings
 from commonrail.plugins.sensitivity.study import Output
 
@@ -153,7 +153,7 @@ class Sensitivity(Shown):
 
     def record(self) -> dict[str, Any]:
         """JSON-able form, SI; absent values are None."""
-        return record_of("sensitivity", self)
+        return make_record("sensitivity", self)
 
 
 def _flat(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import click
 from commonrail.base.errors import InputError
 from commonrail.base.units import parse
 from commonrail.cli.console import Bar, Stage, print_json, print_text, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import (
     CylinderPressure,
     Json,
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from commonrail.plugins.sensitivity.file import Sensitivity
 
 
-@verb
+@table_verb
 def sensitivity(
     source: Annotated[
         str,

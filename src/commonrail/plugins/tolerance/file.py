@@ -1,4 +1,4 @@
-"""Files of a tolerance study: record and table of its result, and the TOML file that it is read from."""
+"""Files of a tolerance study: record and table of the result, and the TOML file of the study."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.base.record import Interval, Key
 from commonrail.calibration.study_file import named_injector
 from commonrail.calibration.study_keys import InItsUnit, known_parameter
-from commonrail.data.records import record_of
+from commonrail.data.records import make_record
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.status import check_point
 from commonrail.engine.time_step import DEFAULT_STEP
@@ -39,14 +39,14 @@ from commonrail.plugins.tolerance.study import (
     Uniform,
 )
 from commonrail.plugins.tolerance.trim import Trimmed
-from commonrail.readers.location import located
+from commonrail.readers.location import locate_errors
 from commonrail.readers.toml import UNSTATED, FileModel, Mark, Sourced, Text, Unit, choice, fault, read_model_file
 
 
 class DimensionShare(NamedTuple):
-    """Share of a dimension in the variance at a point, in `Shares`; None where nothing scatters.
+    """Share of a dimension in the variance at a point (see `Shares`); None if nothing scatters.
 
-    `if_halved` is the standard deviation if that of the dimension were halved and all else stayed [m³].
+    `if_halved` is the standard deviation of the quantity if this dimension alone scattered half as much [m³].
     """
 
     name: str
@@ -70,7 +70,7 @@ class PointResult(NamedTuple):
     def of(
         cls, point: TolerancePoint, nominal: float, spread: Spread, names: Sequence[str], shares: Shares | None
     ) -> PointResult:
-        """Result at a point of a study whose dimensions have names."""
+        """Result at a point of a study; `names`: of its dimensions."""
         rows = [DimensionShare(name, None, None, None) for name in names]
         if shares is not None:
             ends = np.stack([shares.value, shares.low, shares.high], axis=1).tolist()
@@ -91,7 +91,7 @@ class InjectorFacts(NamedTuple):
 
 
 class DistributionFacts(NamedTuple):
-    """Distribution of a dimension: its kind and numbers [SI], None for a limit that it lacks."""
+    """Distribution of a dimension: kind and numbers [SI]; None for an absent limit."""
 
     kind: str
     lower: float | None
@@ -102,7 +102,7 @@ class DistributionFacts(NamedTuple):
 
 
 class DimensionFacts(NamedTuple):
-    """Dimension of a study: the drawing's value [SI] and its distribution, with the mark and the source of that."""
+    """Dimension of a study: value of the drawing [SI], and distribution with its mark and source."""
 
     name: str
     unit: str
@@ -131,11 +131,11 @@ class ToleranceResult(Shown):
         Assumed parts of injector and tolerances; empty if nothing is assumed.
     injector : InjectorFacts
     status : str
-        "complete", or "interrupted" with the parts that were simulated.
+        "complete", or "interrupted": the result covers the parts simulated so far.
     asked, parts : int
         Number of parts asked for, and simulated.
     injections : int
-        Single simulations that it took.
+        Number of single simulations.
     seed, sampling, time_step, precision
         Those of the study.
     confidence : float
@@ -168,7 +168,7 @@ class ToleranceResult(Shown):
     seconds: Annotated[float, Key("clock.seconds")]
 
     def rows(self) -> list[dict[str, Any]]:
-        """One flat row for each operating point and dimension, SI; ``pandas.DataFrame(rows)`` takes them."""
+        """One flat row for each operating point and dimension [SI], for ``pandas.DataFrame(rows)``."""
         rows = []
         for point in self.points:
             spread = point.spread
@@ -182,7 +182,7 @@ class ToleranceResult(Shown):
 
     def record(self) -> dict[str, Any]:
         """JSON-able form, SI; what does not exist is None."""
-        return record_of("tolerance", self)
+        return make_record("tolerance", self)
 
 
 # Tolerance studies from TOML: injector, distributions of its dimensions, operating points with limits, trim.
@@ -204,19 +204,19 @@ class _Width(NamedTuple):
 
 
 def _read(item: Any, unit: str) -> tuple[float, bool]:
-    """Share that is given in percent, or number in an SI unit; and which of them it is."""
+    """Value, and whether it is a share (given in percent) or a number in an SI unit."""
     relative = isinstance(item, str) and "%" in item
     return Unit("1" if relative else unit).read(item), relative
 
 
 def _width(item: Any, info: ValidationInfo) -> _Width:
-    """Width in percent of the drawing's value, or in the unit of the parameter; any where the name is refused."""
+    """Width in percent of the drawing's value, or in the unit of the parameter."""
     name = info.data.get("name")
     return _Width(*_read(item, parameter_quantities()[name].unit)) if name else _Width(0.0, False)
 
 
 def _limit(item: Any) -> Limit:
-    """Limit as a quantity, or as its deviation from the nominal one in percent."""
+    """Limit as a quantity, or as a deviation from the nominal quantity in percent."""
     return Limit(*_read(item, "m3"))
 
 
@@ -290,29 +290,29 @@ def load_tolerances(path: str | Path) -> Tolerances:
     Parameters
     ----------
     path : str or Path
-        TOML file; the injector is a name of the catalogue, or a file in its folder or below unless the file says
-        ``allow_outside = true``.
+        TOML file. The injector is a name of the catalogue or a file in the same folder or a subfolder; other places
+        need ``allow_outside = true``.
 
     Raises
     ------
     InputError
         If a file cannot be read, or something in it is unknown, missing or of the wrong kind.
     ConfigurationError
-        If `path` is no path, or values contradict one another.
+        If `path` is not a path, or values contradict one another.
     """
     file = file_path(path, "path of a tolerance study")
     model, at, reach, text = read_model_file(_ToleranceModel, file)
     injector = named_injector(model.injector, file.parent, reach, at / "injector")
     dimensions = []
     for i, item in enumerate(model.dimension):
-        with located((at / "dimension")[i]):
+        with locate_errors((at / "dimension")[i]):
             distribution = _distribution(item, injector.values[item.name])
             dimensions.append(Dimension(item.name, distribution, item.origin(Source(model.mark, model.source))))
     points = []
     for i, point_model in enumerate(model.point):
-        with located((at / "point")[i]):
+        with locate_errors((at / "point")[i]):
             points.append(_point(point_model, injector))
-    with located(at):
+    with locate_errors(at):
         return Tolerances(
             model.title,
             injector,
@@ -341,7 +341,7 @@ def _point(point_model: _PointModel, injector: Injector) -> TolerancePoint:
     return TolerancePoint(point_model.name, point, point_model.lower, point_model.upper)
 
 
-# Keys that a distribution takes besides name, mark and source.
+# Keys of a distribution in addition to name, mark and source.
 _KEYS = {
     "normal": ("mean", "sigma", "tolerance", "lower", "upper"),
     "uniform": ("mean", "tolerance", "lower", "upper"),
@@ -350,7 +350,7 @@ _KEYS = {
 
 
 def _distribution(item: _DimensionModel, drawn: float) -> Distribution:
-    """Distribution about the drawing's value, or about the one that is given."""
+    """Distribution about the stated value, by default the drawing's."""
     for key in ("mean", "mode", "sigma", "tolerance", "lower", "upper"):
         if getattr(item, key) is not None and key not in _KEYS[item.distribution]:
             raise ConfigurationError(
@@ -370,7 +370,7 @@ def _distribution(item: _DimensionModel, drawn: float) -> Distribution:
 
 
 def _ends(item: _DimensionModel, middle: float, drawn: float) -> tuple[float | None, float | None]:
-    """Limits of the distribution: about its middle, or outright."""
+    """Limits of the distribution, as stated or from the tolerance about its middle."""
     if item.tolerance is None:
         return item.lower, item.upper
     if item.lower is not None or item.upper is not None:

@@ -1,4 +1,4 @@
-"""The page of a tolerance study: capability, histograms, shares of the variance, trim, dimensions."""
+"""Page of a tolerance study: capability, histograms, shares of the variance, trim, dimensions."""
 
 from __future__ import annotations
 
@@ -20,14 +20,13 @@ from commonrail.report.fit.rules import BAD, CARE, GOOD, Tile
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
 
-SHARES = "Of a cubic fit to the parts, with jackknife intervals; small intervals are hidden by the bars' ends."
 CAPABLE, FITS = 1.33, 1.0  # Cpk asked for in series production: four and three standard deviations to the limit
 ENDS = ("0.00135", "0.99865")  # shares of the parts that enclose 99.73 %
-SMALL = 1e-3  # share of parts below which it is given in parts per million
+SMALL = 1e-3  # shares of parts below this are printed in parts per million
 
 
 def tolerance_html(record: Record, folder: Path = Path("DIR")) -> str:
-    """The page of a tolerance study; `folder` is its name for the command lines in it."""
+    """Page of a tolerance study; `folder` is the name of its folder in the command lines."""
     result, sections = from_record(ToleranceResult, record), []
     for k, point in enumerate(result.points):
         figures = [(f, figure_html(f, f"figure-{k}-{i}", height)) for i, (f, height) in enumerate(_figures(point))]
@@ -58,9 +57,8 @@ RESULT = ResultKind("tolerance.json", "tolerance", "tolerance", tolerance_html)
 def tolerance_lines(result: ToleranceResult) -> list[str]:
     """Sentences on the study as a whole."""
     lines = [
-        f"{result.parts:,} parts of {result.injector.title}, whose {len(result.dimensions)} dimensions scatter within "
-        f"their tolerances, at {len(result.points)} operating points: {result.injections:,} "
-        "simulations."
+        f"{result.parts:,} parts of {result.injector.title}: {len(result.dimensions)} dimensions scatter within their "
+        f"tolerances, {len(result.points)} operating points, {result.injections:,} simulations."
     ]
     for point in result.points:
         best = point.dimensions[0]
@@ -72,16 +70,16 @@ def tolerance_lines(result: ToleranceResult) -> list[str]:
             )
     failed = sum(point.spread.failed for point in result.points)
     if failed:
-        lines.append(f"{failed:,} simulations failed; a part that fails counts as out of limits, and has no quantity.")
+        lines.append(f"{failed:,} simulations failed; such parts count as out of limits.")
     return lines
 
 
 def _tile(point: PointResult) -> Tile:
-    """Capability of an operating point, or its scatter where it has no limits."""
+    """Capability at an operating point, or the scatter if limits are absent."""
     spread, cpk = point.spread, point.spread.cpk
     scatter = f"standard deviation {_volume(spread.deviation, 3)} mm³"
     if cpk is None:
-        return Tile(point.name, f"{_volume(spread.deviation, 3)} mm³", "standard deviation; no limits are given")
+        return Tile(point.name, f"{_volume(spread.deviation, 3)} mm³", "standard deviation; limits are not stated")
     level = GOOD if cpk >= CAPABLE else CARE if cpk >= FITS else BAD
     return Tile(point.name, f"Cpk {to_fixed(cpk, 2)}", f"{_out(spread)} out of limits; {scatter}", level)
 
@@ -130,10 +128,10 @@ def _capability_table(result: ToleranceResult) -> Table:
     ]
     sure = percent(result.confidence, 0)
     note = (
-        f"Out of limits with its {sure} % interval (Clopper and Pearson); failed parts are among them. Cp and Cpk take "
-        "the standard deviation, and mean what they say for a normal distribution; the share out of limits is counted."
+        f"Out of limits: counted, failed parts included, with a {sure} % interval (Clopper and Pearson). Cp and Cpk "
+        "use the standard deviation and presume a normal distribution."
     )
-    return table_from_columns("Capability", result.points, columns, note)
+    return table_from_columns("Capability", result.points, columns, note, inputs=("as drawn, mm³", "limits, mm³"))
 
 
 def _share_table(point: PointResult) -> Table:
@@ -143,7 +141,7 @@ def _share_table(point: PointResult) -> Table:
         ("from 2.5 % to 97.5 % of the parts, mm³", lambda d: significant(d.swing, 3, MM3)),
         ("st. dev. with half the spread, mm³", lambda d: _volume(d.if_halved, 3)),
     ]
-    rest = "" if point.rest is None else f"Rest: {percent(max(point.rest, 0.0))} %, interactions and steps. "
+    rest = "" if point.rest is None else f"Rest: {percent(max(point.rest, 0.0))} % from interactions and steps. "
     more = len(point.dimensions) - SHOWN
     note = f"{rest}{f'{more} more are in tolerance.csv.' if more > 0 else ''}".strip()
     return table_from_columns(f"Tolerances to tighten: {point.name}", point.dimensions[:SHOWN], columns, note)
@@ -163,14 +161,14 @@ def _figures(point: PointResult) -> list[tuple[Figure, int]]:
         bars = (interval_bars("", "start", [row.share for row in rows], 100.0),)
         panel = Panel("", (), bars=bars, rows=tuple(row.name for row in rows))
         figure = Figure(
-            "Share of the variance", "Covariance of each dimension's part of a cubic fit.", "share, %", (panel,)
+            "Share of the variance", "Covariance of each dimension's term in a cubic fit.", "share, %", (panel,)
         )
         figures.append((figure, bar_height(len(rows)) - 30))
     return figures
 
 
 def _histogram(point: PointResult) -> Figure:
-    """Histogram as a line with steps, and the limits."""
+    """Histogram as a stepped line, with the limits."""
     spread = point.spread
     shares = [100.0 * count / spread.parts for count in spread.histogram.counts]
     x = tuple(MM3 * edge for edge in spread.histogram.edges for _ in (0, 1))
@@ -183,7 +181,7 @@ def _histogram(point: PointResult) -> Figure:
             label = "as drawn" if name == "drawn" else "limits" if name == "lower" or spread.lower is None else ""
             series.append(Series(label, look, (MM3 * at,) * 2, (0.0, top)))
     ends = [v for s in series for v in s.x if v is not None]
-    aside = 0.03 * (max(ends) - min(ends))  # so that no limit lies on the frame
+    aside = 0.03 * (max(ends) - min(ends))  # keeps limits off the frame
     series.append(Series("", "level", (min(ends) - aside, max(ends) + aside), (0.0, 0.0)))
     return Figure(
         "Quantity of the parts", "", "injected quantity, mm³", (Panel("share of the parts, %", tuple(series)),)
@@ -200,7 +198,7 @@ def _trim_table(trim: Trimmed) -> Table:
         ("out of limits after", lambda p: _out(p.after)),
         ("st. dev. of the correction, µs", lambda p: to_fixed(p.correction.deviation, 1, MICROSECOND)),
     ]
-    return table_from_columns("Trim", trim.points, columns, "Standard deviations are those over the parts.")
+    return table_from_columns("Trim", trim.points, columns, "Standard deviations over the parts.")
 
 
 def _trim_lines(trim: Trimmed) -> list[str]:
@@ -208,14 +206,13 @@ def _trim_lines(trim: Trimmed) -> list[str]:
     law = "the same at all points" if len(trim.test_points) == 1 else "linear in the energising time"
     scatter = quantity(trim.scatter, "m3", 3)
     lines = [
-        f"{trim.parts:,} parts, each measured at {test} with a scatter of {scatter}, and corrected in its "
-        f"energising time by the nominal slope, {law}, in steps of {quantity(trim.resolution, 's', 3)}. Each was "
-        "simulated again at its own energising time."
+        f"{trim.parts:,} parts were measured at {test} with a scatter of {scatter}. Energising times were corrected "
+        f"by the nominal slope, {law}, in steps of {quantity(trim.resolution, 's', 3)}. Each part was simulated again."
     ]
     if trim.unmeasured:
-        lines.append(f"{trim.unmeasured:,} parts could not be measured and are left out.")
-    held = sum(point.held for point in trim.points)
-    return [*lines, *([f"{held:,} corrections ended at half of the energising time."] if held else [])]
+        lines.append(f"{trim.unmeasured:,} parts could not be measured and are omitted.")
+    limited = sum(point.limited for point in trim.points)
+    return [*lines, *([f"{limited:,} corrections were limited to half of the energising time."] if limited else [])]
 
 
 def _dimension_table(result: ToleranceResult) -> Table:
@@ -227,7 +224,7 @@ def _dimension_table(result: ToleranceResult) -> Table:
         ("source", lambda d: d.source),
     ]
     pairs = [f"{c.first} and {c.second}: {c.value:g}" for c in result.correlations]
-    note = f"Correlations of the normal scores: {'; '.join(pairs)}. " if pairs else "All are independent. "
+    note = f"Correlations of the normal scores: {'; '.join(pairs)}. " if pairs else "All dimensions are independent. "
     return table_from_columns("Dimensions", result.dimensions, columns, note + MARKS)
 
 

@@ -1,4 +1,4 @@
-"""Tolerance study: draw parts, simulate them block by block, and keep what the figures need."""
+"""Tolerance study: draw parts, simulate them block by block, and collect their statistics."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from commonrail.base.errors import ConfigurationError, SimulationError
 from commonrail.base.hooks import hold_interrupts
 from commonrail.engine.status import OK, Status
 from commonrail.plugins.tolerance.file import DimensionFacts, InjectorFacts, PointResult, ToleranceResult
-from commonrail.plugins.tolerance.statistics import GROUPS, Draws, Parts, Simulated, VarianceShares, spread_of
+from commonrail.plugins.tolerance.statistics import GROUPS, Draws, Parts, PartSimulator, VarianceShares, describe_spread
 from commonrail.plugins.tolerance.study import Tolerances
-from commonrail.plugins.tolerance.trim import trimmed
+from commonrail.plugins.tolerance.trim import trim_parts
 
-LARGEST_BLOCK, SMALLEST_BLOCK = 16_384, 64  # parts that are simulated together; powers of two
+LARGEST_BLOCK, SMALLEST_BLOCK = 16_384, 64  # parts simulated together; powers of two
 
 
 class Progress(NamedTuple):
-    """Phase, and parts done and in all."""
+    """Phase, and number of parts done and in total."""
 
     phase: str
     done: int
@@ -36,9 +36,9 @@ def tolerance(
     confidence: float = 0.95,
     progress: Callable[[Progress], None] | None = None,
 ) -> ToleranceResult:
-    """Spread of the injected quantity over parts whose dimensions scatter.
+    """Simulate parts whose dimensions scatter, and describe the spread of the injected quantity.
 
-    Ctrl-C ends the study with the parts that are simulated by then, without the trim.
+    Ctrl-C ends the study with the parts simulated so far, without the trim.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def tolerance(
     Raises
     ------
     ConfigurationError
-        If an argument is of another kind, or limits are crossed.
+        If an argument has the wrong type, or limits are crossed.
     SimulationError
         If the part as drawn cannot be simulated, or hardly any part can.
     """
@@ -60,7 +60,7 @@ def tolerance(
     sure = amount(confidence, "1", "confidence", Limits(0.5, 0.999))
     report = function(progress, "progress") or (lambda _: None)
     begin = time.perf_counter()
-    simulated = Simulated(t, thread_count(threads))
+    simulated = PartSimulator(t, thread_count(threads))
     nominal = _nominal(simulated)
     limits = [_limits(t, k, nominal[k]) for k in range(len(t.points))]
     with hold_interrupts() as request:
@@ -68,7 +68,7 @@ def tolerance(
         if not done:
             request.check()
         spreads = [
-            spread_of(simulated_parts.quantities[:done, k], simulated_parts.codes[:done, k], limits[k], sure)
+            describe_spread(simulated_parts.quantities[:done, k], simulated_parts.codes[:done, k], limits[k], sure)
             for k in range(len(limits))
         ]
         lost = [p.name for p, spread in zip(t.points, spreads, strict=True) if spread is None]
@@ -77,7 +77,7 @@ def tolerance(
             raise SimulationError(f"{t.title}: hardly any part can be simulated at {lost[0]}. {why.sentence}")
         trim = None
         if t.trim is not None and not request.asked:
-            trim = trimmed(
+            trim = trim_parts(
                 simulated, simulated_parts, nominal, limits, sure, lambda i, n: report(Progress("trimming", i, n))
             )
     results = [
@@ -105,7 +105,7 @@ def tolerance(
     )
 
 
-def _nominal(simulated: Simulated) -> Floats:
+def _nominal(simulated: PartSimulator) -> Floats:
     """Quantities (points,) of the part as drawn [m³]."""
     nominal_part = simulated.parts(None)
     for p, code in zip(simulated.tolerances.points, nominal_part.codes[0], strict=True):
@@ -126,9 +126,9 @@ def _limits(t: Tolerances, k: int, nominal: float) -> tuple[float | None, float 
 
 
 def _all(
-    simulated: Simulated, nominal: Floats, report: Callable[[Progress], None], stop: Callable[[], bool]
+    simulated: PartSimulator, nominal: Floats, report: Callable[[Progress], None], stop: Callable[[], bool]
 ) -> tuple[Parts, VarianceShares, int]:
-    """Quantities of all parts, the sums of the shares, and the number of parts that were simulated."""
+    """Simulate all parts: quantities, sums of the shares, and number of simulated parts."""
     t = simulated.tolerances
     size = min(LARGEST_BLOCK, max(SMALLEST_BLOCK, 1 << (max(t.parts // GROUPS, 1).bit_length() - 1)))
     shape = (t.parts, len(t.points))

@@ -1,4 +1,4 @@
-"""Statistics of a tolerance study: parts drawn and simulated, the spread of their quantities, capability, shares."""
+"""Statistics of a tolerance study: drawn and simulated parts, spread of their quantities, capability, shares."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from commonrail.engine.simulate import simulate_batch
 from commonrail.engine.status import OK, Status
 from commonrail.plugins.tolerance.study import Sampling, Tolerances
 
-EDGE = 1e-12  # distance of a share from 0 and 1, where a normal distribution has no value
+EDGE = 1e-12  # least distance of a share from 0 and 1, where a normal distribution is infinite
 
 
 class Draws:
-    """Parts in order; the same study gives the same parts where as many are drawn at a time."""
+    """Parts of a study, drawn in order; equal block sizes give equal parts."""
 
     def __init__(self, tolerances: Tolerances) -> None:
         from scipy.stats import qmc  # slow to import
@@ -33,7 +33,7 @@ class Draws:
         self._rng = rng
 
     def take(self, count: int) -> Floats:
-        """The next parts (count, dimensions) [SI]; a power of two each time keeps the sequence even."""
+        """Draw the next parts (count, dimensions) [SI]; powers of two keep the sequence even."""
         shares = self._rng.random((count, len(self._dimensions))) if self._sequence is None else self._even(count)
         shares = np.clip(shares, EDGE, 1.0 - EDGE)
         if self._factor is not None:
@@ -45,33 +45,34 @@ class Draws:
 
     def _even(self, count: int) -> Floats:
         assert self._sequence is not None
-        power_of_two = 1 << (count - 1).bit_length()  # SciPy warns of numbers that are no powers of two
+        power_of_two = 1 << (count - 1).bit_length()  # SciPy warns of other numbers
         if self._sequence.num_generated or power_of_two == count:
             return np.asarray(self._sequence.random(count))
         return np.asarray(self._sequence.random(power_of_two)[:count])
 
 
 class Parts(NamedTuple):
-    """Quantities (parts, points) [m³], NaN where a simulation failed, and codes: values of `Status`."""
+    """Quantities (parts, points) [m³], NaN for failed simulations, and codes (values of `Status`)."""
 
     quantities: Floats
     codes: NDArray[np.int8]
 
 
-class Simulated:
-    """The study's injector with its dimensions as columns, and the number of injections simulated so far."""
+class PartSimulator:
+    """Simulator of parts: the study's injector with its dimensions as columns; counts the injections."""
 
     def __init__(self, tolerances: Tolerances, threads: int | None = None) -> None:
-        self.tolerances, self.threads, self.injections = tolerances, threads, 0
+        self.tolerances, self.threads = tolerances, threads
+        self.injections = 0
         self.points = [p.point for p in tolerances.points]
         self._prepared = prepare(tolerances.injector, self.points, tolerances.time_step)
 
     def parts(self, values: Floats | None) -> Parts:
-        """Quantities of parts (n, dimensions) [SI] at the study's points; of the part as drawn for None."""
+        """Quantities of parts (n, dimensions) [SI] at the study's points; None: the part as drawn."""
         return self._run(self.points, values, self._prepared)
 
     def at(self, point: OperatingPoint, values: Floats | None) -> Parts:
-        """Quantities of parts at another point, as those of `parts`."""
+        """Quantities of parts at another point, as in `parts`."""
         return self._run([point], values, None)
 
     def _run(self, points: Sequence[OperatingPoint], values: Floats | None, prepared: Prepared | None) -> Parts:
@@ -91,12 +92,12 @@ class Simulated:
         return Parts(np.where(good, batch.injected_volume, np.nan), batch.status.astype(np.int8))
 
 
-# Share of each dimension in the variance of the quantity, by regression on the parts: no simulation is added.
+# Share of each dimension in the variance of the quantity, by regression on the simulated parts.
 #
-# The quantity is fitted by a sum of cubic polynomials, one of each dimension. The share of a dimension is the
-# covariance of its polynomial with the quantity over the variance of the quantity (Li et al. 2010): with independent
-# dimensions its first-order Sobol' index, and with correlated ones too the shares and the rest sum to 1. The rest is
-# interactions, and steps that a cubic does not follow.
+# A sum of cubic polynomials, one for each dimension, is fitted to the quantity. The share of a dimension is the
+# covariance of its polynomial with the quantity over the variance of the quantity (Li et al. 2010). For independent
+# dimensions this is the first-order Sobol' index. The shares and the rest (interactions, and steps that a cubic cannot
+# follow) sum to 1, also for correlated dimensions.
 
 DEGREE = 3  # of a dimension's polynomial
 GROUPS = 16  # of parts, each left out in turn for the intervals
@@ -106,10 +107,9 @@ WIDE = np.array([0.025, 0.975])  # shares of the parts at which the scaled dimen
 class Shares(NamedTuple):
     """Shares of the variance at one operating point.
 
-    Of each dimension (d,) the share with its interval (jackknife over groups of parts); `rest` is in no dimension
-    alone; `swing` is the quantity at the value below which 97.5 % of the parts lie less that at 2.5 %, all else the
-    same [m³]; `halved` the standard deviation of the quantity if the deviations of this dimension were half as large
-    [m³].
+    For each dimension (d,): the share with its interval (jackknife over groups of parts); `swing`, the change of the
+    quantity from the 2.5 % to the 97.5 % quantile of this dimension alone [m³]; `halved`, the standard deviation of the
+    quantity if this dimension scattered half as much [m³]. `rest` is the variance of no single dimension.
     """
 
     value: Floats
@@ -121,10 +121,7 @@ class Shares(NamedTuple):
 
 
 class VarianceShares:
-    """Sums from which the shares follow, collected block by block.
-
-    They are taken about `centre` (points,) [m³], so that rounding does not matter.
-    """
+    """Sums that give the shares, collected block by block about `centre` (points,) [m³] against rounding."""
 
     def __init__(self, tolerances: Tolerances, centre: Floats) -> None:
         ends = np.stack([dimension.distribution.at(WIDE) for dimension in tolerances.dimensions])
@@ -136,7 +133,7 @@ class VarianceShares:
         self._squares = np.zeros((GROUPS, len(centre)))
 
     def add(self, group: int, values: Floats, quantities: Floats) -> None:
-        """Collect parts (n, dimensions) [SI] of a group with their quantities (n, points) [m³], NaN for none."""
+        """Add parts (n, dimensions) [SI] of a group with their quantities (n, points) [m³]; NaN for failed ones."""
         scaled = (values - self._middle) / self._reach
         powers = [np.ones((len(values), 1)), scaled]
         for _ in range(1, DEGREE):
@@ -151,7 +148,7 @@ class VarianceShares:
             self._squares[group, k] += float(finite_values @ finite_values)
 
     def shares(self, k: int, confidence: float) -> Shares | None:
-        """Shares at operating point k; None where too few parts are there, or the quantity does not scatter."""
+        """Shares at operating point k; None for too few parts, or a quantity that does not scatter."""
         from scipy.special import stdtrit  # slow to import
 
         sums = [self._products[:, k], self._sums[:, k], self._squares[:, k]]
@@ -189,7 +186,7 @@ class VarianceShares:
 
 # Figures of the spread of a quantity over parts, and of the capability within limits.
 
-# Shares of the parts below the quantiles that are given; the outer two enclose 6 sigma of a normal distribution.
+# Quantiles of the quantity; the outer two enclose 6 sigma of a normal distribution.
 QUANTILES = (0.00135, 0.025, 0.5, 0.975, 0.99865)
 BARS = 60  # of the histogram
 
@@ -204,9 +201,9 @@ class Histogram(NamedTuple):
 class Spread(NamedTuple):
     """Spread of a quantity over parts at one operating point, SI.
 
-    `mean` and `deviation` are of the parts that did not fail, `quantiles` by share of `QUANTILES`; `below` and `above`
-    count the parts beyond the limits; `out` is the share of the parts beyond the limits or failed, with its interval;
-    `cp` and `cpk` are None where limits are missing.
+    `mean` and `deviation` cover the parts that did not fail; `quantiles` are keyed by the shares of `QUANTILES`;
+    `below` and `above` count the parts beyond the limits; `out` is the share of parts beyond the limits or failed, with
+    its interval; `cp` and `cpk` are None if limits are absent.
     """
 
     parts: int
@@ -225,16 +222,15 @@ class Spread(NamedTuple):
     histogram: Histogram
 
 
-def spread_of(
+def describe_spread(
     quantities: Floats,
     codes: NDArray[np.int8],
     limits: tuple[float | None, float | None],
     confidence: float,
 ) -> Spread | None:
-    """Spread of the quantities (n,) of parts [m³] within limits [m³].
+    """Describe the spread of the quantities (n,) of parts [m³] within limits [m³].
 
-    A part whose simulation failed counts as out of limits: it would be rejected. None if fewer than two parts could be
-    simulated.
+    A failed part counts as out of limits, since it would be rejected. None if fewer than two parts could be simulated.
     """
     from scipy.stats import binomtest  # slow to import
 

@@ -1,4 +1,4 @@
-"""Definition of a tolerance study: dimensions with their distributions, operating points with limits, trim."""
+"""Definition of a tolerance study: dimensions with distributions, operating points with limits, trim."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ from commonrail.readers.toml import UNSTATED
 
 
 class Distribution(ABC):
-    """Distribution of a dimension, a data class of numbers [SI]."""
+    """Distribution of a dimension: a data class of numbers [SI]."""
 
     @abstractmethod
     def at(self, shares: Floats) -> Floats:
-        """Value below which a share of the parts lies, for shares between 0 and 1."""
+        """Quantiles at shares between 0 and 1."""
 
     @property
     def kind(self) -> str:
@@ -53,19 +53,19 @@ class Distribution(ABC):
 
 @dataclass(frozen=True)
 class Normal(Distribution):
-    """Normal distribution, cut at two limits if they are given: parts beyond them are sorted out.
+    """Normal distribution, optionally cut at limits: parts beyond them are sorted out.
 
     Parameters
     ----------
     mean, sigma : float
         Mean and standard deviation before the cut; sigma is greater than zero.
     lower, upper : float
-        Limits of the cut, infinite for none.
+        Limits of the cut; infinite: not cut.
 
     Raises
     ------
     ConfigurationError
-        If a number is not finite, sigma is not greater than zero, or nothing is left between the limits.
+        If a number is not finite, sigma is not positive, or no part lies between the limits.
     """
 
     mean: float
@@ -81,13 +81,13 @@ class Normal(Distribution):
             )
         if not self.lower < self.upper or not self._span[1] > self._span[0]:
             raise ConfigurationError(
-                f"A normal distribution with mean {self.mean:g} and sigma {self.sigma:g} has nothing between "
+                f"A normal distribution with mean {self.mean:g} and sigma {self.sigma:g} has no part between "
                 f"{self.lower:g} and {self.upper:g}; correct the limits."
             )
 
     @property
     def _span(self) -> tuple[float, float]:
-        """Shares of the uncut distribution below its limits."""
+        """Shares of the uncut distribution below the limits."""
         from scipy.special import ndtr  # slow to import
 
         low, high = (float(ndtr((end - self.mean) / self.sigma)) for end in (self.lower, self.upper))
@@ -113,7 +113,7 @@ class Uniform(Distribution):
     Raises
     ------
     ConfigurationError
-        If a limit is not finite, or they are crossed.
+        If a limit is not finite, or the limits are crossed.
     """
 
     lower: float
@@ -139,7 +139,7 @@ class Triangular(Distribution):
     Parameters
     ----------
     lower, mode, upper : float
-        In rising order; the mode may be a limit.
+        In rising order; the mode may equal a limit.
 
     Raises
     ------
@@ -172,7 +172,7 @@ RARE = 1e-4  # share of the parts that may lie outside a dimension's domain
 
 
 class Sampling(Enum):
-    """Drawing of parts: an even, scrambled Sobol' sequence, or independent random numbers."""
+    """How parts are drawn: an even, scrambled Sobol' sequence, or independent random numbers."""
 
     QUASI_RANDOM = "quasi-random"
     RANDOM = "random"
@@ -185,7 +185,7 @@ class Dimension:
     Parameters
     ----------
     name : str
-        Dotted name of a parameter.
+        Name of a parameter, such as "valve.lift".
     distribution : Distribution
         [SI].
     source : Source
@@ -194,7 +194,7 @@ class Dimension:
     Raises
     ------
     ConfigurationError
-        If there is no such parameter, or more than `RARE` of the parts lie outside its domain.
+        If the parameter is unknown, or more than `RARE` of the parts lie outside its domain.
     """
 
     name: str
@@ -204,21 +204,21 @@ class Dimension:
     def __post_init__(self) -> None:
         parameters = parameter_quantities()
         if plain_text(self.name, "name of a parameter") not in parameters:
-            raise ConfigurationError(f"There is no parameter {self.name}{nearest(self.name, parameters)}.")
+            raise ConfigurationError(f"Unknown parameter {self.name}{nearest(self.name, parameters)}.")
         if self.name in COUNTS:
-            raise ConfigurationError(f"{self.name} counts pieces, so it has no tolerance; omit it.")
+            raise ConfigurationError(f"{self.name} is a count and cannot have a tolerance; omit it.")
         quantity = parameters[self.name]
         instance(self.distribution, Distribution, f"distribution of {self.name}")  # type: ignore[type-abstract]
         ends = self.distribution.at(np.array([RARE, 1.0 - RARE]))
         if not quantity.domain.admits(ends).all():
             raise ConfigurationError(
                 f"{self.name}: more than {RARE:g} of the parts lie outside its domain ({quantity.domain.value}); "
-                "take a smaller spread, or cut the distribution."
+                "reduce the spread, or cut the distribution."
             )
 
 
 class Limit(NamedTuple):
-    """Limit of a quantity: [m³], or as a share of the nominal quantity by which it may deviate."""
+    """Limit of a quantity: [m³], or a relative deviation from the nominal quantity."""
 
     value: float
     relative: bool = False
@@ -250,7 +250,7 @@ class TolerancePoint:
 
 
 class Correlation(NamedTuple):
-    """Correlation of two dimensions, of their normal scores: between −1 and 1."""
+    """Correlation of the normal scores of two dimensions, between −1 and 1."""
 
     first: str
     second: str
@@ -266,14 +266,14 @@ def _test_points(value: object, words: str) -> tuple[str, ...]:
 
 @settings(kw_only=False)
 class SeriesTrim:
-    """Correction of each part's energising time from quantities that are measured on it.
+    """Correction of each part's energising time from quantities measured on it.
 
-    With one point at which parts are measured the correction is the same at all points; with two, linear in the
-    energising time. `ConfigurationError` for another number of points, or a number beyond its limits.
+    One test point gives the same correction at all points; two give a correction linear in the energising time.
+    `ConfigurationError` for another number of points, or a number beyond its limits.
     """
 
     points: Setting[tuple[str, ...], Sequence[str]] = setting(
-        words="points of a trim", read=_test_points, text="Names of one or two points at which each part is measured."
+        words="points of a trim", read=_test_points, text="Names of the one or two points where each part is measured."
     )
     parts: int = setting(
         words="number of parts of the trim",
@@ -301,14 +301,14 @@ class SeriesTrim:
 class Tolerances:
     """A tolerance study, ready to run.
 
-    `ConfigurationError` if an argument is of another kind, names are unknown or repeated, correlations cannot hold
-    together, or the figures would not fit the memory.
+    `ConfigurationError` if an argument has the wrong type, names are unknown or repeated, correlations are
+    inconsistent, or the quantities would not fit the memory.
     """
 
     title: str = setting(words="title of a tolerance study")
     injector: Injector = setting(
         words="injector of a tolerance study",
-        text="As drawn: its values are nominal, and those of dimensions that do not scatter.",
+        text="As drawn: gives the nominal values, and those of dimensions that do not scatter.",
     )
     dimensions: Setting[tuple[Dimension, ...], Sequence[Dimension]] = setting(text="At least one, each name once.")
     points: Setting[tuple[TolerancePoint, ...], Sequence[TolerancePoint]] = setting(
@@ -323,7 +323,7 @@ class Tolerances:
     time_step: Number = setting(unit="s", default=DEFAULT_STEP, limits=TIME_STEPS)
     precision: Choice[Precision] = setting(default=Precision.F64)
     synthetic: str = setting(
-        words="note on what is synthetic", default="", text="What about the tolerances is assumed; empty if nothing."
+        words="note on what is synthetic", default="", text="What is assumed about the tolerances; empty if nothing."
     )
     text: str = setting(words="text of a tolerance study", default="", text="The file it was read from.")
 
@@ -333,23 +333,23 @@ class Tolerances:
         known_names(self.names, parameter_quantities(), "dimensions", "nozzle.hole_diameter")
         labels = self.names_of_points
         if len(set(labels)) != len(labels):
-            raise ConfigurationError("The operating points of a tolerance study need names of their own.")
+            raise ConfigurationError("Two operating points have the same name; rename one.")
         if self.parts * len(self.points) > MOST_FIGURES:
             raise ConfigurationError(
                 f"{self.parts:,} parts at {len(self.points)} operating points are more than {MOST_FIGURES:,} "
                 "quantities; take fewer parts or points."
             )
         self._check_trim(labels)
-        self.factor()  # refuses correlations that cannot hold together
+        self.factor()  # refuses inconsistent correlations
 
     def _check_trim(self, labels: tuple[str, ...]) -> None:
         if self.trim is None:
             return
         for name in self.trim.points:
             if name not in labels:
-                raise ConfigurationError(f"The trim names no operating point {name}{nearest(name, labels)}.")
+                raise ConfigurationError(f"The trim names an unknown operating point {name}{nearest(name, labels)}.")
         if any(len(p.point.pulses) != 1 for p in self.points):
-            raise ConfigurationError("A trim corrects a single energising; omit the trim, or the points with several.")
+            raise ConfigurationError("A trim corrects single energisings; omit the trim, or the points with several.")
         times = [self.point(name).point.pulses[0].duration for name in self.trim.points]
         if len(times) == 2 and not abs(times[1] - times[0]) >= 0.1 * max(times):
             raise ConfigurationError("The two points of a trim must differ by 10 % or more in energising time.")
@@ -369,17 +369,19 @@ class Tolerances:
         return next(p for p in self.points if p.name == name)
 
     def factor(self) -> Floats | None:
-        """Cholesky factor (d, d) of the correlations of normal scores; None where all are independent."""
+        """Cholesky factor (d, d) of the correlations of normal scores; None if all are independent."""
         if not self.correlations:
             return None
         matrix = np.eye(len(self.names))
         for first, second, value in self.correlations:
             for name in (first, second):
                 if name not in self.names:
-                    raise ConfigurationError(f"A correlation names no dimension {name}{nearest(name, self.names)}.")
+                    raise ConfigurationError(
+                        f"A correlation names an unknown dimension {name}{nearest(name, self.names)}."
+                    )
             if first == second or not abs(value) < 1.0:
                 raise ConfigurationError(
-                    f"The correlation of {first} and {second} must be of two dimensions and lie between -1 and 1, not "
+                    f"The correlation of {first} and {second} must relate two dimensions and lie between -1 and 1, not "
                     f"{value:g}."
                 )
             i, j = self.names.index(first), self.names.index(second)
@@ -388,6 +390,5 @@ class Tolerances:
             return np.asarray(np.linalg.cholesky(matrix))
         except np.linalg.LinAlgError as error:
             raise ConfigurationError(
-                "The correlations cannot hold together: two dimensions that go with a third must go with each other; "
-                "lower one of them."
+                "The correlations are inconsistent: their matrix is not positive definite; lower one of them."
             ) from error

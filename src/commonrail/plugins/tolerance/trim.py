@@ -1,26 +1,27 @@
-"""Trim: correction of each part's energising time from one or two measured quantities, and the spread that is left.
+"""Trim: correction of each part's energising time from one or two measured quantities, and the remaining spread.
 
 The correction is (nominal quantity − measured quantity) over the nominal slope dQ/dET at the test point, as a control
-unit that knows the nominal map computes it. It is rounded to the resolution of the energising time; parts with the same
-energising time are simulated together, exactly at that time.
+unit computes it from the nominal map, rounded to the resolution of the energising time. Parts with the same energising
+time are simulated together.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import SimulationError
+from commonrail.base.record import Key
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.status import OK
-from commonrail.plugins.tolerance.statistics import Draws, Parts, Simulated, Spread, spread_of
+from commonrail.plugins.tolerance.statistics import Draws, Parts, PartSimulator, Spread, describe_spread
 
-STEP = 10e-6  # of the energising time to either side for the nominal slope [s]; above the ripple of a PWM current
+STEP = 10e-6  # change of the energising time to both sides for the nominal slope [s]; above the ripple of PWM
 SHORTEST, LONGEST = 0.5, 1.5  # corrected energising time as a multiple of the nominal one
 
 
@@ -34,21 +35,21 @@ class Shift(NamedTuple):
 class TrimmedPoint(NamedTuple):
     """Spread of the trimmed parts at one operating point, before and after.
 
-    `held` counts the parts whose correction ended at the limit, half of the energising time.
+    `limited` counts the parts whose correction was limited to half of the energising time.
     """
 
     name: str
     before: Spread
     after: Spread
     correction: Shift
-    held: int
+    limited: Annotated[int, Key("held")]
 
 
 class Trimmed(NamedTuple):
-    """Trimmed parts: how they were trimmed, and all points.
+    """Result of a trim at all points.
 
-    `parts` could be measured at the test points and `unmeasured` could not; `resolution` [s], `scatter` [m³] and
-    `slopes` [m³/s] are those of the trim.
+    `parts` were measured at the test points, `unmeasured` could not be; `resolution` [s], `scatter` [m³] and the
+    nominal `slopes` [m³/s] define the trim.
     """
 
     test_points: tuple[str, ...]
@@ -60,18 +61,19 @@ class Trimmed(NamedTuple):
     points: tuple[TrimmedPoint, ...]
 
 
-def trimmed(
-    simulated: Simulated,
+def trim_parts(
+    simulated: PartSimulator,
     parts: Parts,
     nominal: Floats,
     limits: list[tuple[float | None, float | None]],
     confidence: float,
     report: Callable[[int, int], None],
 ) -> Trimmed:
-    """Trim the first parts of a study; `parts` are all parts before the trim, `nominal` (points,) and limits in [m³].
+    """Trim the first parts of a study.
 
-    `report` is called with operating points done and in all. SimulationError if the nominal quantity does not rise with
-    the energising time at a test point.
+    `parts`: all parts before the trim; `nominal` (points,) and `limits` [m³]; `report`: called with the number of
+    operating points done and in total. SimulationError if the nominal quantity does not rise with the energising time
+    at a test point.
     """
     t = simulated.tolerances
     assert t.trim is not None
@@ -86,12 +88,12 @@ def trimmed(
     points = []
     for k, p in enumerate(t.points):
         corrections = _corrections(simulated, tests, at_tests, k)
-        times, limited = _rounded(p.point.pulses[0].duration, corrections, t.trim.resolution)
-        quantities, codes = _simulated(simulated, p.point, times, values)
-        before = spread_of(
+        times, limited = _round_times(p.point.pulses[0].duration, corrections, t.trim.resolution)
+        quantities, codes = _simulate_at_times(simulated, p.point, times, values)
+        before = describe_spread(
             parts.quantities[:count][complete, k], parts.codes[:count][complete, k], limits[k], confidence
         )
-        after = spread_of(quantities, codes, limits[k], confidence)
+        after = describe_spread(quantities, codes, limits[k], confidence)
         if before is None or after is None:
             raise SimulationError(f"{t.title}: hardly any trimmed part can be simulated at {p.name}.")
         shift = times - p.point.pulses[0].duration
@@ -108,7 +110,7 @@ def trimmed(
     )
 
 
-def _slope(simulated: Simulated, k: int) -> float:
+def _slope(simulated: PartSimulator, k: int) -> float:
     """Nominal slope of the quantity over the energising time at a test point [m³/s]."""
     p = simulated.tolerances.points[k]
     time = p.point.pulses[0].duration
@@ -116,13 +118,13 @@ def _slope(simulated: Simulated, k: int) -> float:
     slope = float(high.quantities[0, 0] - low.quantities[0, 0]) / (2.0 * STEP)
     if not slope > 0.0:
         raise SimulationError(
-            f"{p.name}: the nominal quantity does not rise with the energising time, so that no part can be trimmed "
-            "there; name another point in the trim."
+            f"{p.name}: the nominal quantity does not rise with the energising time, so parts cannot be trimmed there; "
+            "name another point in the trim."
         )
     return slope
 
 
-def _corrections(simulated: Simulated, tests: list[int], at_tests: Floats, k: int) -> Floats:
+def _corrections(simulated: PartSimulator, tests: list[int], at_tests: Floats, k: int) -> Floats:
     """Correction of each part [s] at operating point k."""
     if len(tests) == 1:
         return np.asarray(at_tests[:, 0])
@@ -132,15 +134,15 @@ def _corrections(simulated: Simulated, tests: list[int], at_tests: Floats, k: in
     return np.asarray(at_tests[:, 0] + share * (at_tests[:, 1] - at_tests[:, 0]))
 
 
-def _rounded(time: float, corrections: Floats, resolution: float) -> tuple[Floats, int]:
-    """Energising times in steps of the resolution [s], and the number of parts held at a limit."""
+def _round_times(time: float, corrections: Floats, resolution: float) -> tuple[Floats, int]:
+    """Energising times in steps of the resolution [s], and the number of corrections cut at a limit."""
     steps = np.round(corrections / resolution)
     low, high = np.ceil((SHORTEST - 1.0) * time / resolution), np.floor((LONGEST - 1.0) * time / resolution)
     return time + resolution * np.clip(steps, low, high), int(np.count_nonzero((steps < low) | (steps > high)))
 
 
-def _simulated(
-    simulated: Simulated, point: OperatingPoint, times: Floats, values: Floats
+def _simulate_at_times(
+    simulated: PartSimulator, point: OperatingPoint, times: Floats, values: Floats
 ) -> tuple[Floats, NDArray[np.int8]]:
     """Quantities and codes of parts, each at its own energising time."""
     quantities, codes = np.full(len(values), np.nan), np.full(len(values), OK, np.int8)
@@ -153,7 +155,7 @@ def _simulated(
 
 
 def _with_time(point: OperatingPoint, time: float) -> OperatingPoint:
-    """The point with another energising time, and with the same time simulated after it."""
+    """Return the point with another energising time and the same simulated time after it."""
     pulse = point.pulses[0]
     horizon = None if point.horizon is None else point.horizon + time - pulse.duration
     return replace(point, energisings=(Energising(pulse.start, time),), horizon=horizon)

@@ -1,4 +1,4 @@
-"""commonrail tolerance: spread of the injected quantity over parts within their tolerances."""
+"""commonrail tolerance: spread of the injected quantity over parts within tolerances."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import click
 
 from commonrail.base.choices import Precision
 from commonrail.cli.console import Bar, Stage, print_json, print_text, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import Json, Threads
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from commonrail.plugins.tolerance.study import Tolerances
 
 
-@verb
+@table_verb
 def tolerance(
     file: Annotated[Path, Argument(metavar="TOLERANCES.toml", help="Tolerance file.")],
     *,
@@ -37,8 +37,7 @@ def tolerance(
     """Simulate the spread of parts within their tolerances.
 
     The report gives spread and capability of the injected quantity, and the tolerances to tighten.
-    Ctrl-C ends the study with the parts that are simulated by then; the exit status is 130. Without --out nothing is
-    written.
+    Ctrl-C ends the study with the parts simulated so far; the exit status is 130. Without --out nothing is written.
 
     \b
     Examples:
@@ -52,7 +51,7 @@ def tolerance(
 
     changed: dict[str, Any] = {"parts": parts, "seed": seed, "precision": precision}
     loaded = replace(load_tolerances(file), **{key: value for key, value in changed.items() if value is not None})
-    with hold_interrupts():  # what is simulated is written whatever keys are pressed
+    with hold_interrupts():  # write the simulated parts even after Ctrl-C
         study_result = run_into(out, "tolerance.csv", lambda: _run(loaded, threads), {"tolerances.toml": loaded.text})
     record = study_result.record()
     if json:
@@ -62,10 +61,7 @@ def tolerance(
         if out is not None:
             click.echo(f"report: {out / 'report.html'}")
     if study_result.status == "interrupted":
-        say(
-            f"commonrail: interrupted after {study_result.parts:,} of {loaded.parts:,} parts; "
-            "the figures are those of these."
-        )
+        say(f"commonrail: interrupted after {study_result.parts:,} of {loaded.parts:,} parts; the result covers these.")
         raise SystemExit(INTERRUPTED)
 
 

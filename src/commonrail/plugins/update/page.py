@@ -1,4 +1,4 @@
-"""Update in sentences: in the terminal, first in the report of its run, and in notebooks."""
+"""Sentences on an update, for the terminal, the report of the new run, and notebooks."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from commonrail.report.presenter import Presenter
 from commonrail.runs.folder import read_record
 
 RECORD = "update.json"  # in the folder of the new run
-SHOWN = 3  # data sets and parameters that the sentences name one by one
+SHOWN = 3  # data sets and parameters that the sentences name
 _RANK = ("contradicts", "outside the bands", "not judged", "agrees")
 
 
 def read_opening(folder: Path) -> tuple[str, list[str]]:
-    """Title and sentences that the report of an updated run opens with."""
+    """Title and first sentences of the report of an updated run."""
     return "Update", read_record(folder / RECORD, "commonrail update")["lines"]
 
 
 def update_lines(content: Record) -> list[str]:
-    """Sentences on an update, what is bad first: held-out data that are met worse, contradictions, what has moved."""
+    """Sentences on an update: first worse held-out data, then contradictions, then moved values."""
     unseen = [row for row in content["errors"] if row["role"] == "validation"]
     worse = [row for row in unseen if row["rises"]]
     keep = f"keep {content['run']} until you know why"
@@ -42,8 +42,8 @@ def update_lines(content: Record) -> list[str]:
     if met := [row for row in unseen if not row["rises"]]:
         lines.append(f"Errors of held-out data: {_changes(met)}.")
     if content["gone"]:
-        prior = "; the draws of the run are the prior in their place, without correlations" if content["prior"] else ""
-        lines.append(f"Data of the run that are gone: {join_words(content['gone'])}{prior}.")
+        prior = "; the draws of the run replace them as priors, without correlations" if content["prior"] else ""
+        lines.append(f"Missing data of the run: {join_words(content['gone'])}{prior}.")
     return lines
 
 

@@ -1,4 +1,4 @@
-"""Update of a run: judge new data by its prediction bands, fit again with old and new data, say what has moved."""
+"""Update of a run: judge new data by its prediction bands, then fit old and new data together."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from commonrail.plugins.new.study import StatedByUser
 from commonrail.plugins.prediction.band import Band
 from commonrail.plugins.prediction.run import LEVEL, predict
 from commonrail.plugins.update.page import RECORD, update_lines
-from commonrail.plugins.update.study import LOCAL, Addition, read_addition, updated_study
+from commonrail.plugins.update.study import LOCAL, Addition, make_updated_study, read_addition
 from commonrail.readers.toml import read_toml
 from commonrail.report.data.bands import too_few_inside
 from commonrail.report.data.view import view_of
@@ -38,28 +38,28 @@ from commonrail.runs.fit import Listener, calibrate_into
 from commonrail.runs.folder import DRAWS, STUDY, new_folder, read_draws, read_record, read_result, write_record
 from commonrail.runs.journal import JOURNAL, read_about, read_inputs
 
-FAR_LEVEL = 0.999  # of the bands that tell a contradiction
-# Share of the values of a data set outside the far bands from which it contradicts the run, and their least number. If
-# the bands are right, so many lie outside with a probability of at most 1 % however the values depend on each other
+FAR_LEVEL = 0.999  # level of the bands that decide on a contradiction
+# A data set contradicts the run if at least this share of its values, and at least this number, lie outside the far
+# bands. If the bands are right, the probability of that is at most 1 %, however the values depend on each other
 # (Markov's inequality: 0.001/0.1).
 FAR_SHARE, FAR_LEAST = 0.1, 2
-RISEN = 0.01  # relative rise of an error from which it is called one
+RISEN = 0.01  # smallest relative rise of an error that is reported
 
 
 class Agreement(StrEnum):
-    """Agreement of new data with what a run predicts of them."""
+    """Agreement of new data with the predictions of a run."""
 
     AGREES = "agrees"
-    """The 90 % bands hold as many values as they should."""
+    """The 90 % bands hold enough values."""
 
     OUTSIDE = "outside the bands"
     """The 90 % bands hold too few values."""
 
     CONTRADICTS = "contradicts"
-    """So many values lie outside the 99.9 % bands that old and new data can hardly be of one injector and one bench."""
+    """Too many values lie outside the 99.9 % bands: injector or bench have probably changed."""
 
     UNJUDGED = "not judged"
-    """There are no bands: no data of this kind were fitted or are left, or the run has no draws."""
+    """Bands are missing: data of this kind were not fitted or are gone, or the run has no draws."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -103,39 +103,39 @@ def update(
     Parameters
     ----------
     run : str or Path
-        Folder of a finished calibration; it is left as it is.
+        Folder of a finished calibration, which is not changed.
     files, held_out : sequence of str or Path
-        New data files to fit and to compare only, read as `commonrail new --from` reads them.
+        New data files to fit, and files for comparison only; read as by `commonrail new --from`.
     out : str or Path
-        New run folder. It appears when all is done; an error or Ctrl-C leaves nothing.
+        New run folder. It appears when complete; an error or Ctrl-C leaves nothing.
     stated : StatedByUser, optional
-        Pressures, units and forms that the files do not tell.
+        Pressures, units and forms that are missing from the files.
     global_search : bool
-        Search with the optimiser of the study; by default least squares near the calibrated values.
+        Search with the optimiser of the study; default: least squares from the calibrated values.
     as_begun : bool
-        Use the copies in `run` although the files outside have changed since.
+        Use the copies in `run` although the original files have changed.
     threads, listener : optional
         As for `calibrate_into`.
 
     Raises
     ------
     InputError
-        If there is no such run, a file cannot be read or is in the study already, or `out` is not empty.
+        If the run is missing, a file cannot be read or is in the study already, or `out` is not empty.
     StudyError
         If the run is unfinished, or its study has changed.
     ConfigurationError
-        If an argument is of another kind, or no file is named.
+        If an argument has the wrong type, or no file is named.
 
     Notes
     -----
-    Where fitted data of the run are gone, its draws become the prior of each parameter: a normal distribution about the
+    If fitted data of the run are missing, its draws give the prior of each parameter: a normal distribution about the
     calibrated value, without correlations.
     """
     folder, place = file_path(run, "run"), file_path(out, "out")
     fit = [file_path(path, "files") for path in sequence(files, "files", '["new.csv"]')]
     judge = [file_path(path, "held_out") for path in sequence(held_out, "held_out", '["new.csv"]')]
     if not fit and not judge:
-        raise ConfigurationError("files: there are no new data; name one or more files.")
+        raise ConfigurationError("files: name one or more files with new data.")
     stated, threads = instance(stated or StatedByUser({}), StatedByUser, "stated"), thread_count(threads)
     listener = instance(listener or Listener(), Listener, "listener")
     record, inputs = read_result(folder), read_inputs(folder) if (folder / JOURNAL).is_file() else []
@@ -152,13 +152,13 @@ def update(
     fitted = [block["name"] for block in document["data"] if block["role"] == "fit"]
     is_prior = any(name in gone for name in fitted)
     if is_prior and draws is None:
-        raise InputError(f"{folder}: there are neither the fitted data ({gone[0]}) nor draws; bring the data back.")
+        raise InputError(f"{folder}: the fitted data ({gone[0]}) and the draws are missing; restore the data.")
     former = folder / RECORD
     optimiser = read_record(former, "commonrail update") if former.is_file() else document
-    optimiser = optimiser.get("optimiser", {})  # of the user, before any update
+    optimiser = optimiser.get("optimiser", {})  # stated by the user, before any update
     with new_folder(place) as unfinished:
         addition = read_addition(folder, inputs, fit, judge, stated)
-        study = updated_study(
+        study = make_updated_study(
             folder,
             record["parameters"],
             addition,
@@ -167,7 +167,7 @@ def update(
             optimiser if flag(global_search, "global_search") else LOCAL,
         )
         listener.note("judging the new data by the prediction bands of the run ...")
-        new = _judged(study, addition, best, None if is_prior else draws, threads)
+        new = _judge_new_data(study, addition, best, None if is_prior else draws, threads)
         calibration = calibrate_into(unfinished, study, threads=threads, listener=listener)
         if calibration.status != "finished":
             raise KeyboardInterrupt
@@ -178,7 +178,7 @@ def update(
             "prior": is_prior,
             "new": new,
         }
-        content |= {"moved": _moved(record, calibration), "errors": _errors(calibration)}
+        content |= {"moved": _compare_values(record, calibration), "errors": _errors(calibration)}
         content["lines"] = update_lines(content)
         with write_set(unfinished):
             write_record(unfinished / RECORD, content)
@@ -186,21 +186,21 @@ def update(
     return Update(place, calibration, {row["name"]: Agreement(row["agreement"]) for row in new}, content)
 
 
-def _judged(
+def _judge_new_data(
     study: Study, addition: Addition, best: Mapping[str, float], draws: Floats | None, threads: int | None
 ) -> list[dict[str, Any]]:
-    """Records of new data sets, judged by a run whose calibrated values are the start values of the study."""
+    """Judge new data sets by a run whose calibrated values are the start values of the study; records."""
     fitted = [data for data in of_role(study.data, Role.FIT) if not addition.holds(data.name)]
     new, bands = [data for data in study.data if addition.holds(data.name)], dict[str, Band]()
     unseen = [data.changed(role=Role.VALIDATION) for data in new if data.kind in {other.kind for other in fitted}]
     if draws is not None and unseen:
-        with suppress(SimulationError):  # the fit that follows says what cannot be simulated
+        with suppress(SimulationError):  # the fit that follows reports it
             predicted_study = replace(study, data=(*fitted, *unseen))
             prediction = predict(predicted_study, best, draws=draws, levels=(LEVEL, FAR_LEVEL), threads=threads)
             bands = {band.data.name: band for band in prediction.bands}
     scores = score_all(study, study.injector, threads, new)
     return [
-        {"name": data.name, "role": data.role.value, "error": _error_of(data, score)}
+        {"name": data.name, "role": data.role.value, "error": _measure_error(data, score)}
         | {"baseline": _baseline(data, score, fitted), **_agreement(bands.get(data.name))}
         for data, score in zip(new, scores, strict=True)
     ]
@@ -218,15 +218,15 @@ def _agreement(band: Band | None) -> dict[str, Any]:
     return {"agreement": agreement.value, "values": values, "covered": band.covered(LEVEL), "far": outside}
 
 
-def _error_of(data: DataSet, score: Score) -> dict[str, Any]:
-    """Error of a data set as the verdict of a report has it: a share, or in tolerances; JSON-able."""
+def _measure_error(data: DataSet, score: Score) -> dict[str, Any]:
+    """Error of a data set as in the verdict of a report: a share, or in tolerances; JSON-able."""
     fit_error = view_of(data.kind).fit_error(data.record({JUDGED: score}))
     size = fit_error.size if fit_error else float(np.sqrt(np.mean(data.errors(score.values) ** 2)))
     return {"size": number(size), "in_tolerances": fit_error is None or fit_error.in_tolerances}
 
 
 def _baseline(data: DataSet, score: Score, fitted: Sequence[DataSet]) -> dict[str, Any] | None:
-    """Trivial model of the fitted data, that of the kind, or of a curve the fitted one at the nearest point."""
+    """Trivial model from the fitted data: the usual one of the kind, or for a curve the fitted curve nearest to it."""
     for item in score.baselines(fitted):
         return {"text": str(item["text"]), "beaten": item.get("beaten")}
     curves = [item for item in fitted if isinstance(item, RateData)]
@@ -236,7 +236,7 @@ def _baseline(data: DataSet, score: Score, fitted: Sequence[DataSet]) -> dict[st
     nearest = min(curves, key=lambda item: float(np.abs(np.log(_place(item) / place)).sum()))
     volume = np.append(0.0, np.cumsum(nearest.rate * np.diff(nearest.bounds)))
     trivial = replace(score, values=np.diff(np.interp(data.bounds, nearest.bounds, volume)) / np.diff(data.bounds))
-    size, other = (_error_of(data, item)["size"] for item in (score, trivial))
+    size, other = (_measure_error(data, item)["size"] for item in (score, trivial))
     beaten = None if size is None or other is None else size < other
     return {"text": f"the nearest fitted curve, {nearest.name}", "beaten": beaten}
 
@@ -245,8 +245,8 @@ def _place(data: RateData) -> Floats:
     return np.array([data.point.initial_pressures()[0], 1e-6 + sum(pulse.duration for pulse in data.point.pulses)])
 
 
-def _moved(record: Mapping[str, Any], calibration: Calibration) -> list[dict[str, Any]]:
-    """Values [SI] before and after, largest move first in units of the half width of the earlier interval."""
+def _compare_values(record: Mapping[str, Any], calibration: Calibration) -> list[dict[str, Any]]:
+    """Values [SI] before and after; largest move first, in half widths of the earlier interval."""
     intervals = {parameter["name"]: parameter for parameter in record.get("certainty", {}).get("parameters", ())}
     rows = []
     for parameter in record["parameters"]:
@@ -260,10 +260,10 @@ def _moved(record: Mapping[str, Any], calibration: Calibration) -> list[dict[str
 
 
 def _errors(calibration: Calibration) -> list[dict[str, Any]]:
-    """Error of each data set with the earlier and the new values; it `rises` if by more than `RISEN`."""
+    """Error of each data set with the earlier and the new values; `rises`: by more than `RISEN`."""
     rows, scores = [], calibration.scores
     for data, start, best in zip(calibration.study.data, scores["start"], scores[JUDGED], strict=True):
-        before, after = _error_of(data, start), _error_of(data, best)
+        before, after = _measure_error(data, start), _measure_error(data, best)
         sizes = before["size"], after["size"]
         rises = sizes[1] is None or (sizes[0] is not None and sizes[1] > (1.0 + RISEN) * sizes[0])
         rows.append({"name": data.name, "role": data.role.value, "before": before, "after": after, "rises": rises})

@@ -1,4 +1,4 @@
-"""Study of an update: that of a run, started at its calibrated values, with blocks for the new data files."""
+"""Study of an update: the run's study, started at its calibrated values, with blocks for the new files."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from commonrail.readers.overview import UNKNOWN, Survey
 from commonrail.readers.toml import read_toml
 from commonrail.runs.folder import STUDY
 from commonrail.runs.journal import Input
-from commonrail.runs.study_edits import append, complete, exact, table_of
+from commonrail.runs.study_edits import append, complete, exact, parameter_table
 
-# Keys that a new file takes over from the fitted data of its kind, where these agree and the file does not state its
-# own: how the bench measures. A window is not among them: it belongs to the times of one file.
+# Keys on how the bench measures, which a new file takes from the fitted data of its kind if these agree and the file
+# states none. A window is excluded: it belongs to the times of one file.
 SHARED = ("meter", "noise", "weight", "absolute", "relative", "resample", "sampling", "drive", "time_zero", "shots")
 _BENCH = ("cylinder_pressure", "return_pressure")
-_OPTIONS = (*_BENCH, "rail_pressure", "energising_time")  # that state a key of a block
-# A search near the start: refinements from it and from hops near it, and from one of a few points far away.
+_OPTIONS = (*_BENCH, "rail_pressure", "energising_time")  # keys that an option can state
+# Search near the start: refinements from the start, from hops near it, and from one of a few distant points.
 LOCAL = {"members": 8, "generations": 0, "initial": "reference", "polish": 3}
 
 
@@ -38,17 +38,17 @@ class Addition(NamedTuple):
     blocks: tuple[dict[str, Any], ...]
 
     def holds(self, name: str) -> bool:
-        """Return whether a data set of this name is of one of the files."""
+        """Return whether a data set of this name comes from one of the files."""
         return any(name == block["name"] or name.startswith(f"{block['name']}, ") for block in self.blocks)
 
 
 def read_addition(
     run: Path, inputs: Sequence[Input], files: Sequence[Path], held_out: Sequence[Path], stated: StatedByUser
 ) -> Addition:
-    """Read new files as `commonrail new --from` does, and complete their blocks by those of their kind in the study.
+    """Read new files as `commonrail new --from` does, and complete their blocks from the study.
 
-    Raises `InputError` if a file cannot be read, is in the study already, or leaves a key open that neither the study
-    nor the user states.
+    Raises `InputError` if a file cannot be read, is in the study already, or lacks a key that neither the study nor the
+    user states.
     """
     document = read_toml(run / STUDY)[0]
     sources = {item.original: item.name for item in inputs}
@@ -56,10 +56,10 @@ def read_addition(
     for path in (*files, *held_out):
         content = fingerprint(path)
         if content in sources and content:
-            raise InputError(f"{path}: this is {sources[content]}, which the study of {run} has already; omit it.")
+            raise InputError(f"{path}: the study of {run} already contains this file as {sources[content]}; omit it.")
         if str(path.absolute()) in [item.origin for item in inputs]:
             raise InputError(
-                f"{path}: the study of {run} has this file as it was before; put new rows into a file of their own."
+                f"{path}: the study of {run} has an earlier version of this file; put new rows into a separate file."
             )
         sources[content] = str(path)
     injector = str(document["injector"])
@@ -75,21 +75,23 @@ def read_addition(
         peers = [other for other in peers if other["role"] == "fit"] or peers
         if block["kind"] == "quantities" and not peers and any(other["kind"] == "rate" for other in others):
             block["weight"] = WEIGHT
-        bench = _completed({}, [document | other for other in document["data"]], _BENCH)
-        block = dict.fromkeys(_BENCH, UNKNOWN) | _completed(bench | block, [bench | peer for peer in peers or [{}]])
+        bench = _complete_block({}, [document | other for other in document["data"]], _BENCH)
+        block = dict.fromkeys(_BENCH, UNKNOWN) | _complete_block(
+            bench | block, [bench | peer for peer in peers or [{}]]
+        )
         block |= {key: text for key, text in stated.pressures.items() if text}
         if missing := open_keys(block):
             options = [f"--{key.replace('_', '-')}" for key in missing if key in _OPTIONS]
             cure = f"state {join_words(options)}" if len(options) == len(missing) else "write its block by hand"
-            raise InputError(f"{survey.path}: neither the file nor the study tells {join_words(missing)}; {cure}.")
+            raise InputError(f"{survey.path}: neither the file nor the study states {join_words(missing)}; {cure}.")
         blocks.append(block)
     return Addition(surveys, tuple(blocks))
 
 
-def _completed(
+def _complete_block(
     block: Mapping[str, Any], peers: Sequence[Mapping[str, Any]], keys: Sequence[str] = (*_BENCH, *SHARED)
 ) -> dict[str, Any]:
-    """A block with the keys of its peers that all of these state alike, where its file does not tell them."""
+    """Complete a block with the keys whose values are equal in all peers, unless its file states them."""
     full_block = dict(block)
     for key in keys:
         value = peers[0].get(key)
@@ -102,7 +104,7 @@ def _completed(
     return full_block
 
 
-def updated_study(
+def make_updated_study(
     run: Path,
     parameters: Sequence[Mapping[str, Any]],
     addition: Addition,
@@ -110,10 +112,10 @@ def updated_study(
     draws: Floats | None,
     optimiser: Mapping[str, Any],
 ) -> Study:
-    """Study of a run with new data, started at its calibrated values; the run's own file stays as it is.
+    """Make the study of a run with new data, started at the calibrated values; the run's file is not changed.
 
-    `parameters`: their records in the result; `gone`: data sets to leave out; `draws` (m, d) [SI]: become priors if
-    stated; `optimiser`: table of the search.
+    `parameters`: records in the result; `gone`: data sets to omit; `draws` (m, d) [SI]: give the priors if stated;
+    `optimiser`: table of the search.
     """
     lines = data_lines(addition.surveys, list(addition.blocks), StatedByUser({}))
 
@@ -127,7 +129,7 @@ def updated_study(
             append(document, "data", block)
         complete(document, [parameter["name"] for parameter in parameters])
         for i, parameter in enumerate(parameters):
-            table, best, unit = table_of(document, parameter), parameter["best"], parameter["unit"]
+            table, best, unit = parameter_table(document, parameter), parameter["best"], parameter["unit"]
             table.pop("reference", None)
             table["start"] = exact(best, unit)
             prior = parameter.get("prior", {}) if "value" not in table.get("prior", {"value": 0}) else {}

@@ -9,7 +9,7 @@ import click
 
 from commonrail.base.errors import InputError
 from commonrail.base.stages import telling
-from commonrail.cli.console import Bar, print_json, print_lines, shown_by
+from commonrail.cli.console import Bar, print_json, print_lines, show_stages_on
 from commonrail.cli.fit import JUDGED_SOON, stage_of
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import DecimalSign, Encoding, Json, SheetName, Threads, check_folder, free_run_folder
@@ -25,14 +25,14 @@ def update(
         tuple[Path, ...], Option("--with", metavar="FILE", help="New data file to fit, see inspect; repeatable.")
     ] = (),
     held_out: Annotated[
-        tuple[Path, ...], Option(metavar="FILE", help="New data file that is compared, not fitted; repeatable.")
+        tuple[Path, ...], Option(metavar="FILE", help="New data file for comparison only; repeatable.")
     ] = (),
     out: Annotated[Path | None, Option(metavar="DIR", help="New run folder. [default: RUN-update-<n>]")] = None,
     global_: Annotated[
-        bool, Option("--global", help="Search with the optimiser of the study, not near the calibrated values alone.")
+        bool, Option("--global", help="Search with the optimiser of the study, not only near the calibrated values.")
     ] = False,
     as_begun: Annotated[
-        bool, Option("--as-begun", help="Use the copies in RUN although the files outside have changed since.")
+        bool, Option("--as-begun", help="Use the copies in RUN although the original files have changed.")
     ] = False,
     cylinder_pressure: new.BenchCylinderPressure = "",
     return_pressure: new.BenchReturnPressure = "",
@@ -50,8 +50,8 @@ def update(
     """Update a calibration with new data.
 
     The new data are judged first by the prediction bands of RUN: they agree, lie outside the bands, or contradict it.
-    Then old and new data are fitted together from the calibrated values into a new run folder; RUN stays as it is.
-    Meters, weights and pressures are those of the study's data of the same kind. Ctrl-C leaves no new folder.
+    Then old and new data are fitted together, from the calibrated values, into a new run folder; RUN is not changed.
+    Meters, weights and pressures come from the study's data of the same kind. Ctrl-C leaves no new folder.
 
     \b
     Examples:
@@ -76,7 +76,7 @@ def update(
     )
     place = out or free_run_folder(f"{run.absolute().name}-update", run.parent)
     check_folder(place)
-    with Bar(f"{run}: update") as bar, telling(shown_by(bar, JUDGED_SOON)):
+    with Bar(f"{run}: update") as bar, telling(show_stages_on(bar, JUDGED_SOON)):
         result = run_update(
             run,
             files,

@@ -1,7 +1,7 @@
 """Closed forms to compare with the model: waves in the pipe, modes of the chain, steady flow, mass balance.
 
-Each function makes its case from the injector (no leakage, no friction, as the theory needs it), runs it, and
-compares the run with a closed form or a scalar root that uses nothing of the model but the fuel's laws.
+Each function derives a case from the injector (without leakage and friction, as the theory requires), runs it, and
+compares the run with a closed form or a scalar root that shares only the fuel's laws with the model.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from commonrail.physics.components.plunger_needle import Loads, Nine, SeatContac
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.variants import Variant
 
-# The laws of steady flow written out once more, from the drawing and the fuel's own laws alone.
+# The laws of steady flow, written a second time from the drawing and the fuel's laws.
 #
-# Nothing here uses the model's coefficients or its fuel polynomials: `closed_forms` compares runs with these figures.
+# They use neither the model's coefficients nor its fuel polynomials; `closed_forms` compares runs with them.
 
 RAIL = 160e6  # [Pa]
 
 
 class Fluid(NamedTuple):
-    """Fuel at the rail pressure by its own laws: ρ [kg/m³], a [m/s], isothermal K [Pa], η [Pa s]."""
+    """Fuel at the rail pressure: ρ [kg/m³], a [m/s], isothermal K [Pa], η [Pa s]."""
 
     density: float
     sound_speed: float
@@ -40,7 +40,7 @@ class Fluid(NamedTuple):
 
 
 def fluid(injector: Injector) -> Fluid:
-    """The fuel at `RAIL` by the host's laws, not the hot loop's polynomials."""
+    """Fuel at `RAIL` by its laws, not by the polynomials of the simulation."""
     temperature, fuel = injector.values[FUEL_TEMPERATURE], injector.fuel
     density = float(fuel.density(RAIL, temperature))
     return Fluid(
@@ -57,7 +57,7 @@ def pipe_area(injector: Injector) -> float:
 
 
 def nozzle_by_hand(injector: Injector, lift: float) -> tuple[float, float]:
-    """Mass flow [kg/s] and SAC pressure [Pa] at which seat and nozzle, held at a lift [m], pass the same."""
+    """Mass flow [kg/s] and SAC pressure [Pa] at which seat and nozzle pass the same flow, at a fixed lift [m]."""
     from scipy.optimize import brentq  # slow to import
 
     p, at = injector.parameters, fluid(injector)
@@ -86,10 +86,11 @@ def nozzle_by_hand(injector: Injector, lift: float) -> tuple[float, float]:
 
 
 def drain_by_hand(injector: Injector, valve_lift: float) -> tuple[float, float]:
-    """Mass flow [kg/s] and control pressure [Pa] at which Z-hole, and A-hole with valve, pass the same."""
+    """Mass flow [kg/s] and control pressure [Pa] at which the Z-hole, and A-hole with valve, pass the same flow."""
     from scipy.optimize import brentq  # slow to import
 
-    p, at, low = injector.parameters, fluid(injector), 0.5e6
+    p, at = injector.parameters, fluid(injector)
+    low = 0.5e6
     hole = p.control_chamber
     z_area, a_area = (math.pi / 4.0 * d**2 for d in (hole.z_hole_diameter, hole.a_hole_diameter))
     ring = math.pi * p.valve.seat_diameter * valve_lift * math.sin(p.valve.seat_angle)
@@ -128,7 +129,7 @@ def _equation_9(injector: Injector, lift: float) -> float:
 
 
 def _offset(at: Fluid, reynolds: float, width: float) -> float:
-    """Half the mass flow at the transition Reynolds number of a hole, [kg/s]."""
+    """Half of the mass flow at the transition Reynolds number of a hole [kg/s]."""
     return 0.5 * at.viscosity * reynolds * width
 
 
@@ -137,11 +138,11 @@ def _turbulent(effective: float, drop: float, density: float, offset: float) -> 
     return math.sqrt(offset**2 + 2.0 * density * effective**2 * drop) - offset
 
 
-# Traces of the lanes, and figures read from them: an echo's delay, a frequency, the ringing of the chain.
+# Traces of the fast engine and figures read from them: delay of an echo, frequency, modes of the chain.
 
 
-def traced(injector: Injector, point: OperatingPoint, dt: float) -> dict[str, Floats]:
-    """State after every step of `dt` [s] by dotted name, leaving waves, and "time" [s]: each (steps + 1,)."""
+def trace_states(injector: Injector, point: OperatingPoint, dt: float) -> dict[str, Floats]:
+    """Trace the state, leaving waves and "time" [s] after every step of `dt` [s]: by dotted name, each (steps + 1,)."""
     prepared = plan.prepare(injector, [point], dt)
     _, trace = lanes.run(plan.make_job(prepared, prepared.row[None], False), injector.wired(), traced=True)
     rows = dict(zip(lanes.trace_paths(injector.variant), trace[0, :, :, 0].T.copy(), strict=True))
@@ -149,7 +150,7 @@ def traced(injector: Injector, point: OperatingPoint, dt: float) -> dict[str, Fl
 
 
 def echo(time: Floats, arriving: Floats, leaving: Floats, near: float) -> float:
-    """Delay [s], near the expected one, after which a wave (n,) that left comes back with its sign changed."""
+    """Delay [s], near the expected one, after which a leaving wave (n,) returns with reversed sign."""
 
     def miss(delay: float) -> float:
         return float(np.sum((arriving + np.interp(time - delay, time, leaving, left=0.0)) ** 2))
@@ -158,9 +159,9 @@ def echo(time: Floats, arriving: Floats, leaving: Floats, near: float) -> float:
 
 
 def frequency(signal: Floats, dt: float, near: float) -> float:
-    """Strongest frequency [1/s] between 0.3 and 1.3 times an expected one, from a windowed Fourier integral.
+    """Strongest frequency [1/s] of a signal (n,) sampled every `dt` [s], by a windowed Fourier integral.
 
-    The signal (n,) has a value every `dt` [s].
+    Searched between 0.3 and 1.3 times the expected frequency `near`.
     """
     shaped, time = signal * np.hanning(len(signal)), dt * np.arange(len(signal))
 
@@ -171,7 +172,7 @@ def frequency(signal: Floats, dt: float, near: float) -> float:
 
 
 def _least(function: Callable[[float], float], grid: Floats, tolerance: float) -> float:
-    """Argument at which a function is least: the best of an even grid, refined between its neighbours."""
+    """Minimise a function: the best point of an even grid, refined between its neighbours."""
     from scipy.optimize import minimize_scalar  # slow to import
 
     best, step = grid[np.argmin([function(x) for x in grid.tolist()])], grid[1] - grid[0]
@@ -182,7 +183,7 @@ def _least(function: Callable[[float], float], grid: Floats, tolerance: float) -
 def chain_matrices(k: Floats, masses: Floats, joint: float) -> tuple[Floats, Floats]:
     """Stiffness matrix [N/m] and nodal masses [kg] of the nine-mass chain in contact, Eq. (10).
 
-    Stiffness and mass (7,) are of the cylinders, the joint is the contact stiffness between masses 6 and 7.
+    `k` and `masses` (7,): of the cylinders; `joint`: contact stiffness between masses 6 and 7.
     """
     springs = np.array([*k[:5], joint, *k[5:]])
     matrix = np.diag(np.append(springs, 0.0) + np.append(0.0, springs))
@@ -195,9 +196,9 @@ def chain_matrices(k: Floats, masses: Floats, joint: float) -> tuple[Floats, Flo
 def chain_frequency(
     p: plunger_needle.Parameters, seat: SeatContact, shape: Floats, mass: Floats, omega: float
 ) -> float:
-    """Angular frequency [1/s] of a small modal amplitude of the pressed chain, from its zero crossings.
+    """Angular frequency [1/s] of a small modal oscillation of the pressed chain, from its zero crossings.
 
-    The mode (9,) with nodal masses (9,) [kg] is expected at omega [1/s], and simulated for ten of its periods.
+    The mode `shape` (9,) with nodal masses (9,) [kg], expected at `omega` [1/s], is simulated for ten periods.
     """
     dt = 2.0 * math.pi / omega / 200.0
     c = plunger_needle.coefficients(p, dt)
@@ -226,7 +227,7 @@ TIGHT = {
 
 
 class Check(NamedTuple):
-    """A claim: its figure must not exceed its limit in size."""
+    """Check: the magnitude of its value must not exceed its limit."""
 
     name: str
     value: float
@@ -237,20 +238,20 @@ class Check(NamedTuple):
 
     @property
     def margin(self) -> float:
-        """Share of the limit that is left [1]; negative beyond it."""
+        """Unused share of the limit [1]; negative beyond it."""
         return 1.0 - abs(self.value) / self.limit
 
 
 def check(name: str, value: float, limit: float, unit: str, detail: str) -> Check:
-    """Check that passes if |value| ≤ limit [unit]; NaN does not. The detail says what was compared."""
+    """Make a check that passes if |value| ≤ limit [unit]; NaN fails. `detail`: the comparison in words."""
     return Check(name, float(value), limit, unit, bool(abs(value) <= limit), detail)
 
 
 def joukowsky(injector: Injector) -> list[Check]:
-    """A needle that opens at the end of a long pipe: Δp = ρ a Δu there, until the rail answers after 2 L/a."""
+    """Needle opening at the end of a long pipe: Δp = ρ a Δu until the rail's echo returns after 2 L/a."""
     length = 1.5
     case = _case(injector, {"feed_pipe.length": length})
-    rows = traced(case, OperatingPoint(RAIL, 700e-6, horizon=3.5e-3), STEP)
+    rows = trace_states(case, OperatingPoint(RAIL, 700e-6, horizon=3.5e-3), STEP)
     at = fluid(case)
     pressure, flow = rows["accumulation.fuel.pressure"], rows["feed_pipe.end_flow"][1:]
     mean = 0.5 * (pressure[1:] + pressure[:-1]) - RAIL
@@ -280,13 +281,13 @@ def joukowsky(injector: Injector) -> list[Check]:
 
 
 def pipe_period(injector: Injector) -> list[Check]:
-    """A pipe, open at the rail, closed by a volume: cot θ = (a/A) C ω with θ = ω L/a and C = V ρ/K; V → 0: 4 L/a."""
+    """Pipe open at the rail and closed by a volume: cot θ = (a/A) C ω with θ = ω L/a, C = V ρ/K; V → 0: 4 L/a."""
     from scipy.optimize import brentq  # slow to import
 
     length = 0.3
     checks = []
     for volume, name in ((150e-9, "with a volume of 150 mm3"), (3e-9, "with 3 mm3, almost 4 L/a")):
-        # a shoulder of next to no area: the chain's own compliance would add 0.1 % to the pipe's
+        # almost no shoulder area: the chain's compliance would otherwise add 0.1 % to the pipe's
         slim = {
             "plunger_needle.guide_diameter": 2.72e-3,
             "plunger_needle.stem_diameter": 2.71e-3,
@@ -294,7 +295,7 @@ def pipe_period(injector: Injector) -> list[Check]:
         }
         case = _case(injector, {"feed_pipe.length": length, "accumulation.volume": volume} | slim)
         step = Trace.of([0.0, 100e-6, 101e-6, 1.0], [RAIL, RAIL, RAIL + 1e6, RAIL + 1e6])
-        rows = traced(case, OperatingPoint(step, (), horizon=15e-3), STEP)
+        rows = trace_states(case, OperatingPoint(step, (), horizon=15e-3), STEP)
         at = fluid(case)
         stiffness = at.sound_speed / pipe_area(case) * volume * at.density / at.modulus
         per_angle = at.sound_speed / length
@@ -319,7 +320,7 @@ def pipe_period(injector: Injector) -> list[Check]:
 
 
 def chain_modes(injector: Injector) -> list[Check]:
-    """Plunger and needle pressed on the seat ring at the roots of the generalised eigenproblem."""
+    """Oscillation of plunger and needle on the seat at the roots of the generalised eigenproblem."""
     from scipy.linalg import eigh  # slow to import
 
     p = injector.parameters.plunger_needle._replace(damping_ratio=0.0, spring_stiffness=0.0)
@@ -339,7 +340,7 @@ def chain_modes(injector: Injector) -> list[Check]:
 
 
 def steady_flow(injector: Injector) -> list[Check]:
-    """Held open for 4 ms with a short pipe: seat and nozzle in series; Z-hole, and A-hole with valve, in series."""
+    """Steady flow after 4 ms with a short pipe: seat and nozzle in series; Z-hole, A-hole and valve in series."""
     wide = _steady(injector, {}, "")
     narrow = _steady(injector, {"valve.lift": 15e-6}, ", valve as the narrowest section")
     return wide + narrow[1:]
@@ -347,7 +348,7 @@ def steady_flow(injector: Injector) -> list[Check]:
 
 def _steady(injector: Injector, values: dict[str, float], name: str) -> list[Check]:
     case = _case(injector, {"feed_pipe.length": 0.01} | values)
-    rows = traced(case, OperatingPoint(RAIL, 4e-3, horizon=4e-3), STEP)
+    rows = trace_states(case, OperatingPoint(RAIL, 4e-3, horizon=4e-3), STEP)
     late = slice(3000, None)
     lift, valve_lift = (float(np.mean(rows[key][late])) for key in ("body.z.i9", "valve.lift"))
     span = rows["time"][-1] - rows["time"][3000]
@@ -366,7 +367,7 @@ def _steady(injector: Injector, values: dict[str, float], name: str) -> list[Che
 
 
 def mass_balance(injector: Injector) -> list[Check]:
-    """Fuel in, less fuel out, less fuel stored, over the fuel injected."""
+    """Fuel in minus fuel out minus fuel stored, relative to the injected fuel."""
     worst = 0.0
     for boundary in (Boundary.IDEAL, Boundary.VOLUME):
         wired = replace(injector, variant=Variant(boundary=boundary))

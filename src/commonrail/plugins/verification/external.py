@@ -1,8 +1,8 @@
-"""Figures of a program outside the project, and how near both engines come to them.
+"""Comparison of both engines with the results of an independent program.
 
-The program (SciPy LSODA, method of lines) was written before this project and shares no line with it; it has fuel
-polynomials of its own and holds its memory of the discharge coefficient through a bounce. Limits tighter than these
-would judge that program.
+The program (SciPy LSODA, method of lines) was written before this project and shares no code with it. It has different
+fuel polynomials and keeps the memory of the discharge coefficient through a bounce. Tighter limits would judge that
+program instead.
 """
 
 from __future__ import annotations
@@ -33,18 +33,19 @@ from commonrail.readers.columns import Column
 from commonrail.readers.injector import load_injector
 from commonrail.readers.table_sheet import TableSheet, open_table
 
-INTERVAL = 3e-6  # of its samples [s]
-SHORT = 399e-6  # longest energising time of what counts as a short injection [s]
-# Of volume and rate [%], of a short and of a longer injection, and of the opening [us].
-VOLUME, RATE, OPENING = (0.3, 0.1), (1.0, 0.4), 0.3
+INTERVAL = 3e-6  # between samples [s]
+SHORT = 399e-6  # longest energising time of a short injection [s]
+# Limits of volume and rate [%], each for short and longer injections, and of the opening [us].
+VOLUME, RATE = (0.3, 0.1), (1.0, 0.4)
+OPENING = 0.3
 
 
 @dataclass(frozen=True)
 class Run:
-    """One injection with one energising by the program outside; the point's horizon is the end of the rate.
+    """One single injection by the independent program; the point's horizon is the end of the rate.
 
-    Injected volume [m³], instant at which the tip passes 5 um [s], and rate (samples,) as means over `INTERVAL` each
-    [m³/s], where they are known.
+    `volume` [m³]; `opening`: time at which the tip passes 5 um [s]; `rate` (samples,): means over `INTERVAL` [m³/s], if
+    available.
     """
 
     injector: Injector
@@ -55,12 +56,12 @@ class Run:
 
     @property
     def short(self) -> bool:
-        """True where the limits of short injections hold."""
+        """True if the limits of short injections apply."""
         return self.point.pulses[0].duration <= SHORT
 
 
 class Gaps(NamedTuple):
-    """An engine less the program outside: volume and L1 of the rate [%], opening [us]; no L1 without a rate."""
+    """Engine minus independent program: volume and L1 of the rate [%] (None without a rate), opening [us]."""
 
     volume: float
     rate: float | None
@@ -73,7 +74,7 @@ def by_lanes(run: Run) -> Gaps:
 
 
 def by_reference(run: Run) -> Gaps:
-    """Gaps of the reference, marched explicitly."""
+    """Gaps of the reference with its explicit method."""
     return gaps(run, simulate_reference(run.injector, run.point, INTERVAL, Resolution(method="explicit")))
 
 
@@ -81,7 +82,7 @@ ENGINES: dict[str, Callable[[Run], Gaps]] = {"lanes": by_lanes, "reference": by_
 
 
 def gaps(run: Run, solution: Solution) -> Gaps:
-    """Distances of a solution from a run; NaN where it has failed."""
+    """Distances of a solution from a run; NaN for a failed one."""
     sound = math.nan if solution.status.failed else 1.0
     rate = None
     if run.rate is not None:
@@ -95,11 +96,11 @@ def against_outside(runs: Sequence[Run], pool: Executor) -> list[Check]:
     return [
         gap_check
         for engine, simulated in ENGINES.items()
-        for gap_check in checks_of(engine, runs, list(pool.map(simulated, runs)))
+        for gap_check in check_gaps(engine, runs, list(pool.map(simulated, runs)))
     ]
 
 
-def checks_of(engine: str, runs: Sequence[Run], gaps: Sequence[Gaps]) -> Iterator[Check]:
+def check_gaps(engine: str, runs: Sequence[Run], gaps: Sequence[Gaps]) -> Iterator[Check]:
     """Checks of the gaps of one engine."""
     for short, what in ((False, "from 400 us"), (True, "short injections")):
         members = [gap for run, gap in zip(runs, gaps, strict=True) if run.short is short]
@@ -111,17 +112,17 @@ def checks_of(engine: str, runs: Sequence[Run], gaps: Sequence[Gaps]) -> Iterato
 
 def _worst(name: str, values: Sequence[float], limit: float, unit: str) -> Check:
     size = np.abs(values)
-    detail = f"{len(size)} runs of a program outside the project, median {np.median(size):.2g} {unit}"
-    return check(f"another program's figures: {name}", float(np.max(size)), limit, unit, detail)
+    detail = f"{len(size)} runs of an independent program, median {np.median(size):.2g} {unit}"
+    return check(f"independent program: {name}", float(np.max(size)), limit, unit, detail)
 
 
-# The objective of a search against the scores of a report: two ways to one J.
+# The objective of a search against the scores of a report: two ways to compute J.
 #
-# The search adds up its misfit inside the loop over steps, several candidates at once; the report traces each injector
-# and samples it afterwards.
+# The search sums the misfit inside the loop over steps, for several candidates at once; the report traces each injector
+# and samples the trace.
 
 STEP = 1e-6  # [s]
-# The loop and the traced run add up the same 1900 steps, of rounding 1e-16, in another order and with other vectors.
+# Both sum the same 1900 steps (rounding 1e-16) in different orders and vector widths.
 ROUNDING = 1e-9
 LABELS = ("simulated", "all of it")
 FACTORS = (0.8, 1.0, 1.3)  # of all stiffnesses
@@ -129,7 +130,7 @@ MAP = ((60e6, 250e-6), (100e6, 250e-6), (100e6, 700e-6), (160e6, 700e-6))  # rai
 
 
 def objective_and_scores(injector: Injector) -> list[Check]:
-    """J of the search against Σ weight · J of the reported scores, at the fuel's own and at another temperature."""
+    """J of the search against Σ weight · J of the reported scores, at the nominal and at other fuel temperatures."""
     data: list[DataSet] = [_curve(injector), _map(injector)]
     low, high = injector.fuel.temperature_range
     names, stiffness = [*PAPER_OPTIMUM, FUEL_TEMPERATURE], np.array([injector.values[name] for name in PAPER_OPTIMUM])
@@ -137,14 +138,14 @@ def objective_and_scores(injector: Injector) -> list[Check]:
     for what, temperatures in (("own temperature", (injector.values[FUEL_TEMPERATURE],)), ("others", (low, high))):
         rows = [[*(factor * stiffness), t] for factor in FACTORS for t in temperatures]
         costs = Objective(injector, names, data, STEP, 1).costs(np.array(rows)).costs
-        scores = [_reported(injector.with_values(dict(zip(names, row, strict=True))), data) for row in rows]
+        scores = [_sum_reported_scores(injector.with_values(dict(zip(names, row, strict=True))), data) for row in rows]
         worst = float(np.max(np.abs(costs / np.array(scores) - 1.0)))
         detail = f"J of {len(rows)} candidates, a curve and a map, relative; limit: rounding of 1900 steps, with room"
         checks.append(check(f"objective against scores, {what}", worst, ROUNDING, "1", detail))
     return checks
 
 
-def _reported(injector: Injector, data: Sequence[DataSet]) -> float:
+def _sum_reported_scores(injector: Injector, data: Sequence[DataSet]) -> float:
     simulator = Simulator(injector, (), STEP, 1)
     return sum(data_set.weight * float(data_set.misfit(data_set.score(simulator).values)) for data_set in data)
 
@@ -161,18 +162,20 @@ def _map(injector: Injector) -> QuantityData:
     points = tuple(OperatingPoint(pressure, time) for pressure, time in MAP)
     batch = simulate_batch(injector.with_values(PAPER_OPTIMUM), points, time_step=STEP)
     by_mass = np.array([np.nan, np.nan, 800.0, 800.0])
-    none = np.zeros(len(points), bool)
-    return QuantityData("map", Role.FIT, points, batch.injected_volume[0], 1e-10, 0.02, none, 50.0, *LABELS, by_mass)
+    dead_time = np.zeros(len(points), bool)
+    return QuantityData(
+        "map", Role.FIT, points, batch.injected_volume[0], 1e-10, 0.02, dead_time, 50.0, *LABELS, by_mass
+    )
 
 
-# Figures of a program outside the project, from the table that ships with the package.
+# Results of the independent program, from the table that ships with the package.
 
 _FOLDER = resources.files("commonrail.plugins.verification") / "external_figures"
 _STIFFNESS: Mapping[str, Mapping[str, float]] = {"theoretical": {}, "optimal": PAPER_OPTIMUM}  # of runs.csv
 
 
 def load_outside() -> tuple[Run, ...]:
-    """Read the runs with their injectors, points and, where there are some, rates."""
+    """Read the runs with injectors, points and available rates."""
     with resources.as_file(_FOLDER / "injector.toml") as path:
         theoretical = load_injector(path)
     injectors = {name: theoretical.with_values(values) for name, values in _STIFFNESS.items()}
@@ -194,7 +197,7 @@ def load_outside() -> tuple[Run, ...]:
 
 
 def _rates() -> dict[str, Floats]:
-    """Rates [m³/s] by stiffness, rail pressure and energising time, as the columns are headed."""
+    """Rates [m³/s] by column: stiffness, rail pressure and energising time."""
     sheet = _sheet("rates.csv")
     names = sheet.names[1:]
     columns = sheet.take([Column(name, "1") for name in names]).columns

@@ -1,9 +1,9 @@
-"""Checks that the code solves the equations it states, each with its figure and its limit.
+"""Checks that the code solves its equations, each with a value and a limit.
 
-The fast engine against the reference, which shares its laws but none of its scheme, at the points of `study`; its
-batches against its single simulations; the objective against the reported scores and both engines against the figures
-of a program outside the project (`external`); all against closed forms (`closed_forms`). Nothing here says that the
-equations describe a given injector.
+The fast engine is compared with the reference, which shares its laws but not its scheme, at the points of `study`; its
+batches with its single simulations; the objective with the reported scores; both engines with an independent program
+(`external`); and all with closed forms (`closed_forms`). The checks do not show that the equations describe a given
+injector.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from commonrail.plugins.verification.study import RateLimits, Task, VolumeLimit,
 from commonrail.readers.injector import injector_catalogue, load_injector
 
 INTERVAL = 3e-6  # of a rate meter's samples [s]
-# A batch ends once a valve train is at rest: what a relaxing SAC dribbles after that was 1e-5 mm³ at the most [mm³].
+# A batch ends once the valve train is at rest; the SAC then dribbled at most 1e-5 mm³ [mm³].
 BATCH = 1e-4
-INJECTS = 1e-12  # more than this is an injection [m³]
+INJECTS = 1e-12  # smallest injection [m³]
 HOLES = ("control_chamber.z_hole_diameter", "control_chamber.a_hole_diameter")
 DIRECT_HOLES = ("nozzle.hole_diameter",)  # of an injector without a control chamber
-SHIFT = 5e-4  # the share by which they are moved
+SHIFT = 5e-4  # relative change of the holes
 UNITS = {"rate, L1": "%", "volume": "%", "opening": "us", "closing": "us"}  # of the fields of `RateLimits`
 
 
 class Difference(NamedTuple):
-    """Lanes less reference: rate (L1) and volume [%], opening and closing [us].
+    """Fast engine minus reference: rate (L1) and volume [%], opening and closing [us].
 
-    NaN where one has failed, they ended otherwise than each other, or nothing was injected.
+    NaN if one of them failed, their statuses differ, or nothing was injected.
     """
 
     rate: float
@@ -51,10 +51,9 @@ class Difference(NamedTuple):
 class Compared(NamedTuple):
     """Outcome of a task: single simulations in f64, and optionally in f32, against the reference.
 
-    `volume` is injected by the reference [m³], `gap` by the fast engine less that [m³], `batch` by `simulate_batch`
-    less that of `simulate` [m³]; NaN where one has failed. `sensitivity` is the change of the injected volume [%] per 1
-    % of the Z- or A-hole's diameter, whichever is larger, or of the nozzle's holes; NaN where the limits are those of a
-    course.
+    `volume`: injected by the reference [m³]; `gap`: fast engine minus reference [m³]; `batch`: `simulate_batch` minus
+    `simulate` [m³]; NaN for failures. `sensitivity`: change of the injected volume [%] for 1 % of the diameter of the
+    Z- or A-hole (the larger one) or of the nozzle holes; NaN for tasks with limits on the rate.
     """
 
     double: Difference
@@ -76,17 +75,17 @@ def compare(task: Task) -> Compared:
     single = simulate(injector, point, sample_interval=INTERVAL, precision=Precision.F32) if task.single else None
     batch = simulate_batch(injector, [point], threads=1)
     return Compared(
-        difference(double, reference),
-        difference(single, reference) if single else None,
-        reference.injected_volume,
-        _sound(double, reference) * (double.injected_volume - reference.injected_volume),
-        _sound(double) * float(batch.injected_volume[0, 0]) - double.injected_volume,
-        _sensitivity(task),
+        double=difference(double, reference),
+        single=difference(single, reference) if single else None,
+        volume=reference.injected_volume,
+        gap=_sound(double, reference) * (double.injected_volume - reference.injected_volume),
+        batch=_sound(double) * float(batch.injected_volume[0, 0]) - double.injected_volume,
+        sensitivity=_sensitivity(task),
     )
 
 
 def _sound(*solutions: Solution) -> float:
-    """1, or NaN if one of them failed or they ended otherwise than each other."""
+    """1, or NaN if one of them failed or their statuses differ."""
     status = solutions[0].status
     same = all(solution.status is status for solution in solutions)
     return math.nan if status.failed or not same else 1.0
@@ -106,7 +105,7 @@ def _sensitivity(task: Task) -> float:
 
 
 def difference(fast: Solution, reference: Solution) -> Difference:
-    """Distance of a solution from the reference, both with samples at the same bounds."""
+    """Distance of a solution from the reference, sampled at equal bounds."""
     samples = min(len(fast.mass_rate), len(reference.mass_rate))
     level = float(np.sum(np.abs(reference.mass_rate)))
     if not level > 0.0:
@@ -129,33 +128,32 @@ def verify(
 ) -> list[Check]:
     """Check the fast engine against the reference and both against independent figures.
 
-    The injector is flexible, fed by an ideal rail and driven by PWM or regulator: the catalogue's "virtual-lino-2016".
-    The injectors of the catalogue and figures of a program outside the project are compared too. `progress` is told
-    after every comparison. Of each group of comparisons, batches, scores, figures from outside and closed forms the
-    worst figure is returned.
+    The injector is flexible with an ideal rail and a PWM or regulated drive, such as "virtual-lino-2016". Injectors of
+    the catalogue and the results of an independent program are compared too. `progress` is called after every
+    comparison. Returns the worst value of each group.
     """
-    tell = progress or (lambda _: None)
+    report = progress or (lambda _: None)
     outside = load_outside()
     tasks = comparisons(injector, quick, [load_injector(name) for name in injector_catalogue()])
-    tell(f"comparing the engines: {len(tasks)} simulations by the reference")
+    report(f"comparing the engines: {len(tasks)} simulations by the reference")
     compared: list[Compared] = []
     with ProcessPoolExecutor(processes) as pool:
         for k, (task, comparison) in enumerate(zip(tasks, pool.map(compare, tasks), strict=True)):
             compared.append(comparison)
-            tell(f"{k + 1} of {len(tasks)}: {task.group}")
-        checks = checks_of(tasks, compared)
-        tell("objective against scores")
+            report(f"{k + 1} of {len(tasks)}: {task.group}")
+        checks = check_groups(tasks, compared)
+        report("objective against scores")
         checks += objective_and_scores(injector)
-        tell(f"figures from outside: {len(outside)} runs")
+        report(f"independent program: {len(outside)} runs")
         checks += against_outside(outside, pool)
     for form in closed_forms.ALL:
-        tell(form.__name__.replace("_", " "))
+        report(form.__name__.replace("_", " "))
         checks += form(injector)
     return checks
 
 
-def checks_of(tasks: Sequence[Task], compared: Sequence[Compared]) -> list[Check]:
-    """The worst figures of each group, in the order in which the groups appear, then of the batches."""
+def check_groups(tasks: Sequence[Task], compared: Sequence[Compared]) -> list[Check]:
+    """Worst values of each group, in order of appearance, then of the batches."""
     groups: dict[str, list[tuple[Task, Compared]]] = {}
     single: dict[str, list[Difference]] = {}
     for task, comparison in zip(tasks, compared, strict=True):
@@ -177,7 +175,7 @@ def checks_of(tasks: Sequence[Task], compared: Sequence[Compared]) -> list[Check
 def _rate_checks(group: str, limits: RateLimits, differences: Sequence[Difference]) -> Iterator[Check]:
     for (name, unit), limit, values in zip(UNITS.items(), limits, zip(*differences, strict=True), strict=True):
         size = np.abs(values)
-        worst = float(np.max(size))  # NaN, where a needle did not close, fails
+        worst = float(np.max(size))  # NaN (a needle that did not close) fails
         detail = f"lanes at 1 us against the reference, median {np.median(size):.2g} {unit}, {len(size)} simulations"
         yield check(f"{group}: {name}", worst, limit, unit, detail)
 
@@ -203,7 +201,7 @@ def _batches(tasks: Sequence[Task], compared: Sequence[Compared]) -> Check:
     gaps = np.array([1e9 * abs(comparison.batch) for comparison in compared])
     k = int(np.argmax(gaps))
     detail = (
-        f"injected volume, early stop, {len(gaps)} simulations, worst: {tasks[k].group}; limit: what a SAC gives after "
-        "its needle and valve have come to rest"
+        f"injected volume, early stop, {len(gaps)} simulations, worst: {tasks[k].group}; limit: flow from the SAC "
+        "after needle and valve have come to rest"
     )
     return check("simulate_batch against simulate", gaps[k], BATCH, "mm3", detail)

@@ -1,8 +1,8 @@
-"""Simulations that the fast engine is checks_of by: points, variants and parameter sets, chosen beforehand.
+"""Simulations by which the fast engine is checked: points, variants and parameter sets, fixed in advance.
 
-A group of them is checks_of by one set of limits: a main injection by rate, volume and the needle's instants, a short
-injection or a random injector by volume alone. The instants of a needle that hardly leaves its seat, or that falls back
-on it, hang on its bounces, so that half a step may move them by a microsecond where the volume stays.
+Each group has one set of limits. A main injection is checked by rate, volume, opening and closing; a short injection or
+a random injector by volume alone. If the needle hardly leaves its seat or falls back on it, its opening and closing
+depend on bounces: half a step may move them by a microsecond although the volume stays.
 """
 
 from __future__ import annotations
@@ -26,20 +26,22 @@ PRESSURES = (40e6, 80e6, 120e6, 160e6, 180e6)  # [Pa]
 TWO = (80e6, 160e6)
 SHORT_AT = (60e6, 100e6, 160e6)  # of short injections [Pa]
 ENERGISING = 700e-6  # [s], as in the paper
-HORIZON = 1.9e-3  # the needle has closed by then at all of them [s]
+HORIZON = 1.9e-3  # by then the needle has closed at all pressures [s]
 SHORT_TIMES = (150e-6, 180e-6, 200.5e-6, 250e-6, 320e-6)  # energising times [s]
 DWELLS = (50e-6, 300e-6)  # from the end of a pilot to the start of the main injection [s]
-LONG_DWELLS = (600e-6, 900e-6, 1200e-6)  # in which the return line's waves come back to the valve [s]
-PILOT, MAIN = 250e-6, 500e-6  # their energising times [s]
-DIRECT_AT = (20e6,)  # of a direct-acting injector, which is made for lower rail pressures [Pa]
-DIRECT_PILOT, DIRECT_MAIN = 400e-6, 600e-6  # it opens later [s]
-CANDIDATES, BOX, SEED = 50, 0.6, 20160401  # random stiffnesses within ± 60 % at 160 MPa
-INJECTORS, AROUND, DRAWS = 20, 0.3, 1000  # random injectors within ± 30 %, out of so many draws
-# Not varied: without a shape of the nozzle and without a free-wheel diode they change nothing.
+LONG_DWELLS = (600e-6, 900e-6, 1200e-6)  # waves of the return line come back to the valve in them [s]
+PILOT, MAIN = 250e-6, 500e-6  # energising times of pilot and main injection [s]
+DIRECT_AT = (20e6,)  # for direct-acting injectors, which have lower rail pressures [Pa]
+DIRECT_PILOT, DIRECT_MAIN = 400e-6, 600e-6  # direct-acting injectors open later [s]
+SEED = 20160401
+CANDIDATES, BOX = 50, 0.6  # random stiffnesses within ± 60 % at 160 MPa
+INJECTORS, AROUND = 20, 0.3  # random injectors within ± 30 %
+DRAWS = 1000  # from which the random injectors are taken
+# Not varied: they have no effect without a shaped nozzle and a free-wheel diode.
 IDLE = ("nozzle.knot_", "drive.diode_voltage")
 RANDOM_AT, RANDOM_HORIZON = 100e6, 3.3e-3  # of the random injectors [Pa], [s]
-SOME = 1e-9  # the least that one of them injects [m³]
-AWAY = 5.0  # of hot and cold fuel from the ends of its range [K]
+SOME = 1e-9  # least injected volume of a random injector [m³]
+AWAY = 5.0  # distance of hot and cold fuel from the ends of its range [K]
 
 
 class RateLimits(NamedTuple):
@@ -51,12 +53,12 @@ class RateLimits(NamedTuple):
     closing: float = 0.5
 
     def times(self, factor: float) -> RateLimits:
-        """All limits by a factor."""
+        """Multiply all limits by a factor."""
         return RateLimits(*(factor * limit for limit in self))
 
 
 class VolumeLimit(NamedTuple):
-    """Limit of the volume alone: the larger of a share [1] and a quantity [m³], and how many must keep it [1]."""
+    """Limit of the volume: the larger of a share [1] and a quantity [m³]; `share` of the members must keep it [1]."""
 
     relative: float
     absolute: float
@@ -68,24 +70,24 @@ class VolumeLimit(NamedTuple):
 
     @property
     def text(self) -> str:
-        """As a person writes it."""
+        """Limit in words."""
         larger = f"the larger of {100.0 * self.relative:g} % and {1e9 * self.absolute:g} mm³"
         return larger if self.share == 1.0 else f"{larger}, kept by {100.0 * self.share:g} %"
 
 
-# Of a step of 1 us. One rigid mass meets its seat at full speed, no chain softens the blow.
+# For a step of 1 us. A rigid mass hits its seat at full speed; no chain softens the impact.
 MAINS, RIGID = RateLimits(), RateLimits().times(2.0)
 PAIR, ANY = (VolumeLimit(0.003, 1e-11),), (VolumeLimit(0.005, 1e-11),)
-# The needle of a short injection may fall back on its seat and open again: its volume then moves by tens of per cent
-# per 1 % of a hole, and the step's error with it. Most keep the first limit, all the second.
+# The needle of a short injection may fall back on its seat and open again. Its volume then changes by tens of percent
+# for 1 % of a hole, and so does the error of the step. Most keep the first limit, all keep the second.
 SHORT = (VolumeLimit(0.003, 1e-11, 0.9), VolumeLimit(0.01, 3e-11))
 
 
 class Task(NamedTuple):
     """One comparison of the engines.
 
-    Checks are named by the group, whose members have the same limits; `single` is the group of the same run in single
-    precision, or empty; `method` is the reference's method.
+    `group` names the checks, and its members have equal limits; `single`: group of the same run in single precision, or
+    empty; `method`: of the reference.
     """
 
     group: str
@@ -97,10 +99,10 @@ class Task(NamedTuple):
 
 
 def comparisons(injector: Injector, quick: bool = False, catalogue: Sequence[Injector] = ()) -> list[Task]:
-    """All comparisons of an injector that is flexible, fed by an ideal rail and driven by PWM.
+    """All comparisons for a flexible injector with an ideal rail and PWM drive.
 
-    Quick ones are fewer, without hot and cold fuel, several injections and random injectors. Those of the catalogue are
-    compared with two injections, a long dwell between them.
+    `quick`: fewer, without hot and cold fuel, several injections and random injectors. Injectors of the catalogue are
+    compared with two injections separated by a long dwell.
     """
     tasks = (
         _stiffnesses(injector, quick) + _variants(injector) + _random_stiffnesses(injector, 4 if quick else CANDIDATES)
@@ -113,7 +115,7 @@ def comparisons(injector: Injector, quick: bool = False, catalogue: Sequence[Inj
 
 
 def _stiffnesses(injector: Injector, quick: bool) -> list[Task]:
-    """By LSODA, so that both methods of the reference are seen; single precision shares the run of double."""
+    """Use LSODA, the second method of the reference; single precision shares the run of double precision."""
     sets: dict[str, dict[str, float]] = {"injector as given": {}, "paper's optimal stiffness": PAPER_OPTIMUM}
     pressures, at = (TWO, "80 and 160 MPa") if quick else (PRESSURES, "40 to 180 MPa")
     return [
@@ -141,7 +143,7 @@ def _variants(injector: Injector) -> list[Task]:
 def _random_stiffnesses(injector: Injector, count: int) -> list[Task]:
     factors = np.random.default_rng(SEED).uniform(1.0 - BOX, 1.0 + BOX, (count, len(PAPER_OPTIMUM)))
     group = f"{count} random stiffnesses within ± {100 * BOX:.0f} %, 160 MPa"
-    return [Task(group, _scaled(injector, list(PAPER_OPTIMUM), row), _main(160e6)) for row in factors]
+    return [Task(group, _scale_values(injector, list(PAPER_OPTIMUM), row), _main(160e6)) for row in factors]
 
 
 def _traces(injector: Injector, pressures: tuple[float, ...]) -> list[Task]:
@@ -185,7 +187,7 @@ def _pilots(injector: Injector) -> list[Task]:
 
 
 def _long_dwells(injector: Injector) -> list[Task]:
-    """Of any actuation, the current of one that is driven by a trace regulated instead."""
+    """Long dwells for any actuation; a drive by a trace is replaced by a regulated one."""
     direct = injector.variant.actuation is Actuation.DIRECT
     pressures, times = (DIRECT_AT, (DIRECT_PILOT, DIRECT_MAIN)) if direct else (TWO, (PILOT, MAIN))
     driven = _driven(injector, Drive.REGULATED) if injector.variant.drive.is_trace else injector
@@ -198,22 +200,22 @@ def _long_dwells(injector: Injector) -> list[Task]:
 
 
 def _random_injectors(injector: Injector) -> list[Task]:
-    """The first of the draws that lie in their domains, rest closed and open at all."""
+    """First draws that lie in their domains, are closed at rest, and open."""
     names = [name for name, value in injector.values.items() if value != 0.0 and not name.startswith(IDLE)]
     low, high = np.log((1.0 - AROUND, 1.0 + AROUND))
     factors = np.exp(np.random.default_rng(SEED).uniform(low, high, (DRAWS, len(names))))
-    factors[:, np.isin(names, COUNTS)] = 1.0  # no part has a share of a hole
+    factors[:, np.isin(names, COUNTS)] = 1.0  # holes are whole
     nominal = np.array([injector.values[name] for name in names])
     point = OperatingPoint(RANDOM_AT, ENERGISING, horizon=RANDOM_HORIZON)
     batch = simulate_batch(injector, [point], names, factors * nominal)
     refused = np.isin(batch.status[:, 0], (Status.OUTSIDE_DOMAIN, Status.NOT_CLOSED_AT_START))
-    drawn = factors[~refused & ~(batch.injected_volume[:, 0] < SOME)][:INJECTORS]  # what fails otherwise stays
+    drawn = factors[~refused & ~(batch.injected_volume[:, 0] < SOME)][:INJECTORS]  # other failures stay in
     group = f"{len(drawn)} random injectors, every parameter but counts within ± {100 * AROUND:.0f} %"
-    return [Task(group, _scaled(injector, names, row), point, ANY) for row in drawn]
+    return [Task(group, _scale_values(injector, names, row), point, ANY) for row in drawn]
 
 
 def drop(pressure: float) -> Trace:
-    """Rail pressure that falls by 10 MPa while fuel is drawn from it."""
+    """Rail pressure that falls by 10 MPa during injection."""
     return Trace.of([0.0, 200e-6, 1200e-6, 2500e-6], pressure - np.array([0.0, 0.0, 10e6, 9e6]))
 
 
@@ -245,6 +247,6 @@ def _driven(injector: Injector, drive: Drive) -> Injector:
     return replace(injector, variant=injector.variant._replace(drive=drive))
 
 
-def _scaled(injector: Injector, names: list[str], factors: Floats) -> Injector:
+def _scale_values(injector: Injector, names: list[str], factors: Floats) -> Injector:
     scaled = {n: injector.values[n] * float(x) for n, x in zip(names, factors, strict=True)}
-    return replace(injector, values={**injector.values, **scaled})  # those too that the variant does not read
+    return replace(injector, values={**injector.values, **scaled})  # also values that the variant does not read

@@ -1,4 +1,4 @@
-"""commonrail lab verify: both engines against each other, closed forms and figures of another program."""
+"""commonrail lab verify: compare both engines with each other, closed forms and another program."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.text import number
 from commonrail.cli.console import print_json, print_rows, say
-from commonrail.cli.grammar import Option, verb
+from commonrail.cli.grammar import Option, table_verb
 from commonrail.cli.options import Json
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 FAILED = 1
 
 
-@verb
+@table_verb
 def verify(
     *,
     injector: Annotated[str, Option(help="Injector file, or a name of the catalogue.")] = "virtual-lino-2016",
@@ -25,8 +25,8 @@ def verify(
 ) -> None:
     """Run the verification study.
 
-    Compares the fast engine with the reference, and both with closed forms and with figures of a program
-    outside the project. Each check has a limit and a margin. The exit status is 1 if a check fails.
+    Compares the fast engine with the reference, and both with closed forms and with the results of an independent
+    program. Each check has a limit and a margin. The exit status is 1 if a check fails.
 
     \b
     Example:

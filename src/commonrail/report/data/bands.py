@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from commonrail.base.chart import Band, Points
 from commonrail.base.text import MISSING, number, to_fixed
-from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, origin_of
+from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, origin_word
 from commonrail.report.data.view import scale_values
 
 INDEPENDENT = (
@@ -28,7 +28,7 @@ def band_sentence(data: Record) -> str:
     course = "half_widths" not in band
     median, alone = to_fixed(band["median_half_width_percent"], 1), band["covered_by_parameters_alone"]
     return (
-        f"{band['covered']} of {band['values']} {origin_of(data)} {'samples' if course else 'quantities'} of "
+        f"{band['covered']} of {band['values']} {origin_word(data)} {'samples' if course else 'quantities'} of "
         f"{data['name']} ({data['role']}) lie in the {band_name(data)}, whose median half width is {median} %"
         f"{' of the largest value' if course else ''} ({alone} in that of the parameters alone)"
         f"{IN_SAMPLE if data['role'] == 'fit' else ''}."
@@ -51,7 +51,7 @@ def too_few_inside(data: Record) -> bool:
 def band_caption(data: Record) -> str:
     """Sentence of a figure's caption, empty without bands."""
     return (
-        f"Shaded: {band_name(data)} of the {origin_of(data)} value, by {data['band']['estimator']}."
+        f"Shaded: {band_name(data)} of the {origin_word(data)} value, by {data['band']['estimator']}."
         if "band" in data
         else ""
     )

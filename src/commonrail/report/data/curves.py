@@ -10,7 +10,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Band, Figure, Panel, Points, Series, points
-from commonrail.base.table import BEST_LEGEND, Part, Table, table_from_parts
+from commonrail.base.table import BEST_LEGEND, OPERATING_POINT, Part, Table, table_from_parts
 from commonrail.base.text import megapascal, number, percent, pressure, several, to_fixed, to_signed
 from commonrail.data.records import (
     JUDGED,
@@ -20,7 +20,7 @@ from commonrail.data.records import (
     MM3_PER_MS,
     Record,
     Texts,
-    origin_of,
+    origin_word,
     relative_error,
 )
 from commonrail.report.data.bands import band_caption
@@ -82,10 +82,14 @@ class CurveView(View):
         relative = f"J over the sum of |data| over the same samples. {BEST_LEGEND}"
         of_volumes = f"Simulated against data. {BEST_LEGEND}"
         return [
-            table_from_parts(_J_TITLE, data, (head, errors, _SAMPLES), note),
-            table_from_parts("J relative to the data, %", data, (head, shares), relative),
+            table_from_parts(_J_TITLE, data, (head, errors, _SAMPLES), note, inputs=_INPUTS),
+            table_from_parts("J relative to the data, %", data, (head, shares), relative, inputs=_INPUTS),
             table_from_parts(
-                "Error of the injected volume, %", data, (head, _measured_column(data, ", mm³"), volumes), of_volumes
+                "Error of the injected volume, %",
+                data,
+                (head, _measured_column(data, ", mm³"), volumes),
+                of_volumes,
+                inputs=_INPUTS,
             ),
         ]
 
@@ -94,7 +98,7 @@ class CurveView(View):
         trace = plotted.traces[data["name"]]
         time = points(trace["time_s"] * MICROSECOND)
         measured = trace[MEASURED]
-        curves = [Series(origin_of(data), MEASURED, time, points(measured * MM3_PER_MS))]
+        curves = [Series(origin_word(data), MEASURED, time, points(measured * MM3_PER_MS))]
         errors = []
         for label, model in plotted.models.items():
             if label not in trace:
@@ -105,7 +109,7 @@ class CurveView(View):
         seen = f" Simulated as the meter “{data['meter']}” shows it." if data.get("meter") else ""
         others = len(errors) > 1 and JUDGED in trace
         cut = " Errors of other models are cut at the range of the calibrated one and its band." if others else ""
-        caption = f"Rate of injection; below, simulated − {origin_of(data)}.{cut}{seen} {band_caption(data)}".rstrip()
+        caption = f"Rate of injection; below, simulated − {origin_word(data)}.{cut}{seen} {band_caption(data)}".rstrip()
         about = (np.zeros(len(measured)), measured)
         bands = [(_band(data, time, middle),) if "band" in data else () for middle in about]
         panels = (
@@ -139,10 +143,11 @@ def _title(data: Record, words: str) -> str:
 
 _SETS = Part(("data set", "role"), lambda d: (d["name"], d["role"]))
 _SAMPLES = column("samples", lambda d: str(d["samples"]))
+_INPUTS = (*OPERATING_POINT, "samples")
 
 
 def _measured_column(data: Sequence[Record], unit: str) -> Part:
-    origins = {origin_of(d) for d in data}
+    origins = {origin_word(d) for d in data}
     origin = origins.pop() if len(origins) == 1 else "data"
     return column(f"{origin}{unit}", lambda d: to_fixed(d["volume"][MEASURED], 2, MM3))
 
@@ -164,7 +169,7 @@ def _j_table(data: Sequence[Record], texts: Texts) -> Table:
         "J is the sum over the samples of |simulated rate − data|; the share is that of J of "
         f"“{texts[JUDGED]}” in the sum of the data's rates."
     )
-    return table_from_parts(_J_TITLE, data, parts, note, 2)
+    return table_from_parts(_J_TITLE, data, parts, note, 2, _INPUTS)
 
 
 def _volume_table(data: Sequence[Record], texts: Texts) -> Table:

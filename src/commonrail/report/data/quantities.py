@@ -30,7 +30,7 @@ from commonrail.base.text import (
     to_fixed,
     to_signed,
 )
-from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, MPA, Record, Texts, origin_of, relative_error
+from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, MPA, Record, Texts, origin_word, relative_error
 from commonrail.report.data.bands import band_caption, band_cells, band_name, band_note, error_band
 from commonrail.report.data.view import (
     FitError,
@@ -186,8 +186,8 @@ def _quantity_table(view: MapView, data: Record, texts: Texts, judged: str) -> T
         return to_signed(error, 2), Cell(share, error_size(error, measured * MM3))
 
     shown = by_label(texts, lambda row, label: to_fixed(row.get(label), 2, MM3))
-    parts = [*_head(origin_of(data)), shown, Part(("error", "error, %"), errors)]
-    note = f"Errors are {judged} − {origin_of(data)}. {_LEGEND}"
+    parts = [*_head(origin_word(data)), shown, Part(("error", "error, %"), errors)]
+    note = f"Errors are {judged} − {origin_word(data)}. {_LEGEND}"
     if "band" in data:
         parts.append(Part((f"{band_name(data)}, ±",), band_cells))
         note += f" {band_note(data)}"
@@ -211,8 +211,8 @@ def _compared_table(view: MapView, data: Record, labels: Sequence[str]) -> Table
 
     heads = [head for label in labels for head in ((label, "error, %") if wide else (label,))]
     title = f"{_title(view)}, mm³" if wide else f"Errors of the {view.of}quantities, %"
-    note = f"Errors are simulated − {origin_of(data)}. {_LEGEND} {BEST_LEGEND}"
-    parts = (*_head(f"{origin_of(data)}, mm³"), Part(heads, shown))
+    note = f"Errors are simulated − {origin_word(data)}. {_LEGEND} {BEST_LEGEND}"
+    parts = (*_head(f"{origin_word(data)}, mm³"), Part(heads, shown))
     return table_from_parts(f"{title}: {data['name']}", _quantities(data), parts, note, 0)
 
 
@@ -243,8 +243,8 @@ def _map_figure(view: MapView, data: Record) -> Figure:
             shown.append(Panel(f"error, {unit}", tuple(error_series), share, zero_line=True, bands=tuple(around)))
     text = f"{limit * MM3:.3g} mm³"
     caption = (
-        f"{view.caption}: markers {origin_of(data)}, solid lines calibrated, dotted lines start values. Errors, "
-        f"calibrated − {origin_of(data)}: in percent above {text}, in mm³ up to it. {band_caption(data)}"
+        f"{view.caption}: markers {origin_word(data)}, solid lines calibrated, dotted lines start values. Errors, "
+        f"calibrated − {origin_word(data)}: in percent above {text}, in mm³ up to it. {band_caption(data)}"
     )
     return Figure(f"{data['name']} ({data['role']})", caption.rstrip(), ENERGISING, tuple(shown))
 
@@ -258,10 +258,10 @@ def _map_compared(view: MapView, data: Record, models: Models) -> Figure:
         Series(model.text, model.look, x, _with_gaps(parts, label, MM3), family=model.family)
         for label, model in models.items()
     ]
-    measured = Series(origin_of(data), MEASURED, x, _with_gaps(parts, MEASURED, MM3), MARKERS)
+    measured = Series(origin_word(data), MEASURED, x, _with_gaps(parts, MEASURED, MM3), MARKERS)
     return Figure(
         data["name"],
-        f"{view.caption}: markers {origin_of(data)}; each model has a line for each rail pressure "
+        f"{view.caption}: markers {origin_word(data)}; each model has a line for each rail pressure "
         f"({join_words(rails)} MPa).",
         ENERGISING,
         (Panel(f"{view.of}quantity, mm³", (*present(series), measured)),),
@@ -280,7 +280,8 @@ def _errors_compared(view: MapView, data: Record, models: Models) -> Figure:
     panels += [Panel("error, mm³", _drop_labels(small, large), 0.4, zero_line=True)] if under else []
     return Figure(
         f"Errors of {data['name']}",
-        f"Simulated − {origin_of(data)}: in percent above {limit * MM3:.3g} mm³, in mm³ up to it; all rail pressures.",
+        f"Simulated − {origin_word(data)}: in percent above {limit * MM3:.3g} mm³, in mm³ up to it; "
+        "all rail pressures.",
         ENERGISING,
         tuple(panels),
     )
@@ -392,7 +393,7 @@ def _dead_time_table(data: Record, texts: Texts) -> Table:
     shown = by_label(texts, lambda row, label: to_fixed(row.get(label), 1, MICROSECOND))
     title = f"Dead times, µs: {data['name']} ({data['role']})"
     note = f"Energising time at which the quantity is reached. {_DEAD_TIME_LEGEND}"
-    parts = (*_dead_time_head(origin_of(data)), shown, Part(("error",), error))
+    parts = (*_dead_time_head(origin_word(data)), shown, Part(("error",), error))
     return table_from_parts(title, _dead_times(data), parts, note, 0)
 
 
@@ -400,10 +401,10 @@ def _compared_dead_times(data: Record, labels: Sequence[str]) -> Table:
     """Errors of the dead times of one map, by model."""
     note = (
         "The dead time is the energising time at which the quantity is reached; errors are simulated − "
-        f"{origin_of(data)}. {_DEAD_TIME_LEGEND} {BEST_LEGEND}"
+        f"{origin_word(data)}. {_DEAD_TIME_LEGEND} {BEST_LEGEND}"
     )
     errors = errors_by_label(labels, _dead_time_error, lambda error: to_signed(error, 1), _DEAD_TIME_STEPS)
-    parts = (*_dead_time_head(f"{origin_of(data)}, µs"), errors)
+    parts = (*_dead_time_head(f"{origin_word(data)}, µs"), errors)
     return table_from_parts(f"Errors of the dead times, µs: {data['name']}", _dead_times(data), parts, note, 0)
 
 
@@ -417,7 +418,7 @@ def _dead_time_figure(data: Record, models: Models) -> list[Figure]:
         Series(model.text, model.look, x, scale_values(rows, label, MICROSECOND), BOTH, model.family)
         for label, model in models.items()
     ]
-    marks = Series(origin_of(data), MEASURED, x, scale_values(rows, MEASURED, MICROSECOND), MARKERS)
+    marks = Series(origin_word(data), MEASURED, x, scale_values(rows, MEASURED, MICROSECOND), MARKERS)
     title, caption = (
         f"Dead times of {data['name']}",
         "Energising time at which the injector delivers the stated small quantity.",

@@ -13,7 +13,7 @@ from commonrail.base.chart import MARKERS, Band, Figure, HeatMap, Panel, Series,
 from commonrail.base.text import shown_unit, significant, to_signed
 from commonrail.calibration.record import CalibrationRecord, ParameterRecord
 from commonrail.data.base import DataSet
-from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, Traces, origin_of
+from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, Traces, origin_word
 from commonrail.report.fit.record import DASHES, by_kind, short_names
 from commonrail.report.fit.verdict import scatter_unit
 
@@ -47,7 +47,7 @@ def parity_figure(data: Sequence[Record]) -> Figure | None:
     series += [Series("", "level", line, tuple(f * v for v in line)) for f in (1.0 - WITHIN, 1.0, 1.0 + WITHIN)]
     title = f"Quantities, lines at ± {100.0 * WITHIN:.0f} %"
     caption = "Quantities per stroke; of a curve its volume within the samples."
-    origins = dict.fromkeys(map(origin_of, data))
+    origins = dict.fromkeys(map(origin_word, data))
     return Figure(title, caption, f"{' and '.join(origins)}, mm³", (Panel("calibrated, mm³", tuple(series)),))
 
 

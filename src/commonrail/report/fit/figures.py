@@ -12,7 +12,7 @@ from commonrail.base.text import megapascal, number, to_signed
 from commonrail.calibration.record import GenerationRecord
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.quantities.returned import ReturnData
-from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, Texts, Traces, origin_of
+from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, Texts, Traces, origin_word
 from commonrail.report.data.view import Plotted
 from commonrail.report.fit.record import by_kind, shown_of
 
@@ -102,7 +102,7 @@ def _heat(
     shared = " A cell with several points shows the largest error." if len(cells) < len(points) else ""
     return HeatMap(
         title,
-        f"Calibrated − {origin_of(data)}: red delivers too much, blue too little.{shared}",
+        f"Calibrated − {origin_word(data)}: red delivers too much, blue too little.{shared}",
         "energising time, µs",
         "rail pressure, MPa",
         names,

@@ -11,7 +11,7 @@ from commonrail.base.text import command, count_noun, join_words, quantity
 from commonrail.base.units import to_text
 from commonrail.calibration.record import CalibrationRecord
 from commonrail.data.records import LABELS, Record, Texts
-from commonrail.data.registry import kinds_of
+from commonrail.data.registry import get_kinds
 from commonrail.report.data.view import Shown, View, view_of
 from commonrail.runs.copies import study_of_run
 from commonrail.runs.folder import STUDY, final_text
@@ -60,7 +60,7 @@ def short_names(names: Sequence[str]) -> dict[str, str]:
 
 def by_kind(data: Sequence[Record]) -> Iterator[tuple[View, list[Record]]]:
     """Data sets of each kind that there is, with what reports show of it."""
-    for kind in kinds_of(d["kind"] for d in data):
+    for kind in get_kinds(d["kind"] for d in data):
         yield view_of(kind.kind), [d for d in data if d["kind"] == kind.kind]
 
 

@@ -20,7 +20,7 @@ from commonrail.calibration.record import (
 from commonrail.calibration.search import ONE_POINT
 from commonrail.calibration.usual import BENCH, UNNAMED, USUAL_OF_METER
 from commonrail.data.records import JUDGED, LABELS, MEAN, MICROSECOND, MM3, Record
-from commonrail.data.registry import kind_of
+from commonrail.data.registry import get_kind
 from commonrail.physics.injector import parameter_quantities
 from commonrail.physics.meters import is_of_meter, parameter_name, parts_of
 from commonrail.report.data.bands import band_sentence, too_few_inside
@@ -140,7 +140,7 @@ def judgement_tables(record: CalibrationRecord) -> list[Table]:
 
 def scatter_unit(record: CalibrationRecord) -> str:
     """Unit of the scatter of the fitted residuals, which are weighted where data of several units are fitted."""
-    units = {kind_of(d["kind"]).residual_unit for d in of_role(record.data, "fit")}
+    units = {get_kind(d["kind"]).residual_unit for d in of_role(record.data, "fit")}
     return units.pop() if len(units) == 1 else "of their weighted units"
 
 
