@@ -17,6 +17,7 @@ from commonrail.base.choices import Body, Boundary, Drive
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import Variant
 from commonrail.readers.injector import load_injector
+from tests.judging import FEW, judged_by
 from tests.workers.forked import forked
 
 # How long an example takes is the machine's business: no deadline, and nothing is called too slow.
@@ -105,6 +106,13 @@ def still_reports() -> Iterator[None]:
     """Reports have still charts: one that simulates is compiled for each wiring. Tests of the page have it again."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("commonrail.report.page._live", lambda record, folder: "")
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def short_judgements() -> Iterator[None]:
+    """Fits are judged from few draws. Tests of what judges them have as many as the user."""
+    with judged_by(FEW):
         yield
 
 

@@ -15,6 +15,8 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 
+from tests.judging import judging_from_few
+
 
 class Served(NamedTuple):
     """Address with its token, port and process of a server."""
@@ -29,7 +31,8 @@ class Served(NamedTuple):
 def serving(folder: Path) -> Iterator[Served]:
     """A server on a folder, killed without a farewell at the end of the block."""
     command = [sys.executable, "-m", "commonrail", "app", str(folder), "--no-open", "--json"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ | {"PYTHONUNBUFFERED": "1"})
+    environment = judging_from_few(os.environ) | {"PYTHONUNBUFFERED": "1"}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
     try:
         text = ""
         assert process.stdout is not None

@@ -31,6 +31,7 @@ def test_intervals_of_simulated_benches_hold_their_truth(white: Row) -> None:
     check(white)
 
 
+@pytest.mark.slow  # in `make coverage` too; tests/plugins/certainty/test_draws.py has the law under this noise
 def test_intervals_under_autoregressive_noise_hold_the_truth() -> None:
     check(measure_bed(BEDS["autoregressive"], 12))
 

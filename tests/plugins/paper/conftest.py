@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -12,6 +13,7 @@ from commonrail.plugins.paper import run
 from commonrail.plugins.paper import study as paper
 from commonrail.plugins.paper.bench import Bench
 from commonrail.plugins.paper.bench_file import load_truth
+from commonrail.plugins.paper.file import reproduction_record
 from commonrail.plugins.paper.run import Reproduction, measure, reproduce
 from commonrail.plugins.paper.study import Configuration
 from commonrail.readers.injector import load_injector
@@ -54,3 +56,9 @@ def done() -> Reproduction:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "measure", lambda _, seed: measured(seed))
         return reproduce(bench("virtual-lino-2016"), (1, 2), threads=2)
+
+
+@pytest.fixture(scope="session")
+def record(done: Reproduction) -> dict[str, Any]:
+    """Their record."""
+    return reproduction_record(done)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ from commonrail.calibration.study import Method, Study
 from commonrail.plugins.certainty.run import certainty as certify
 from commonrail.plugins.paper import study as paper
 from commonrail.plugins.paper.figures import Figures, box
-from commonrail.plugins.paper.file import reproduction_record
 from commonrail.plugins.paper.run import Reproduction
 from commonrail.plugins.paper.study import Configuration
 
@@ -91,8 +91,7 @@ def test_the_nine_searches_are_independent(done: Reproduction) -> None:
     assert len(short.history) == 51
 
 
-def test_the_record_keeps_seed_and_all_apart(done: Reproduction) -> None:
-    record = reproduction_record(done)
+def test_the_record_keeps_seed_and_all_apart(done: Reproduction, record: dict[str, Any]) -> None:
     shares = [r.best.members / [done.bench.injector.values[n] for n in paper.NAMES] for r in done.repetitions]
     for i, row in enumerate(record["search"]):
         assert list(row["seed"].values()) == pytest.approx(list(box(shares[0][..., i])))
@@ -100,9 +99,8 @@ def test_the_record_keeps_seed_and_all_apart(done: Reproduction) -> None:
     assert record["shown_seed"] == 1
 
 
-def test_verdicts_are_those_of_the_report_of_a_run(done: Reproduction) -> None:
+def test_verdicts_are_those_of_the_report_of_a_run(done: Reproduction, record: dict[str, Any]) -> None:
     """The study of one curve, by the function that writes a run's report; the table counts its verdicts."""
-    record = reproduction_record(done)["table1"]
     counts: list[dict[str, int]] = [{} for _ in paper.NAMES]
     for r in done.repetitions:
         space, bench = r.space, done.bench
@@ -112,12 +110,12 @@ def test_verdicts_are_those_of_the_report_of_a_run(done: Reproduction) -> None:
         expected = certify(study, dict(zip(paper.NAMES, r.best.x.tolist(), strict=True)), threads=2)
         for i, one in enumerate(expected.verdicts):
             counts[i][one.verdict.value] = counts[i].get(one.verdict.value, 0) + 1
-    assert [row["verdicts"] for row in record] == counts
+    assert [row["verdicts"] for row in record["table1"]] == counts
 
 
-def test_no_seed_pins_k7_while_the_study_knows_no_meter(done: Reproduction) -> None:
+def test_no_seed_pins_k7_while_the_study_knows_no_meter(done: Reproduction, record: dict[str, Any]) -> None:
     """The delay of the meter moves k7 by a third, and an interval takes no more than a usual one into account."""
-    k7 = reproduction_record(done)["table1"][6]
+    k7 = record["table1"][6]
     assert k7["truth"] == pytest.approx(paper.TABLE1_OPTIMAL[paper.NAMES[6]])
     assert k7["covered"] < k7["intervals"] == len(done.repetitions)
     assert "determined" not in k7["verdicts"]
@@ -132,8 +130,13 @@ def test_no_seed_pins_k7_while_the_study_knows_no_meter(done: Reproduction) -> N
     (None, None, (0, 0)),
 ])  # fmt: skip
 def test_an_interval_covers_the_truth_up_to_its_ends(
-    done: Reproduction, low: float | None, high: float | None, expected: tuple[int, int]
+    monkeypatch: pytest.MonkeyPatch,
+    done: Reproduction,
+    low: float | None,
+    high: float | None,
+    expected: tuple[int, int],
 ) -> None:
+    monkeypatch.setattr("commonrail.plugins.paper.figures.RANDOM_POINTS", 10)  # which say nothing of intervals
     one = replace(
         done.repetitions[0], identified={paper.NAMES[2]: {"lower": low, "upper": high, "verdict": "determined"}}
     )

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
 from commonrail.plugins.paper import study
-from commonrail.plugins.paper.file import reproduction_record
-from commonrail.plugins.paper.run import Reproduction
 from tools import reproduction_tables
 
 
 @pytest.fixture(scope="module")
-def blocks(done: Reproduction) -> dict[str, str]:
-    record = reproduction_record(done)
+def blocks(record: dict[str, Any]) -> dict[str, str]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(reproduction_tables, "tabulate_friction", lambda: "| of friction |")
         return reproduction_tables.make_blocks(record, record)
@@ -34,9 +33,9 @@ def test_a_page_without_a_block_is_not_written(blocks: dict[str, str]) -> None:
         reproduction_tables.fill_page("<!-- claims -->\n<!-- end -->\n", blocks)
 
 
-def test_every_claim_stands_in_the_page(done: Reproduction) -> None:
+def test_every_claim_stands_in_the_page(record: dict[str, Any]) -> None:
     page = reproduction_tables.PAGE.read_text(encoding="utf-8")
-    for claim in reproduction_record(done)["claims"]:
+    for claim in record["claims"]:
         assert claim["claim"] in page
 
 

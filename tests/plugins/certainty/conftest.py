@@ -1,0 +1,15 @@
+"""What judges a fit is tested with as many draws as the user has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests.judging import WHOLE, judged_by
+
+
+@pytest.fixture(scope="package", autouse=True)
+def as_for_the_user() -> Iterator[None]:
+    with judged_by(WHOLE):
+        yield
