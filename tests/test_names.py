@@ -25,7 +25,6 @@ ALLOWED = {
     ("plugins/plans/study.py", "chosen"),
     ("plugins/tolerance/trim.py", "held"),
     ("plugins/tolerance/page.py", "held"),
-    ("plugins/fleet/page.py", "apart"),
 }
 
 
