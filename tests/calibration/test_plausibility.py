@@ -31,6 +31,7 @@ from commonrail.data.base import Role
 from commonrail.data.curves.data import RateData, RateScore
 from commonrail.data.quantities.data import QuantityData, QuantityScore
 from commonrail.engine.operating_point import OperatingPoint, Trace
+from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector, parameter_quantities
 from commonrail.physics.law import Domain, Q
 from commonrail.physics.meters import Meter
@@ -194,6 +195,26 @@ def test_a_parameter_outside_what_its_part_calls_usual(pwm: Injector) -> None:
 def test_bounds_may_lie_ten_times_outside(pwm: Injector, upper: float, odd: int) -> None:
     free = (parameter("valve.lift", 40e-6, upper),)
     assert codes(of_settings(study(pwm, curve(pulse()), free=free))) == ["parameter_bound"] * odd
+
+
+def test_a_spring_that_hardly_holds_the_valve_is_named_of_fixed_and_of_calibrated_values(pwm: Injector) -> None:
+    free, seat = (parameter("valve.lift", 40e-6, 60e-6),), pwm.values["valve.seat_diameter"]
+    for holds, warns in ((1.05 * 160e6, ["valve"]), (1.15 * 160e6, [])):  # to both sides of a reserve of a tenth
+        injector = pwm.with_values({"valve.spring_preload": holds * 0.25 * np.pi * seat**2})
+        assert codes(of_settings(study(injector, curve(pulse()), free=free))) == warns
+        assert of_settings(study(injector, curve(pulse()))) == ()  # a free spring is the fit's to find
+        assert codes(fitted(injector, curve(pulse()), pulse())) == warns
+
+
+def test_the_pressure_that_a_valve_holds_is_that_of_the_simulation(pwm: Injector) -> None:
+    holds = pwm.values["valve.spring_preload"] / (0.25 * np.pi * pwm.values["valve.seat_diameter"] ** 2)
+    low = pwm.values["valve.spring_preload"] * 150e6 / holds
+    injector = pwm.with_values({"valve.spring_preload": low})
+    lifts = [
+        simulate(injector, OperatingPoint(rail, 0.0, horizon=0.5e-3)).channels["valve_lift"].max()
+        for rail in (147e6, 156e6)
+    ]
+    assert lifts[0] < 1e-6 < lifts[1]  # the pressure of the return line and the seat's elasticity are 1 % each
 
 
 def test_zero_switches_an_effect_off_and_is_usual() -> None:

@@ -25,6 +25,7 @@ from commonrail.engine.operating_point import Trace
 from commonrail.engine.plan import reference_density
 from commonrail.engine.time_step import step_advice
 from commonrail.physics.elementary import exp, log
+from commonrail.physics.flow import pipe_area
 from commonrail.physics.injector import Injector, parameter_quantities
 from commonrail.physics.meters import known_quantity
 from commonrail.readers.injector import idle_words
@@ -66,6 +67,7 @@ SAMPLING = (50e-9, 1e-3)  # [s] between samples of a curve, from 20 MHz down to 
 RAIL = (5e6, 400e6)  # [Pa] below, no servo valve opens a needle; no series injector is built for more than 300 MPa
 CYLINDER = (0.05e6, 30e6)  # [Pa] from a bench at ambient pressure to peak combustion pressure
 RETURN = (0.05e6, 5e6)  # [Pa] from ambient to the back pressure of piezo injectors with a hydraulic coupler, 1 MPa
+VALVE_RESERVE = 1.1  # of the rail pressure that a valve's spring holds; those of the catalogue hold 1.2 times and more
 BOUND_SLACK = 10.0  # a bound may lie outside the usual range of its parameter by this factor: a box may be generous
 
 # Before the fit: data against the injector with its start values.
@@ -135,6 +137,24 @@ def injector_findings(injector: Injector) -> Iterator[Finding]:
                 f"the {q.meaning} is {quantity(value, q.unit, 4)}, and {_range(q.usual, q.unit)} is usual; check its "
                 f"unit in the file of {injector.name}.",
             )
+
+
+def valve_findings(injector: Injector, data: Iterable[DataSet]) -> Iterator[Finding]:
+    """A control valve whose spring hardly holds the greatest rail pressure: beyond it opens without a current."""
+    values = injector.values
+    if "valve.spring_preload" not in values:  # a direct-acting needle
+        return
+    preload, seat = values["valve.spring_preload"], values["valve.seat_diameter"]
+    holds = preload / pipe_area(seat)
+    rail = max(float(point.initial_pressures()[0]) for data_set in data for point in data_set.points)
+    if holds < VALVE_RESERVE * rail:
+        yield make_finding(
+            "valve",
+            "valve.spring_preload",
+            f"{quantity(preload, 'N', 3)} hold the valve's seat of {quantity(seat, 'm', 3)} closed up to "
+            f"{quantity(holds, 'Pa', 3)}, and the rail pressure reaches {quantity(rail, 'Pa', 3)}: above the former "
+            "the valve opens by itself; check valve.spring_preload and valve.seat_diameter, or narrow their bounds.",
+        )
 
 
 def bounds_findings(space: Space) -> Iterator[Finding]:
@@ -584,6 +604,8 @@ def of_settings(study: Study) -> tuple[Finding, ...]:
     """Findings about what a study says: no simulation is needed."""
     findings = [f for data in study.data for f in data_findings(data, study.injector)]
     findings += [*injector_findings(study.injector), *bounds_findings(study.space), *idle_findings(study)]
+    if not {"valve.spring_preload", "valve.seat_diameter"} & set(study.space.names):  # else the fit changes it
+        findings += valve_findings(study.injector, study.data)
     findings += [*step_findings(study), *unit_findings(study.data, study.injector)]
     return tuple(findings)
 
@@ -609,7 +631,8 @@ def after_fit(fit: Fit, injector: Injector, before: Iterable[Finding] = ()) -> t
     `injector`: the calibrated one; `before`: what the settings tell already.
     """
     now = of_values(fit.study, fit.scores, "calibrated values")
-    findings = [*fit_findings(fit), *_of_scores(fit.study, injector, fit.scores)]
+    findings = [*fit_findings(fit), *valve_findings(injector, fit.study.data)]
+    findings += _of_scores(fit.study, injector, fit.scores)
     return (*now, *_unknown(findings, (*before, *now)))
 
 
@@ -619,7 +642,7 @@ def of_model(study: Study, injector: Injector, scores: Sequence[Score], fitted: 
     `scores`: of the injector, one for each data set; `fitted`: judge errors, shifts and gains too.
     """
     findings = [f for data in study.data for f in data_findings(data, injector)]
-    findings += [*injector_findings(injector), *_start_findings(study, scores)]
+    findings += [*injector_findings(injector), *valve_findings(injector, study.data), *_start_findings(study, scores)]
     return tuple(findings) + (_unknown(_of_scores(study, injector, scores), findings) if fitted else ())
 
 

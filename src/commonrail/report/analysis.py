@@ -8,10 +8,10 @@ from typing import Any, Protocol, TypeVar
 
 from commonrail.base.chart import Bars, Chart
 from commonrail.base.csv_output import write_csv
-from commonrail.base.output import summed, write_text
+from commonrail.base.output import write_set, write_text
 from commonrail.base.record import Interval
 from commonrail.base.table import Table
-from commonrail.base.text import MISSING, command, duration, listed, significant
+from commonrail.base.text import MISSING, command, duration, join_words, significant
 from commonrail.calibration.study import Study
 from commonrail.data.records import Record
 from commonrail.report.figure import drawings
@@ -47,20 +47,20 @@ def run_into(folder: Path | None, table: str, run: Callable[[], Result], texts: 
     if folder is None:
         return run()
     with new_folder(folder) as place:
-        found = run()
-        _write(place, table, found)
+        result = run()
+        _write(place, table, result)
         for file, text in texts.items():
             write_text(place / file, text)
         write_report(place)
-    return found
+    return result
 
 
-def _write(folder: Path, table: str, found: Analysis) -> None:
-    record, rows = found.record(), found.rows()
+def _write(folder: Path, table: str, result: Analysis) -> None:
+    record, rows = result.record(), result.rows()
     record_file = Path(table).with_suffix(".json").name
     notes = (record["title"], "simulated, not measured; SI units", *synthetic_lines(record))
     heads = list(dict.fromkeys(key for row in rows for key in row))
-    with summed(folder):
+    with write_set(folder):
         write_record(folder / record_file, record)
         write_csv(folder / table, notes, heads, ([_cell(row.get(head)) for head in heads] for row in rows))
 
@@ -115,7 +115,7 @@ def result_html(
         figures=drawn[1:],
         tables=tables,
         commands=[],
-        facts=[("Injector", study.injector.title), ("Data", listed([data.name for data in study.data]))],
+        facts=[("Injector", study.injector.title), ("Data", join_words([data.name for data in study.data]))],
     )
 
 

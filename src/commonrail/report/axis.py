@@ -26,17 +26,17 @@ class Axis:
 
     def at(self, value: float) -> float:
         """Place of a value [px]."""
-        low, high, value = (self._scaled(v) for v in (self.low, self.high, value))
+        low, high, value = (self._to_scale(v) for v in (self.low, self.high, value))
         return self.start + (value - low) / (high - low) * (self.end - self.start)
 
     def places(self, values: Sequence[float | None] | Floats) -> Floats:
         """Places of values [px]; NaN where there is none, and on a logarithmic axis where one is not positive."""
         if self.logarithmic:
-            values = [self._scaled(v) if v is not None and v > 0.0 else None for v in values]
-        low, high = self._scaled(self.low), self._scaled(self.high)
+            values = [self._to_scale(v) if v is not None and v > 0.0 else None for v in values]
+        low, high = self._to_scale(self.low), self._to_scale(self.high)
         return np.asarray(self.start + (np.array(values, float) - low) / (high - low) * (self.end - self.start))
 
-    def _scaled(self, value: float) -> float:
+    def _to_scale(self, value: float) -> float:
         return math.log10(max(value, 1e-300)) if self.logarithmic else value
 
     def ticks(self, most: int) -> list[tuple[float, str]]:
@@ -48,10 +48,10 @@ class Axis:
 
 def span(values: Iterable[float], zero: bool = False, padded: bool = True) -> tuple[float, float]:
     """Ends of an axis that shows all values, and zero if asked for; `padded` leaves some space on either side."""
-    found = list(values)
+    numbers = list(values)
     if zero:
-        found.append(0.0)
-    low, high = (min(found), max(found)) if found else (0.0, 1.0)
+        numbers.append(0.0)
+    low, high = (min(numbers), max(numbers)) if numbers else (0.0, 1.0)
     size = max(abs(low), abs(high))
     if high - low <= ROUNDING * size:  # constant but for rounding
         return (low - 0.05 * size, high + 0.05 * size) if size else (-1.0, 1.0)
@@ -65,25 +65,25 @@ def _ticks(low: float, high: float, most: int) -> list[float]:
     power = 10.0 ** math.floor(math.log10(rough))
     steps = [digit * power for digit in (0.2, 0.5, 1.0, 2.0, 5.0, 10.0)]
     fitting = next(i for i, step in enumerate(steps) if step >= rough * (1.0 - 1e-9))
-    found: list[float] = []
+    ticks: list[float] = []
     for step in steps[fitting::-1]:
         first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-        found = [i * step for i in range(first, last + 1)]
-        if len(found) > 1:
+        ticks = [i * step for i in range(first, last + 1)]
+        if len(ticks) > 1:
             break
-    return found
+    return ticks
 
 
 def _log_ticks(low: float, high: float, most: int) -> list[float]:
     """1, 2 and 5 times the powers of ten, or the powers alone where there are many."""
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     for digits in ((1, 2, 5), (1,)):
-        found = [
+        ticks = [
             d * 10.0**p for p in decades for d in digits if low <= d * 10.0**p * (1 + 1e-9) and d * 10.0**p <= high
         ]
-        if len(found) <= max(most, 3):
-            return found
-    return found[:: -(-len(found) // max(most, 3))]
+        if len(ticks) <= max(most, 3):
+            return ticks
+    return ticks[:: -(-len(ticks) // max(most, 3))]
 
 
 def _text(value: float, step: float) -> str:
@@ -114,7 +114,7 @@ def text_width(text: str) -> float:
     return sum(0.3 if c in "iljt.,:;'|!() " else 0.85 if c in "mwMW%@" else 0.58 for c in text) * SIZE
 
 
-def cut(text: str, width: float) -> str:
+def shorten(text: str, width: float) -> str:
     """Text that fits a width [px], with an ellipsis where it is cut."""
     if text_width(text) <= width + 1.0:
         return text

@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Band, Bars, Boxes, Chart, Figure, HeatMap, Panel, Points, Series
-from commonrail.report.axis import FONT, INK, LONGEST, NARROW, SIZE, WIDE, Axis, cut, span, text_width, upright
+from commonrail.report.axis import FONT, INK, LONGEST, NARROW, SIZE, WIDE, Axis, shorten, span, text_width, upright
 from commonrail.report.heat_map import heat_map_svg
 
 # Content of one panel of a figure as SVG: bands, boxes, bars, lines and markers.
@@ -150,18 +150,18 @@ def marker_path(series: Series, path: str, attributes: str = "") -> Iterator[str
     element.
     """
     colour, cap, size, hollow = marker_style(series)
-    kept = f'fill="none" stroke-linecap="{cap}" {_KEEPS_ITS_WIDTH}'
+    style = f'fill="none" stroke-linecap="{cap}" {_KEEPS_ITS_WIDTH}'
     key = _key(series.look, series.family)
-    yield f'<path class="marks"{attributes} d="{path}" stroke="{colour}" stroke-width="{size:g}" {kept}/>'
+    yield f'<path class="marks"{attributes} d="{path}" stroke="{colour}" stroke-width="{size:g}" {style}/>'
     if hollow:
-        yield f'<path {key} d="{path}" stroke="#fff" stroke-width="{size - 3.2:g}" {kept}/>'
+        yield f'<path {key} d="{path}" stroke="#fff" stroke-width="{size - 3.2:g}" {style}/>'
 
 
 def _places(xs: Points, ys: Points, x: Axis, y: Axis) -> Floats:
     """Whole tenths of a pixel (points, 2); NaN where a point has no number, or none on a logarithmic axis."""
-    found = np.stack([x.places(xs), y.places(ys)], axis=1)
-    found[np.isnan(found).any(axis=1)] = np.nan
-    return np.asarray(np.round(np.clip(TENTHS * found, -1e6, 1e6)))
+    places = np.stack([x.places(xs), y.places(ys)], axis=1)
+    places[np.isnan(places).any(axis=1)] = np.nan
+    return np.asarray(np.round(np.clip(TENTHS * places, -1e6, 1e6)))
 
 
 def _path(places: Floats) -> str:
@@ -172,13 +172,13 @@ def _path(places: Floats) -> str:
 
 
 def _stretch(places: Floats) -> str:
-    places = _thinned(places).astype(int)
+    places = _thin_out(places).astype(int)
     steps = np.diff(places, axis=0).tolist()
     drawn = "".join(f"{'' if i < 0 else ' '}{i}{'' if j < 0 else ' '}{j}" for i, j in steps)
     return f"M{places[0, 0]} {places[0, 1]}l{drawn.strip() or '0 0'}"
 
 
-def _thinned(places: Floats) -> Floats:
+def _thin_out(places: Floats) -> Floats:
     """Without points within a tenth of a pixel of the line between their neighbours."""
     for _ in range(PASSES):
         if len(places) < 3:
@@ -186,9 +186,9 @@ def _thinned(places: Floats) -> Floats:
         before, here, after = places[:-2], places[1:-1], places[2:]
         along, away = after - before, here - before
         length = np.maximum(np.hypot(*along.T), 1.0)
-        off = np.abs(along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0]) / length
+        distance = np.abs(along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0]) / length
         ahead = (along * away).sum(axis=1) >= 0.0
-        spare = (off < 1.0) & ahead & ((along * (after - here)).sum(axis=1) >= 0.0)
+        spare = (distance < 1.0) & ahead & ((along * (after - here)).sum(axis=1) >= 0.0)
         spare[1::2] = False  # never two neighbours at once
         if not spare.any():
             return places
@@ -320,8 +320,8 @@ def figure_svg(figure: Figure, width: int = WIDE, height: int = 0, name: str = "
     height = height or _usual_height(figure, width, top)
     panes = _panes(figure, height, top)
     ys = [replace(_vertical(panel), start=pane, end=0.0) for panel, (_, pane) in zip(figure.panels, panes, strict=True)]
-    left = _left(figure, ys, width)
-    turned = _turned(figure.panels[-1], width - left - RIGHT)
+    left = _left_margin(figure, ys, width)
+    turned = _upright_room(figure.panels[-1], width - left - RIGHT)
     sheet = _Sheet(float(width), height + turned, left)
     parts = [legend]
     for i, panel in enumerate(figure.panels):
@@ -345,13 +345,13 @@ def _usual_height(figure: Figure, width: int, top: float) -> int:
     return round(top + max(first + more * (len(figure.panels) - 1), 22.0 * rows) + BELOW)
 
 
-def _left(figure: Figure, ys: Sequence[Axis], width: int) -> float:
+def _left_margin(figure: Figure, ys: Sequence[Axis], width: int) -> float:
     """Width of the title and the texts of the vertical axes [px]."""
     names = [text for axis, panel in zip(ys, figure.panels, strict=True) for _, text in _y_ticks(panel, axis, width)]
     return max(map(text_width, names), default=0.0) + TITLE
 
 
-def _turned(panel: Panel, width: float) -> float:
+def _upright_room(panel: Panel, width: float) -> float:
     """Room for upright names of categories [px], in a panel of a width; 0 where they fit beside one another."""
     return upright(panel.categories, width / len(panel.categories)) if panel.categories else 0.0
 
@@ -376,7 +376,7 @@ def _y_ticks(panel: Panel, y: Axis, width: float) -> list[tuple[float, str]]:
     The axis is from the bottom to the top of the panel, `width` that of the figure [px].
     """
     if panel.rows:
-        return [(float(i), cut(name, LARGEST_NAME * width)) for i, name in enumerate(panel.rows)]
+        return [(float(i), shorten(name, LARGEST_NAME * width)) for i, name in enumerate(panel.rows)]
     return y.ticks(max(3, round(y.start / 45.0)))
 
 
@@ -384,14 +384,14 @@ def _horizontals(panels: Sequence[Panel]) -> list[Axis]:
     """Axis of each panel: that of all panels, or its own categories."""
     values = [v for panel in panels for v in _x_values(panel)]
     # markers, and upright lines such as limits, would lie on the frame
-    marks = any("markers" in one.mode or len(set(one.x)) == 1 for panel in panels for one in panel.series)
+    marks = any("markers" in series.mode or len(set(series.x)) == 1 for panel in panels for series in panel.series)
     shared = Axis(*span(values, padded=marks or any(panel.rows for panel in panels)), 0.0, 1.0)
     return [Axis(-0.6, len(p.categories) - 0.4, 0.0, 1.0) if p.categories else shared for p in panels]
 
 
 def _x_values(panel: Panel) -> list[float]:
-    found = [panel.series, panel.bands]
-    values = [v for group in found for one in group for v in one.x]  # type: ignore[attr-defined]
+    groups = [panel.series, panel.bands]
+    values = [v for group in groups for item in group for v in item.x]  # type: ignore[attr-defined]
     values += [v for bars in panel.bars for v in chain(bars.start, bars.end, bars.low, bars.high)]
     return [v for v in values if v is not None]
 
@@ -446,12 +446,12 @@ def _panel(panel: Panel, axes: tuple[Axis, Axis], top: float, sheet: _Sheet, lab
 def _x_ticks(panel: Panel, x: Axis, width: float) -> list[tuple[float, str]]:
     if not panel.categories:
         return x.ticks(max(4, round(width / 90.0)))
-    return [(float(i), cut(name, LONGEST)) for i, name in enumerate(panel.categories)]
+    return [(float(i), shorten(name, LONGEST)) for i, name in enumerate(panel.categories)]
 
 
 def _x_texts(panel: Panel, places: Sequence[tuple[float, str]], height: float, width: float) -> list[str]:
     """Texts at places [px] below a panel of a size [px], upright where they do not fit beside one another."""
-    if not _turned(panel, width):
+    if not _upright_room(panel, width):
         return [_text(text, place, height + 15.0, "middle") for place, text in places]
     return [
         f'<g transform="translate({place + 4.0:.1f} {height + 6.0:.1f}) rotate(-90)">{_text(text, 0.0, 0.0, "end")}</g>'
@@ -468,28 +468,28 @@ def _legend(figure: Figure, width: int) -> tuple[str, float]:
     x, y = 8.0, LINE
     parts = []
     for (key, text), sample in _entries(figure).items():
-        text = cut(text, width - SAMPLE - 16.0)
-        own = SAMPLE + text_width(text)
-        if x > 8.0 and x + own > width - 8.0:
+        text = shorten(text, width - SAMPLE - 16.0)
+        entry_width = SAMPLE + text_width(text)
+        if x > 8.0 and x + entry_width > width - 8.0:
             x, y = 8.0, y + LINE
         place = f'transform="translate({x:.1f} {y:.1f})"'
         parts.append(f'<g class="entry" {key} {place}>{sample}{_text(text, SAMPLE, 0.0)}</g>')
-        x += own + APART
+        x += entry_width + APART
     return "".join(parts), (y + 10.0 if parts else 12.0)
 
 
 def _entries(figure: Figure) -> dict[tuple[str, str], str]:
     """Sample of each entry by its key and text, each text once."""
-    found: dict[str, tuple[str, str]] = {}
+    samples: dict[str, tuple[str, str]] = {}
     for panel in figure.panels:
         solid: list[Boxes | Bars] = [*panel.boxes, *panel.bars]
         for boxes in solid:
             colour = colour_of(boxes.look, None)
             square = f'<rect x="4" y="-10" width="12" height="11" fill="{colour}" fill-opacity=".3" stroke="{colour}"/>'
-            found.setdefault(boxes.label, ("", square))
+            samples.setdefault(boxes.label, ("", square))
         for series in panel.series if panel.has_legend else ():
-            found.setdefault(series.label, (_key(series.look, series.family), _sample(series)))
-    return {(key, text): sample for text, (key, sample) in found.items() if text}
+            samples.setdefault(series.label, (_key(series.look, series.family), _sample(series)))
+    return {(key, text): sample for text, (key, sample) in samples.items() if text}
 
 
 def _sample(series: Series) -> str:

@@ -9,7 +9,7 @@ from markupsafe import escape
 
 from commonrail.base.chart import HeatMap
 from commonrail.base.text import significant
-from commonrail.report.axis import FONT, INK, LONGEST, SIZE, WIDE, cut, text_width, upright
+from commonrail.report.axis import FONT, INK, LONGEST, SIZE, WIDE, shorten, text_width, upright
 
 # Light enough throughout for dark numbers; they differ in lightness, so that they are told apart in grey too.
 SEQUENTIAL = ("#f7fbff", "#a6cde4", "#5b9fcd")
@@ -99,20 +99,20 @@ def _number_size(figure: HeatMap, frame: _Frame) -> float:
 def _names(figure: HeatMap, frame: _Frame) -> list[str]:
     """Names of rows and columns, and the title below the columns."""
     bottom, turned = frame.bottom, _upright(figure.x, frame.cell)
-    found = []
+    texts = []
     for j, name in enumerate(figure.x) if turned else _column_names(figure.x, frame.cell):
         x = frame.left + frame.cell * (j + 0.5)
         if turned:
             at = f'transform="translate({x + 4.0:.1f} {bottom + 6.0:.1f}) rotate(-90)" text-anchor="end"'
-            found.append(f"<text {at}>{escape(cut(name, LONGEST))}</text>")
+            texts.append(f"<text {at}>{escape(shorten(name, LONGEST))}</text>")
         else:
-            found.append(f'<text x="{x:.1f}" y="{bottom + 15.0:.1f}" text-anchor="middle">{escape(name)}</text>')
+            texts.append(f'<text x="{x:.1f}" y="{bottom + 15.0:.1f}" text-anchor="middle">{escape(name)}</text>')
     for i, name in enumerate(figure.y):
         y = bottom - frame.tall * (i + 0.5) + 4.0
-        short = cut(name, frame.left - 32.0) if frame.is_narrow else name
-        found.append(f'<text x="{frame.left - 6.0:.1f}" y="{y:.1f}" text-anchor="end">{escape(short)}</text>')
+        short = shorten(name, frame.left - 32.0) if frame.is_narrow else name
+        texts.append(f'<text x="{frame.left - 6.0:.1f}" y="{y:.1f}" text-anchor="end">{escape(short)}</text>')
     x, y = frame.left + frame.cell * len(figure.x) / 2, bottom + 33.0 + turned
-    return [*found, f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="middle">{escape(figure.x_title)}</text>']
+    return [*texts, f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="middle">{escape(figure.x_title)}</text>']
 
 
 def _column_names(names: Sequence[str], width: float) -> list[tuple[int, str]]:

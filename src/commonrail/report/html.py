@@ -71,7 +71,7 @@ def unbroken(text: str) -> Markup:
         return escape(text)
     word = Markup('<span class="word">{}</span>')
     parts = text.split(" to ")
-    return Markup(" to ").join(word.format(part) if len(part) <= KEPT else escape(part) for part in parts)
+    return Markup(" to ").join(word.format(end) if len(end) <= KEPT else escape(end) for end in parts)
 
 
 def print_size(table: Table) -> str:

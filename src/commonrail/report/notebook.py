@@ -14,8 +14,8 @@ from commonrail.base.arguments import instance, integer
 from commonrail.base.chart import Chart
 from commonrail.base.display import load_library
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import counted, fixed, quantity, significant
+from commonrail.base.table import Column, Table, table_from_columns
+from commonrail.base.text import count_noun, quantity, significant, to_fixed
 from commonrail.calibration.record import CalibrationRecord, read_as
 from commonrail.calibration.result import result_record
 from commonrail.calibration.run import Calibration
@@ -38,8 +38,9 @@ LONGEST = 100  # letters of a title within a line
 
 def _solution_lines(s: Solution) -> list[str]:
     return [
-        f"{s.status.name}; {fixed(s.injected_volume, 2, MM3)} mm³ injected, {fixed(s.returned_volume, 2, MM3)} mm³ "
-        f"returned; opens at {fixed(s.opening, 1, MICROSECOND)} µs, closes at {fixed(s.closing, 1, MICROSECOND)} µs"
+        f"{s.status.name}; {to_fixed(s.injected_volume, 2, MM3)} mm³ injected, {to_fixed(s.returned_volume, 2, MM3)} "
+        f"mm³ returned; opens at {to_fixed(s.opening, 1, MICROSECOND)} µs, closes at "
+        f"{to_fixed(s.closing, 1, MICROSECOND)} µs"
     ]
 
 
@@ -55,7 +56,7 @@ def _injector_lines(injector: Injector) -> list[str]:
 
 def _study_lines(study: Study) -> list[str]:
     names = ", ".join(data.name for data in study.data[:4]) + (", …" if len(study.data) > 4 else "")
-    parameters = counted(study.space.dimension, "parameter")
+    parameters = count_noun(study.space.dimension, "parameter")
     return [f"“{study.title}”: {parameters} of {study.injector.name}; data {names}"]
 
 
@@ -74,8 +75,8 @@ def _study_tables(study: Study) -> list[Table]:
         ("points", lambda d: str(len(d.points))),
     ]
     return [
-        tabulated("Free parameters", study.space.parameters, free),
-        tabulated("Data", study.data, data, "", 3),
+        table_from_columns("Free parameters", study.space.parameters, free),
+        table_from_columns("Data", study.data, data, "", 3),
     ]
 
 
@@ -105,49 +106,49 @@ def _calibration_figures(c: Calibration) -> Iterator[Chart]:
 _CHANNELS = {"lift": "m", "pressure": "Pa", "current": "A", "force": "N", "coefficient": "1"}
 
 
-def _solution_arrays(found: Solution) -> Arrays:
+def _solution_arrays(solution: Solution) -> Arrays:
     """Middles of the samples; a channel there is the mean of both bounds."""
-    values = {"rate": in_common_unit(("time",), found.rate, "m3/s")}
-    for name, channel in found.channels.items():
+    values = {"rate": in_common_unit(("time",), solution.rate, "m3/s")}
+    for name, channel in solution.channels.items():
         unit = next((u for ending, u in _CHANNELS.items() if name.endswith(ending)), "")
         values[name] = in_common_unit(("time",), 0.5 * (channel[1:] + channel[:-1]), unit)
-    return Arrays({"time": in_common_unit(("time",), found.rate_time, "s")}, values, "Course of an injection")
+    return Arrays({"time": in_common_unit(("time",), solution.rate_time, "s")}, values, "Course of an injection")
 
 
-def _batch_arrays(found: Batch) -> Arrays:
+def _batch_arrays(batch: Batch) -> Arrays:
     axes = ("candidate", "point")
-    sizes = zip(axes, found.injected_mass.shape, strict=True)
+    sizes = zip(axes, batch.injected_mass.shape, strict=True)
     values = {
-        "injected_volume": in_common_unit(axes, found.injected_volume, "m3"),
-        "returned_volume": in_common_unit(axes, found.returned_volume, "m3"),
-        **{name: in_common_unit(axes, getattr(found, name), "s") for name in ("opening", "closing", "first_closing")},
-        "greatest_lift": in_common_unit(axes, found.greatest_lift, "m"),
-        "status": Array(axes, found.status),
+        "injected_volume": in_common_unit(axes, batch.injected_volume, "m3"),
+        "returned_volume": in_common_unit(axes, batch.returned_volume, "m3"),
+        **{name: in_common_unit(axes, getattr(batch, name), "s") for name in ("opening", "closing", "first_closing")},
+        "greatest_lift": in_common_unit(axes, batch.greatest_lift, "m"),
+        "status": Array(axes, batch.status),
     }
     return Arrays({name: Array((name,), np.arange(size)) for name, size in sizes}, values, "Figures of injections")
 
 
-def _calibration_arrays(found: Calibration) -> Arrays:
-    arrays = _study_arrays(found.study)
-    best = _by_parameter([found.best[name] for name in found.study.space.names])
+def _calibration_arrays(calibration: Calibration) -> Arrays:
+    arrays = _study_arrays(calibration.study)
+    best = _by_parameter([calibration.best[name] for name in calibration.study.space.names])
     return arrays._replace(values={"calibrated": best, **arrays.values})
 
 
-def _study_arrays(found: Study) -> Arrays:
+def _study_arrays(study: Study) -> Arrays:
     """Free parameters in SI units."""
     attributes = {"start": "reference", "lower": "lower", "upper": "upper", "unit": "unit"}
-    parameters = found.space.parameters
+    parameters = study.space.parameters
     values = {key: _by_parameter([getattr(p, name) for p in parameters]) for key, name in attributes.items()}
-    return Arrays({"parameter": _by_parameter(found.space.names)}, values, found.title)
+    return Arrays({"parameter": _by_parameter(study.space.names)}, values, study.title)
 
 
-def _injector_arrays(found: Injector) -> Arrays:
+def _injector_arrays(injector: Injector) -> Arrays:
     values = {
-        "value": _by_parameter(list(found.values.values())),
-        "unit": _by_parameter([found.quantities[name].unit for name in found.values]),
-        "meaning": _by_parameter([found.quantities[name].meaning for name in found.values]),
+        "value": _by_parameter(list(injector.values.values())),
+        "unit": _by_parameter([injector.quantities[name].unit for name in injector.values]),
+        "meaning": _by_parameter([injector.quantities[name].meaning for name in injector.values]),
     }
-    return Arrays({"parameter": _by_parameter(list(found.values))}, values, found.title)
+    return Arrays({"parameter": _by_parameter(list(injector.values))}, values, injector.title)
 
 
 def _by_parameter(values: Sequence[Any]) -> Array:
@@ -175,7 +176,7 @@ class Picture:
 
     def __repr__(self) -> str:
         """Title and number of figures."""
-        return f"<Picture: {self.title}, {counted(len(self.figures), 'figure')}>"
+        return f"<Picture: {self.title}, {count_noun(len(self.figures), 'figure')}>"
 
     def _repr_html_(self) -> str:
         """Figures, drawn, and HTML that stands behind them."""
@@ -213,7 +214,7 @@ def charts_of(result: Any, point: OperatingPoint | None = None) -> list[Chart]:
     """Figures of a result as plain numbers; errors are those of `picture_of`."""
     if isinstance(result, Solution):
         point = instance(point, OperatingPoint | None, "point") or result.point
-        return [registry.needed("simulations", "figure").call(result, point)]
+        return [registry.require("simulations", "figure").call(result, point)]
     if point is not None:
         raise ConfigurationError(f"A {type(result).__name__} has no point; omit it.")
     if not (figures := list(presenter_of(result).figures(result))):
@@ -243,7 +244,7 @@ def picture_of(result: Any, point: OperatingPoint | None = None) -> Picture:
     """
     figures, beside = charts_of(result, point), ""
     if isinstance(result, Solution):
-        beside = registry.needed("simulations", "section").call(result, point or result.point)
+        beside = registry.require("simulations", "section").call(result, point or result.point)
     shown = figures[:MOST_FIGURES]
     more = f", the first {MOST_FIGURES} of {len(figures)}" if len(figures) > MOST_FIGURES else ""
     return Picture(f"{next(iter(presenter_of(result).lines(result)))[:LONGEST]}{more}", shown, beside)
@@ -261,10 +262,10 @@ def frame_of(result: Any) -> Any:
     arrays = _arrays(result)
     axes = next(iter(arrays.values.values())).axes
     places = pandas.MultiIndex.from_product([arrays.axes[axis].values for axis in axes]).to_frame(index=False)
-    places.columns = [_headed(axis, arrays.axes[axis].unit) for axis in axes]
+    places.columns = [_column_name(axis, arrays.axes[axis].unit) for axis in axes]
     for name, array in arrays.values.items():
         if array.axes == axes:
-            places[_headed(name, array.unit)] = array.values.reshape(-1)
+            places[_column_name(name, array.unit)] = array.values.reshape(-1)
     return places
 
 
@@ -274,15 +275,15 @@ def dataset_of(result: Any) -> Any:
     ConfigurationError if xarray is missing, or there are no values.
     """
     xarray, arrays = load_library("xarray"), _arrays(result)
-    made = {
+    variables = {
         name: (array.axes, array.values, {"units": array.unit} if array.unit else {})
         for name, array in {**arrays.axes, **arrays.values}.items()
     }
-    axes = {name: made.pop(name) for name in arrays.axes}
-    return xarray.Dataset(made, axes, {"title": arrays.title})
+    axes = {name: variables.pop(name) for name in arrays.axes}
+    return xarray.Dataset(variables, axes, {"title": arrays.title})
 
 
-def _headed(name: str, unit: str) -> str:
+def _column_name(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 

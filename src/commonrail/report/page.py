@@ -115,20 +115,20 @@ def _results_page(results: Results, folder: Path, live: bool) -> str:
         draws=results.draws,
         live=_live(record, folder) if live else "",
         openings=[
-            part.call(folder) for name, part in registry.entries("openings").items() if (folder / name).is_file()
+            opening.call(folder) for name, opening in registry.entries("openings").items() if (folder / name).is_file()
         ],
     )
 
 
 def _live(record: Record, folder: Path) -> str:
     """HTML of the parts that make the page simulate; a warning names one of an installed package that fails."""
-    made = ""
-    for part in registry.entries("live").values():
+    html = ""
+    for plugin in registry.entries("live").values():
         try:
-            made += part.call(record, folder)
+            html += plugin.call(record, folder)
         except PluginError as error:
             note(str(error))
-    return Markup(made)
+    return Markup(html)
 
 
 def _course(folder: Path) -> Floats | None:

@@ -27,13 +27,13 @@ LONGEST = 120.0  # [s]
 
 def browser() -> str:
     """Command of the first browser found; InputError if there is none."""
-    found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
-    if found is None:
+    command = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if command is None:
         raise InputError(
             "A PDF is printed by Chromium, Chrome or Edge, and none was found on this machine; install one, or open "
             "report.html in any browser and print it."
         )
-    return found
+    return command
 
 
 def print_pdf(page: Path) -> Path:
@@ -43,18 +43,18 @@ def print_pdf(page: Path) -> Path:
     """
     command, target = browser(), page.with_suffix(".pdf")
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-        made = Path(folder) / "page.pdf"
+        printed = Path(folder) / "page.pdf"
         options = ["--headless", "--disable-gpu", "--no-pdf-header-footer", f"--user-data-dir={folder}/profile"]
         if getattr(os, "geteuid", lambda: 1)() == 0:
             options.append("--no-sandbox")  # Chromium refuses to start as root otherwise
         try:
             subprocess.run(
-                [command, *options, f"--print-to-pdf={made}", page.resolve().as_uri()],
+                [command, *options, f"--print-to-pdf={printed}", page.resolve().as_uri()],
                 capture_output=True,
                 timeout=LONGEST,
                 check=False,
             )
-            shutil.copyfile(made, target)
+            shutil.copyfile(printed, target)
         except (OSError, subprocess.TimeoutExpired) as error:
             reason = getattr(error, "strerror", None) or "it took too long"
             raise OutputError(f"{target}: {command} printed no PDF ({reason}); open {page} and print it.") from error

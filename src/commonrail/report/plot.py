@@ -33,25 +33,25 @@ def draw(chart: Chart, ax: Axes | Sequence[Axes] | None = None) -> Any:
         If there are more axes than panels.
     """
     panels: Sequence[Panel | HeatMap] = chart.panels if isinstance(chart, Figure) else [chart]
-    given: Any = ax
+    target: Any = ax
     if ax is None:
         shares = [panel.share if isinstance(panel, Panel) else 1.0 for panel in panels]
         height = 1.6 + 2.6 * sum(shares) / max(shares)
-        _, given = pyplot.subplots(
+        _, target = pyplot.subplots(
             len(panels), figsize=(7.0, height), layout="constrained", sharex=True, height_ratios=shares, squeeze=False
         )
-    axes: list[Axes] = list(np.atleast_1d(np.asarray(given, dtype=object)).ravel())
+    axes: list[Axes] = list(np.atleast_1d(np.asarray(target, dtype=object)).ravel())
     if len(axes) > len(panels):
         raise ConfigurationError(
             f"The figure “{chart.title}” has {len(panels)} panels, and {len(axes)} axes were given; give one for each."
         )
-    for one, panel in zip(axes, panels, strict=False):
+    for panel_axes, panel in zip(axes, panels, strict=False):
         if isinstance(panel, HeatMap):
-            _heat_map(one, panel)
+            _heat_map(panel_axes, panel)
         else:
-            draw_panel(one, panel)
-            if panel.has_legend and one.get_legend_handles_labels()[1]:
-                one.legend(frameon=False, fontsize="small")
+            draw_panel(panel_axes, panel)
+            if panel.has_legend and panel_axes.get_legend_handles_labels()[1]:
+                panel_axes.legend(frameon=False, fontsize="small")
     axes[0].set_title(chart.title, loc="left", fontsize="medium")
     axes[-1].set_xlabel(chart.x_title)
     return axes[0] if len(axes) == 1 else np.array(axes, dtype=object)
@@ -121,7 +121,7 @@ def _boxes(axes: Axes, boxes: Boxes, scale: float) -> None:
     colour = colour_of(boxes.look, None)
     names = ("whislo", "q1", "med", "q3", "whishi")
     widths = {"boxprops": 1.2, "whiskerprops": 1.2, "medianprops": 0.9, "capprops": 2.4}
-    looks: dict[str, Any] = {part: {"color": colour, "linewidth": scale * width} for part, width in widths.items()}
+    looks: dict[str, Any] = {artist: {"color": colour, "linewidth": scale * width} for artist, width in widths.items()}
     drawn = axes.bxp(
         [dict(zip(names, box, strict=True)) for box in boxes.boxes],
         positions=[i + boxes.offset for i in range(len(boxes.boxes))],

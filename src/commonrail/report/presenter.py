@@ -73,12 +73,12 @@ class Presenter(NamedTuple):
 
 def presenter_of(result: Any) -> Presenter:
     """Presenter that a result names."""
-    found: Presenter = registry.load(result.presenter)
-    return found
+    presenter: Presenter = registry.load(result.presenter)
+    return presenter
 
 
 def in_common_unit(axes: tuple[str, ...], values: Any, unit: str) -> Array:
     """Array in the unit of the field, such as MPa, from values in an SI unit."""
     name = "degC" if unit == "K" else field_unit(unit).name
-    own = np.asarray(values)
-    return Array(axes, own if name == unit else convert(own, unit, name), "" if unit == "1" else name)
+    si_values = np.asarray(values)
+    return Array(axes, si_values if name == unit else convert(si_values, unit, name), "" if unit == "1" else name)

@@ -74,11 +74,11 @@ class ResultKind(NamedTuple):
 
 def kind_of(folder: Path) -> ResultKind:
     """Kind of a folder; that of a calibration where no record is found."""
-    shipped = registry.shipped("results")
-    part = _first(shipped, folder) or _first(registry.installed("results"), folder) or shipped[RESULT]
-    found: ResultKind = part.load()
-    return found
+    shipped = registry.find_shipped("results")
+    entry = _first(shipped, folder) or _first(registry.find_installed("results"), folder) or shipped[RESULT]
+    kind: ResultKind = entry.load()
+    return kind
 
 
 def _first(parts: Mapping[str, registry.Entry], folder: Path) -> registry.Entry | None:
-    return next((part for file, part in parts.items() if (folder / file).is_file()), None)
+    return next((entry for file, entry in parts.items() if (folder / file).is_file()), None)

@@ -15,8 +15,8 @@ from markupsafe import Markup
 
 from commonrail.base.chart import BOTH, MARKERS, Figure, Panel, Series, points
 from commonrail.base.errors import CommonrailError
-from commonrail.base.table import Table, tabulated
-from commonrail.base.text import MISSING, duration, listed, quantity_range, significant
+from commonrail.base.table import Table, table_from_columns
+from commonrail.base.text import MISSING, duration, join_words, quantity_range, significant
 from commonrail.calibration.record import CalibrationRecord, read_as
 from commonrail.data.records import MICROSECOND, MM3_PER_MS, Traces
 from commonrail.report.data.curves import RATE
@@ -39,25 +39,25 @@ class _Read(NamedTuple):
     traces: Traces
 
 
-def runs_html(folder: Path, found: Sequence[Run], path: Path) -> str:
+def runs_html(folder: Path, runs: Sequence[Run], path: Path) -> str:
     """Page of runs below a folder, to be written at a path, from which their reports are linked.
 
     Charts and differences are those of the first `MOST` finished calibrations.
     """
-    tried = {run.folder: _read(run) for run in found}
-    read = {folder: one for folder, one in tried.items() if isinstance(one, _Read)}
+    tried = {run.folder: _read(run) for run in runs}
+    read = {folder: result for folder, result in tried.items() if isinstance(result, _Read)}
     faults = {
-        run.folder: fault for run in found if run.state == "finished" and isinstance(fault := tried[run.folder], str)
+        run.folder: fault for run in runs if run.state == "finished" and isinstance(fault := tried[run.folder], str)
     }
     shown = list(read.values())[:MOST]
-    drawn = _drawn(shown)
+    drawn = _draw(shown)
     return render(
         "runs.html",
         title=f"Runs in {folder}",
         kind="Overview",
         synthetic=[],
-        lines=[_line(found, len(read), len(shown), len(faults))],
-        rows=[_row(run, read.get(run.folder), path, faults.get(run.folder, "")) for run in found],
+        lines=[_line(runs, len(read), len(shown), len(faults))],
+        rows=[_row(run, read.get(run.folder), path, faults.get(run.folder, "")) for run in runs],
         figures=drawn,
         differences=_differences(shown),
         commands=[("Make this page again", shlex.join(["commonrail", "runs", str(folder), "--html", str(path)]))],
@@ -65,7 +65,7 @@ def runs_html(folder: Path, found: Sequence[Run], path: Path) -> str:
     )
 
 
-def _drawn(shown: Sequence[_Read]) -> list[Any]:
+def _draw(shown: Sequence[_Read]) -> list[Any]:
     return list(drawings([f for f in (_coordinates(shown), *_overlays(shown)) if f is not None], 360))
 
 
@@ -73,23 +73,23 @@ def _read(run: Run) -> _Read | str:
     """Record and curves of a finished calibration; why it is none, or cannot be read, in a sentence."""
     try:
         record, traces = read_run(run.folder)
-        one = _Read(run, read_as(CalibrationRecord, record), traces)
-        _row(run, one, run.folder)  # what the page shows of it, tried alone: a fault in it loses no other run
-        _drawn([one, one])
-        _differences([one])
+        result = _Read(run, read_as(CalibrationRecord, record), traces)
+        _row(run, result, run.folder)  # what the page shows of it, tried alone: a fault in it loses no other run
+        _draw([result, result])
+        _differences([result])
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):  # a record that was changed
         return f"{run.folder / RESULT} is not as a calibration writes it; make it again with `commonrail resume`."
     except CommonrailError as error:
         return str(error)
-    return one
+    return result
 
 
-def _line(found: Sequence[Run], read: int, shown: int, faults: int) -> str:
-    states = {state: sum(run.state == state for run in found) for state in dict.fromkeys(run.state for run in found)}
-    counts = listed([f"{count} {state}" for state, count in states.items()])
+def _line(runs: Sequence[Run], read: int, shown: int, faults: int) -> str:
+    states = {state: sum(run.state == state for run in runs) for state in dict.fromkeys(run.state for run in runs)}
+    counts = join_words([f"{count} {state}" for state, count in states.items()])
     more = f"; charts are of the first {shown} of {read} calibrations with a result" if shown < read else ""
     lost = f"; the results of {faults} cannot be read" if faults else ""
-    return f"{len(found)} runs: {counts}{more}{lost}."
+    return f"{len(runs)} runs: {counts}{more}{lost}."
 
 
 def _row(run: Run, read: _Read | None, path: Path, fault: str = "") -> dict[str, Any]:
@@ -130,17 +130,17 @@ def _sparkline(values: Sequence[float | None]) -> Markup:
 
 def _coordinates(read: Sequence[_Read]) -> Figure | None:
     """Place between the bounds of each parameter that several runs have, a line for each run."""
-    counts = Counter(p.name for one in read for p in one.record.parameters)
+    counts = Counter(p.name for result in read for p in result.record.parameters)
     names = [name for name, count in counts.items() if count > 1]
     if not names:
         return None
     series = []
-    for i, one in enumerate(read):
-        places = {p.name: 100.0 * p.position for p in one.record.parameters}
+    for i, result in enumerate(read):
+        places = {p.name: 100.0 * p.position for p in result.record.parameters}
         if not places.keys() & set(names):
             continue
         x = tuple(float(n) for n in range(len(names)))
-        series.append(Series(_name(one), "solid", x, tuple(places.get(name) for name in names), BOTH, i))
+        series.append(Series(_name(result), "solid", x, tuple(places.get(name) for name in names), BOTH, i))
     panel = Panel("place between the bounds, %", tuple(series), categories=tuple(short_names(names).values()))
     return Figure(
         "Parameters of the runs",
@@ -152,14 +152,16 @@ def _coordinates(read: Sequence[_Read]) -> Figure | None:
 
 def _overlays(read: Sequence[_Read]) -> Iterator[Figure]:
     """Calibrated curves of the runs over the measured one, for each data set with a curve that several have."""
-    names = dict.fromkeys(name for one in read for name, trace in one.traces.items() if "measured" in trace)
+    names = dict.fromkeys(name for result in read for name, trace in result.traces.items() if "measured" in trace)
     for name in names:
-        having = [(i, one) for i, one in enumerate(read) if name in one.traces and "best" in one.traces[name]]
+        having = [
+            (i, result) for i, result in enumerate(read) if name in result.traces and "best" in result.traces[name]
+        ]
         if len(having) < 2:
             continue
         first = having[0][1].traces[name]
         series = [_curve(first, "measured", "measured", None)]
-        series += [_curve(one.traces[name], "best", _name(one), i) for i, one in having]
+        series += [_curve(result.traces[name], "best", _name(result), i) for i, result in having]
         caption = f"Calibrated curves; the data are those of {_name(having[0][1])}."
         yield Figure(name, caption, "time, µs", (Panel(RATE, tuple(series)),))
 
@@ -170,19 +172,23 @@ def _curve(trace: Mapping[str, Any], key: str, label: str, family: int | None) -
     return Series(label, "measured" if family is None else "solid", time, rate, mode, family)
 
 
-def _name(one: _Read) -> str:
-    return one.run.folder.name
+def _name(result: _Read) -> str:
+    return result.run.folder.name
 
 
 def _differences(read: Sequence[_Read]) -> Table | None:
     """Settings in which the studies differ: a row for each, a column for each run."""
-    stated = [dict(_settings(one.record)) for one in read]
-    keys = [k for k in dict.fromkeys(k for one in stated for k in one) if len({one.get(k) for one in stated}) > 1]
+    stated = [dict(_settings(result.record)) for result in read]
+    names = dict.fromkeys(key for settings in stated for key in settings)
+    keys = [key for key in names if len({settings.get(key) for settings in stated}) > 1]
     if not keys:
         return None
     columns: list[Any] = [("setting", lambda key: key)]
-    columns += [(_name(one), lambda key, own=own: own.get(key, MISSING)) for one, own in zip(read, stated, strict=True)]
-    return tabulated("What the studies differ in", keys, columns, "Of parameters their bounds.")
+    columns += [
+        (_name(result), lambda key, settings=settings: settings.get(key, MISSING))
+        for result, settings in zip(read, stated, strict=True)
+    ]
+    return table_from_columns("What the studies differ in", keys, columns, "Of parameters their bounds.")
 
 
 def _settings(record: CalibrationRecord) -> Iterator[tuple[str, str]]:

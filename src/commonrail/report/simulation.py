@@ -75,22 +75,22 @@ def simulation_figure(
     """
     plain_text(title, "title")
     if isinstance(solutions, Solution):
-        named = {"": solutions}
+        by_name = {"": solutions}
     else:
-        named = dict(mapping(solutions, "solutions", '{"first": solution}, or a single Solution'))
-    if not named:
+        by_name = dict(mapping(solutions, "solutions", '{"first": solution}, or a single Solution'))
+    if not by_name:
         raise ConfigurationError("The solutions must be at least one.")
-    for name, solution in named.items():
+    for name, solution in by_name.items():
         instance(solution, Solution, f'solution "{name}" of the solutions')
     seen = {name: array(rate, "m3/s", f"rate by meter {name}", 1) for name, rate in shown.items()}
-    if seen and (list(named) != [""] or any(len(rate) != len(named[""].rate) for rate in seen.values())):
+    if seen and (list(by_name) != [""] or any(len(rate) != len(by_name[""].rate) for rate in seen.values())):
         raise ConfigurationError("What meters show must belong to a single solution, with one rate for each sample.")
     if point is not None:
         instance(point, OperatingPoint, "point")
-    if list(named) == [""] and (page := registry.find("simulations", "page")):
-        return str(page.call(named[""], title or "Simulation", point, seen, synthetic))
-    figure = course_figure(named)
-    statuses = [f"{f'{name}: ' if name else ''}{s.sentence}" for name, s in named.items()]
+    if list(by_name) == [""] and (page := registry.find("simulations", "page")):
+        return str(page.call(by_name[""], title or "Simulation", point, seen, synthetic))
+    figure = course_figure(by_name)
+    statuses = [f"{f'{name}: ' if name else ''}{s.sentence}" for name, s in by_name.items()]
     return render(
         "simulation.html",
         title=title or "Simulation",

@@ -413,12 +413,12 @@ class Home:
             low = field("lower", table.get("lower", ""), lambda v: self._set_key(name, "lower", v))
             high = field("upper", table.get("upper", ""), lambda v: self._set_key(name, "upper", v))
 
-            def dragged() -> None:
+            def take_dragged_bounds() -> None:
                 ends = [row["least"] + width * bar.value[k] / STEP for k in ("min", "max")]
                 low.value, high.value = (to_text(end, row["unit"], 4) for end in ends)
                 self._set_key(name, "lower", low.value, upper=high.value)
 
-            bar.on("change", dragged, args=[])
+            bar.on("change", take_dragged_bounds, args=[])
             if not name.startswith("meter."):
                 prior = table.get("prior", {})
                 text = f"{prior['value']} ± {prior['sigma']}" if "value" in prior else ""

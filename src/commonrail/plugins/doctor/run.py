@@ -312,8 +312,8 @@ _TRIALS: dict[str, Callable[[str], object]] = {
 
 def find_plugins() -> list[Plugin]:
     """Find the installed packages by name, and test each of their parts."""
-    unused = {entry: why for group in registry.GROUPS for entry, why in registry.unused(group).items()}
-    parts = [*(entry for group in registry.GROUPS for entry in registry.installed(group).values()), *unused]
+    unused = {entry: why for group in registry.GROUPS for entry, why in registry.find_unused(group).items()}
+    parts = [*(entry for group in registry.GROUPS for entry in registry.find_installed(group).values()), *unused]
     plugins = []
     for name in sorted({entry.distribution for entry in parts}):
         entries = [entry for entry in parts if entry.distribution == name]

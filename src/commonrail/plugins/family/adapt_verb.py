@@ -11,8 +11,8 @@ import click
 from commonrail.base.errors import InputError, StudyError
 from commonrail.base.text import number, quantity
 from commonrail.base.units import to_text
-from commonrail.cli.console import print_json, print_pairs, print_rows, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.console import print_json, print_lines, print_pairs, print_rows, say
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import CylinderPressure, Json, ReturnPressure, Threads, check_file, read_pressures
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 SHOWN = 10  # reference points in the printed table
 
 
-@verb
+@table_verb
 def adapt(
     injector_type: Annotated[Path, Argument(metavar="TYPE.toml", help="Type file, as `type` writes it.")],
     *,
@@ -103,7 +103,7 @@ def adapt(
         print_json(_record(adapted, out))
     else:
         if adapted.injector.synthetic:
-            click.echo(f"SYNTHETIC: {adapted.injector.synthetic}")
+            print_lines([f"SYNTHETIC: {adapted.injector.synthetic}"])
         free = len(adapted.calibration.best)
         pairs = [("flow factor", f"{adapted.flow_factor:.4f}"), ("parameters fitted", f"{free}")]
         if adapted.doubts.pulls:
@@ -111,7 +111,7 @@ def adapt(
             pairs += [("chi-squared (expected)", f"{adapted.doubts.chi2:.3g} ({adapted.doubts.freedom})")]
             pairs += [("pulls [spreads]", ", ".join(pulls))]
         print_pairs(pairs, adapted.calibration.study.title)
-        head = ["rail pressure", "energising time", "measured", "type", "90 % of its parts", "adapted"]
+        head = ["rail pressure", "energising time", "measured", "adapted", "type", "90 % of its parts"]
         print_rows(head, _rows(adapted), texts=0)
     doubt = _doubt(adapted)
     if doubt:
@@ -144,7 +144,7 @@ def _advise(
         f"reference points of {injector_type.name}, best first",
         texts=0,
     )
-    click.echo(
+    drawn = (
         f"Without a reference: {advice.without * 1e9:.2f} mm³ rms. {advice.draws} parts were drawn from the spreads of "
         "the type, independently for each parameter; no measurement of the part was used."
     )
@@ -152,10 +152,12 @@ def _advise(
     cylinder, back = (to_text(pressure, "Pa").replace(" ", "") for pressure in pressures)
     options = [*injector_option, "--cylinder-pressure", cylinder, "--return-pressure", back]
     again = shlex.join(["commonrail", "adapt", str(injector_type), *options, "--from", "points.csv"])
-    click.echo(
+    step = (
         'Next: measure at the first point, write it into points.csv below "rail_pressure [MPa],energising_time [us],'
-        f'quantity [mm3]", then {again} --out model.toml'
+        'quantity [mm3]", then'
     )
+    print_lines([drawn, step])
+    click.echo(f"  {again} --out model.toml")
 
 
 def _advice_row(advice: Advice, i: int) -> list[str]:
@@ -202,7 +204,7 @@ def _rows(adapted: Adapted) -> list[list[str]]:
         )
         between = " to ".join(f"{end * 1e9:.3f}" for end in band) + " mm³"
         at = quantity(point.initial_pressures()[0], "Pa"), quantity(point.pulses[0].duration, "s")
-        return [*at, measured, before, between, after]
+        return [*at, measured, after, before, between]
 
     return [row(i) for i in range(len(adapted.before))]
 

@@ -13,7 +13,7 @@ from scipy.special import chdtrc
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import SimulationError
 from commonrail.base.hooks import quiet
-from commonrail.base.text import listed, signed
+from commonrail.base.text import join_words, to_signed
 from commonrail.calibration.parameter import Parameter, Prior
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.space import Space, sample_priors
@@ -160,7 +160,7 @@ def find_doubts(
             sentences.append(f"chi-squared is {chi2:.3g} instead of {freedom}")
         far = [f"{name} by {pull:+.1f}" for name, pull in pulls.items() if abs(pull) > FAR]
         if far:
-            sentences.append(f"distance from the type in standard deviations: {listed(far)}")
+            sentences.append(f"distance from the type in standard deviations: {join_words(far)}")
     if shut := describe_no_injection(points, drawn):
         sentences.append(shut)
     change = explain_by_one_change(injector_type, injector, points, threads, flow_spread) if sentences else ""
@@ -249,7 +249,7 @@ def explain_by_one_change(
         return ""
     last = int(np.searchsorted(np.cumsum(judged.probabilities[order]), REPORTED_PROBABILITY))
     likeliest = [i for i in order[: last + 1] if candidate_responses[i].fault]
-    return listed([_describe_change(injector, candidate_responses[i], judged.weights[i]) for i in likeliest])
+    return join_words([_describe_change(injector, candidate_responses[i], judged.weights[i]) for i in likeliest])
 
 
 def _describe_change(injector: Injector, response: Response, weights: Floats) -> str:
@@ -267,10 +267,10 @@ def describe_missed_references(points: QuantityData, adapted: Floats) -> list[st
     """Warn of reference quantities that the adapted model (points,) [m³] misses by more than their tolerance."""
     errors = adapted - points.quantity
     texts = [
-        f"{points.quantity[i] * 1e9:.4g} mm³ at {at_point(points.points[i])} by {signed(errors[i] * 1e9, 2)} mm³"
+        f"{points.quantity[i] * 1e9:.4g} mm³ at {at_point(points.points[i])} by {to_signed(errors[i] * 1e9, 2)} mm³"
         for i in np.flatnonzero(np.abs(errors) > points.discrepancy(points.quantity)).tolist()
     ]
-    return [f"the adapted model misses references by more than their tolerance: {listed(texts)}"] if texts else []
+    return [f"the adapted model misses references by more than their tolerance: {join_words(texts)}"] if texts else []
 
 
 def describe_shut_points(
@@ -285,7 +285,7 @@ def describe_shut_points(
     of_type, injected = batch.injected_volume
     shut = np.flatnonzero((batch.status[1] == OK) & (injected < RESOLUTION)).tolist()
     words = [f"{at_point(points[i])}{' (nor does the type)' * bool(of_type[i] < RESOLUTION)}" for i in shut]
-    places = listed(list(dict.fromkeys(words)))
+    places = join_words(list(dict.fromkeys(words)))
     return [f"the adapted model injects nothing at {places}: {_why_shut(adapted, points[shut[0]])}"] if shut else []
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from commonrail.base.arguments import function, instance, thread_count
 from commonrail.base.arrays import Floats
-from commonrail.base.hooks import held_interrupts
+from commonrail.base.hooks import hold_interrupts
 from commonrail.calibration.identifiability import identify_at
 from commonrail.calibration.scoring import mean_of, members_of, score_all
 from commonrail.calibration.search import Checkpoint, Listeners, Progress, Recorder, Search, SearchResult
@@ -155,7 +155,7 @@ def fit_family(
     function(progress, "progress")
     threads = thread_count(threads)
     objective = joint_objective(family, threads)
-    with held_interrupts() as stop:
+    with hold_interrupts() as stop:
         search_result = Search(family, objective, workers, Listeners(progress, recorder, stop), checkpoint).to_end()
         objective.use_threads(threads)  # workers' copies share the simulators
         ends = members_of(search_result.ends)

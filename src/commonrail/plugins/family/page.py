@@ -6,8 +6,8 @@ import shlex
 from pathlib import Path
 
 from commonrail.base.chart import MARKERS, Figure, Panel, Series
-from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import command, fixed, listed, quantity, quantity_range, significant
+from commonrail.base.table import Column, Table, table_from_columns
+from commonrail.base.text import command, join_words, quantity, quantity_range, significant, to_fixed
 from commonrail.calibration.record import FitRecord, read_as
 from commonrail.data.records import Record
 from commonrail.plugins.family.file import KIND, TEXTS
@@ -64,9 +64,9 @@ RESULT = ResultKind(RECORD, KIND, "type", _page, KEYS)
 def family_lines(record: Record) -> list[str]:
     """Sentences on the parts, their errors and baselines, and values far from the type."""
     names, members = [part_record["name"] for part_record in record["parts"]], record["members"]
-    lines = [f"{len(names)} parts were fitted together: {listed(names)}."]
+    lines = [f"{len(names)} parts were fitted together: {join_words(names)}."]
     if len(members) > 1:
-        costs = listed([significant(cost, 3) for cost in members])
+        costs = join_words([significant(cost, 3) for cost in members])
         lines.append(
             f"{len(members)} parallel searches ended with objectives of {costs}. Between the measured points they "
             "differ more than at these points: the tables show their mean prediction, the type is from the best."
@@ -81,7 +81,7 @@ def family_lines(record: Record) -> list[str]:
         if abs(pull) > FAR
     ]
     if far:
-        lines.append(f"More than {FAR:g} spreads from the type: {listed(far)}.")
+        lines.append(f"More than {FAR:g} spreads from the type: {join_words(far)}.")
     return lines
 
 
@@ -109,11 +109,17 @@ def family_tables(record: Record) -> list[Table]:
         "Spread: standard deviation of the next part's value about the type's value. It contains the error of the "
         "type's value and the scatter between parts. Values are lumped parameters of the model, not drawing dimensions."
     )
-    tables = [tabulated("The type", record["parameters"], columns, note, 2)]
+    tables = [table_from_columns("The type", record["parameters"], columns, note, 2)]
     flows = [part_record for part_record in record["parts"] if part_record["flow_factor"] is not None]
-    flow: list[Column] = [("part", "name"), ("flow factor", lambda part_record: fixed(part_record["flow_factor"], 4))]
+    flow: list[Column] = [
+        ("part", "name"),
+        ("flow factor", lambda part_record: to_fixed(part_record["flow_factor"], 4)),
+    ]
+        ("part", "name"),
+        ("flow factor", lambda part_record: to_fixed(part_record["flow_factor"], 4)),
+    ]
     text = "Effective area of the nozzle's holes relative to the drawing. It belongs to the part, not to the type."
-    return [*tables, tabulated("Flow of the parts", flows, flow, text)] if flows else tables
+    return [*tables, table_from_columns("Flow of the parts", flows, flow, text)] if flows else tables
 
 
 def family_figures(record: Record) -> list[Figure]:

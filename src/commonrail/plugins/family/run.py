@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from commonrail.base.arguments import file_path, instance, integer, thread_count
-from commonrail.base.output import summed, writing
+from commonrail.base.output import write_set, writing
 from commonrail.calibration.search import Checkpoint
 from commonrail.data.records import LABELS, MEASURED
 from commonrail.plugins.family.file import family_record
@@ -105,7 +105,7 @@ def _write(folder: Path, fit: FamilyFit) -> None:
     models = folder / MODELS
     with writing(models):
         models.mkdir(exist_ok=True)
-    with summed(folder):
+    with write_set(folder):
         for name, fitted_part in fit.parts.items():
             for number, injector in enumerate(fitted_part.members, 1):
                 member = "" if number == 1 else f"-member-{number}"

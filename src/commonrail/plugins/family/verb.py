@@ -14,9 +14,9 @@ from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.input import read_plain
 from commonrail.base.text import quantity
 from commonrail.base.units import parse
-from commonrail.cli.console import print_json, print_rows, print_table, say
-from commonrail.cli.fit import Outcome, end_if_stopped, reported
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.console import print_json, print_lines, print_rows, print_table, say
+from commonrail.cli.fit import Outcome, end_if_stopped, run_and_report
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import (
     ClusterAddress,
     Json,
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 CORNERS = ((40e6, 160e6), (300e-6, 1000e-6))  # points at which a type's spreads are shown as quantities [Pa, s]
 
 
-@verb
+@table_verb
 def type_(
     sources: Annotated[
         tuple[Path, ...],
@@ -163,7 +163,7 @@ def _fit(
         refuse_used(models)
     family = replace(load_family(source), **changes)
     fit = partial(fit_type, folder, family, threads=threads, workers=workers)
-    outcome = reported(family.title, folder, lambda listener: fit(listener=listener))
+    outcome = run_and_report(family.title, folder, lambda listener: fit(listener=listener))
     if models is not None:
         with new_folder(models) as place:
             for part_record in outcome.record["parts"]:
@@ -182,7 +182,7 @@ def _resume(folder: Path, options: RunOptions) -> None:
     }
     with open_workers(options.workers, options.cluster) as workers:
         fit = partial(resume_family, folder, workers=workers, **settings)
-        outcome = reported(f"resuming {folder}", folder, lambda listener: fit(listener=listener))
+        outcome = run_and_report(f"resuming {folder}", folder, lambda listener: fit(listener=listener))
     _print_family(outcome, options.json, folder / TYPE)
 
 
@@ -252,7 +252,7 @@ def _print_type(injector_type: InjectorType) -> None:
     from commonrail.physics.injector import parameter_quantities
 
     if injector_type.synthetic:
-        click.echo(f"SYNTHETIC: {injector_type.synthetic}")
+        print_lines([f"SYNTHETIC: {injector_type.synthetic}"])
     units = {name: q.unit for name, q in parameter_quantities().items()}
     rows = [
         [p.name, quantity(p.value, units[p.name]), quantity(p.spread, units[p.name])] for p in injector_type.parameters

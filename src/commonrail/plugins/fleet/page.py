@@ -10,8 +10,8 @@ from pathlib import Path
 from commonrail.base.chart import Boxes, Figure, Panel, Series
 from commonrail.base.errors import InputError
 from commonrail.base.output import write_text
-from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import counted, duration, fixed, listed, number, percent, quantity, significant
+from commonrail.base.table import Column, Table, table_from_columns
+from commonrail.base.text import count_noun, duration, join_words, number, percent, quantity, significant, to_fixed
 from commonrail.data.records import Record
 from commonrail.plugins.fleet.file import RECORD
 from commonrail.plugins.fleet.population import correlation_map, histograms, injector_values, outlier_table
@@ -77,10 +77,10 @@ def fleet_lines(record: Record) -> list[str]:
     """Sentences on the number of calibrated injectors, their errors, and the parameters that the data determine."""
     counts = record["counts"]
     best, start = record["J"]["best"], record["J"]["start"]
-    total = counted(counts["injectors"], "injector")
+    total = count_noun(counts["injectors"], "injector")
     lines = [f"{counts['finished']} of {total} calibrated, {counts['failed']} failed."]
     if counts["pending"]:
-        lines.append(f"{counted(counts['pending'], 'injector')} not done yet: repeat the command to resume.")
+        lines.append(f"{count_noun(counts['pending'], 'injector')} not done yet: repeat the command to resume.")
     if best and start:
         lines.append(
             f"J of the fitted data fell from {significant(start['median'])} to {significant(best['median'])} "
@@ -88,7 +88,9 @@ def fleet_lines(record: Record) -> list[str]:
         )
     bounded = [p["name"] for p in record["parameters"] if p["at_bound"] > 0.05 * counts["finished"]]
     if bounded:
-        lines.append(f"At a bound in more than 5 % of the injectors: {listed(bounded)}; widen the bounds if possible.")
+        lines.append(
+            f"At a bound in more than 5 % of the injectors: {join_words(bounded)}; widen the bounds if possible."
+        )
     return lines
 
 
@@ -119,7 +121,7 @@ def fleet_warnings(record: Record) -> list[str]:
     """For each kind of warning the number of injectors with it, and the sentence of the first."""
     total = record["counts"]["finished"]
     return [
-        f"{w['injectors']:,} of {counted(total, 'injector')}: {w['code']}. The first, {w['first']}: {w['sentence']}"
+        f"{w['injectors']:,} of {count_noun(total, 'injector')}: {w['code']}. The first, {w['first']}: {w['sentence']}"
         for w in record["warnings"]
     ]
 
@@ -144,7 +146,7 @@ def _data_table(record: Record) -> Table:
         *((head, lambda d, key=key: significant((d["best"] or {}).get(key), 4)) for key, head in _QUARTILES.items()),
     ]
     note = "Errors of the calibrated injectors, and the median error of the start values."
-    return tabulated("Error of each data set over the fleet", record["data"], columns, note, 3)
+    return table_from_columns("Error of each data set over the fleet", record["data"], columns, note, 3)
 
 
 def _parameter_table(record: Record) -> Table:
@@ -159,7 +161,7 @@ def _parameter_table(record: Record) -> Table:
         ("at a bound", "at_bound"),
     ]
     note = "Distance between the quartiles in percent of the median; “at a bound” counts injectors."
-    return tabulated("Calibrated parameters over the fleet", record["parameters"], columns, note)
+    return table_from_columns("Calibrated parameters over the fleet", record["parameters"], columns, note)
 
 
 def _verdict_table(record: Record) -> Table:
@@ -174,7 +176,7 @@ def _verdict_table(record: Record) -> Table:
         "Number of injectors. A parameter that is not determined is not a measurement of the part. Intervals: "
         f"{record['estimator']}."
     )
-    return tabulated("What the data determine", record["parameters"], columns, note)
+    return table_from_columns("What the data determine", record["parameters"], columns, note)
 
 
 def _worst_table(record: Record) -> Table:
@@ -182,17 +184,17 @@ def _worst_table(record: Record) -> Table:
 
     def times(w: Record) -> str:
         best = number(w["J"]["best"])
-        return fixed(best / median if best is not None and median else None, 2)
+        return to_fixed(best / median if best is not None and median else None, 2)
 
     columns: list[Column] = [
         ("injector", "injector"),
         ("J, start", lambda w: significant(w["J"]["start"])),
         ("J, calibrated", lambda w: significant(number(w["J"]["best"]))),
         ("times the median", times),
-        ("parameters at a bound", lambda w: listed(w["at_bound"]) or "none"),
+        ("parameters at a bound", lambda w: join_words(w["at_bound"]) or "none"),
     ]
     note = "The folder “injectors” has the study of each; commonrail calibrate runs it to the same result."
-    return tabulated("Worst fits", record["worst"], columns, note)
+    return table_from_columns("Worst fits", record["worst"], columns, note)
 
 
 def _failure_table(record: Record) -> Table:
@@ -200,7 +202,7 @@ def _failure_table(record: Record) -> Table:
     more = len(failures) - SHOWN
     note = f"{more:,} more are in results.csv." if more > 0 else ""
     columns: list[Column] = [("injector", "injector"), ("reason", "reason")]
-    return tabulated("Failures", failures[:SHOWN], columns, note, 2)
+    return table_from_columns("Failures", failures[:SHOWN], columns, note, 2)
 
 
 def fleet_figures(record: Record) -> list[Figure]:
@@ -267,5 +269,5 @@ def _last_run(clock: Record) -> str:
     if not clock["calibrated_now"]:
         return "nothing was left to calibrate"
     speed = significant(clock["injectors_per_second"], 3)
-    calibrated, workers = counted(clock["calibrated_now"], "injector"), counted(clock["workers"], "worker")
+    calibrated, workers = count_noun(clock["calibrated_now"], "injector"), count_noun(clock["workers"], "worker")
     return f"{calibrated} in {duration(clock['seconds'])} with {workers}, {speed} injectors/s"

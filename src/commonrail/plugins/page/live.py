@@ -18,7 +18,7 @@ from commonrail.data.simulator import Simulator
 from commonrail.physics.fuel_polynomials import fuel_coefficients
 from commonrail.physics.injector import FUEL_TEMPERATURE
 from commonrail.plugins.page.module import wasm_module
-from commonrail.plugins.page.page import FIRST_POINT, bench_numbers, curve_numbers, embedded, map_numbers, packed
+from commonrail.plugins.page.page import FIRST_POINT, bench_numbers, curve_numbers, embed_json, map_numbers, pack
 from commonrail.plugins.page.subject import Subject, limits_of, read_subject, stable_sliders, variant_of
 from commonrail.report.data.quantities import USUAL_LIMIT
 from commonrail.report.figure import LOOKS, colour_of
@@ -35,7 +35,7 @@ def live_chart(record: Record, folder: Path) -> Markup:
     That is so without the compiler of the module, for data other than injection curves and maps of the injected
     quantity, and for an injector that a page refuses.
     """
-    main = next((d for _, own in by_kind(record["data"]) for d in own), None)
+    main = next((d for _, records in by_kind(record["data"]) for d in records), None)
     if main is None:
         return Markup()
     try:
@@ -47,7 +47,7 @@ def live_chart(record: Record, folder: Path) -> Markup:
     except (ConfigurationError, InputError):
         return Markup()
     wasm = base64.b64encode(module).decode()
-    return Markup(render("live.html", package=__package__, model=embedded(numbers), wasm=wasm))
+    return Markup(render("live.html", package=__package__, model=embed_json(numbers), wasm=wasm))
 
 
 def _numbers(subject: Subject, main: Record) -> dict[str, Any]:
@@ -57,23 +57,23 @@ def _numbers(subject: Subject, main: Record) -> dict[str, Any]:
     sliders, _ = stable_sliders(subject, limits_of(subject, FIRST_POINT)["rail"][1])
     sets: list[RateData | QuantityData] = [*subject.data, *subject.maps]
     sets.sort(key=lambda d: d.name != main["name"])
-    found: dict[str, list[dict[str, Any]]] = {"data": [], "maps": []}
+    numbers: dict[str, list[dict[str, Any]]] = {"data": [], "maps": []}
     size = 0
     for d in sets:
-        kind, made = (
+        kind, set_numbers = (
             ("data", curve_numbers(d, simulator, nodes))
             if isinstance(d, RateData)
             else ("maps", map_numbers(d, simulator, nodes))
         )
-        size += len(str(made))
+        size += len(str(set_numbers))
         if d is sets[0] or size < LARGEST:
-            found[kind].append(made)
+            numbers[kind].append(set_numbers)
     return {
         **bench_numbers(subject, sliders, subject.points[0]),
-        "temperature": {"coefficients": [packed(fuel_coefficients(injector.fuel, nodes[0]))]},
+        "temperature": {"coefficients": [pack(fuel_coefficients(injector.fuel, nodes[0]))]},
         "present": {s.name: injector.values[s.name] for s in sliders},
         "bounds": {} if subject.space is None else {p.name: [p.lower, p.upper] for p in subject.space.parameters},
-        **found,
+        **numbers,
         "main": main["name"],
         "limit": main["figures"].get(JUDGED, {}).get("limit_quantity", USUAL_LIMIT) if "figures" in main else 0.0,
         "colours": _colours(main),

@@ -84,7 +84,7 @@ def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, 
         "temperature": {
             "nodes": nodes,
             "at": at,
-            "coefficients": [packed(fuel_coefficients(injector.fuel, t)) for t in nodes],
+            "coefficients": [pack(fuel_coefficients(injector.fuel, t)) for t in nodes],
         },
         "density": {"cylinders": pressures.tolist(), "rows": np.round(densities, 9).tolist()},
         "limits": limits,
@@ -120,7 +120,7 @@ def bench_numbers(subject: Subject, sliders: tuple[Slider, ...], first: Operatin
         "ring": _ring(subject, sliders, first),
         "channels": [c.name for c in channels(variant.actuation)],
         "figures": list(Outcome._fields),
-        "theta": packed(candidate_matrix(subject.injector, (), ONE)[0]),
+        "theta": pack(candidate_matrix(subject.injector, (), ONE)[0]),
         "sliders": [{**_slider(subject.injector, s), "effect": subject.effects.get(s.name)} for s in sliders],
         "constraints": [] if subject.space is None else _constraints(subject.space),
         "columnOf": _columns(subject.injector, subject, sliders),
@@ -144,9 +144,9 @@ def _first_measured(subject: Subject, first: OperatingPoint) -> OperatingPoint:
 def _nodes(injector: Injector) -> tuple[list[float], int]:
     """Temperatures [K] of the slider, the injector's own among them, and its place."""
     low, high = injector.fuel.temperature_range
-    own = injector.values[FUEL_TEMPERATURE]
-    below, above = int((own - low) / KELVIN), int((high - own) / KELVIN)
-    return [own + KELVIN * i for i in range(-below, above + 1)], below
+    temperature = injector.values[FUEL_TEMPERATURE]
+    below, above = int((temperature - low) / KELVIN), int((high - temperature) / KELVIN)
+    return [temperature + KELVIN * i for i in range(-below, above + 1)], below
 
 
 def _slider(injector: Injector, s: Slider) -> dict[str, Any]:
@@ -166,20 +166,20 @@ def _slider(injector: Injector, s: Slider) -> dict[str, Any]:
 def _constraints(space: Space) -> list[dict[str, Any]]:
     """Linear constraints of a run between parameters of the injector: shares by name, and the least sum [SI]."""
     floor = space.rows.floor(space.lower, space.upper)
-    found = []
+    constraints = []
     for row, least, label in zip(space.rows.matrix, floor, space.rows.labels, strict=True):
         terms = {name: float(share) for name, share in zip(space.names, row, strict=True) if share}
         if not any(map(is_of_meter, terms)):
-            found.append({"terms": terms, "floor": float(least), "label": label})
-    return found
+            constraints.append({"terms": terms, "floor": float(least), "label": label})
+    return constraints
 
 
 def _columns(injector: Injector, subject: Subject, sliders: Iterable[Slider]) -> dict[str, int]:
     """Columns of all parameters that the page may set."""
     names = dict.fromkeys([*(s.name for s in sliders), *subject.start, *(subject.fan.names if subject.fan else ())])
     names.pop(FUEL_TEMPERATURE, None)
-    known = tuple(names)
-    return dict(zip(known, map(int, columns(known, injector.variant.actuation)), strict=True))
+    settable = tuple(names)
+    return dict(zip(settable, map(int, columns(settable, injector.variant.actuation)), strict=True))
 
 
 def _ring(subject: Subject, sliders: tuple[Slider, ...], first: OperatingPoint) -> int:
@@ -201,8 +201,8 @@ def curve_numbers(d: RateData, simulator: Simulator, nodes: Sequence[float]) -> 
         "origin": origin_of({"synthetic": d.synthetic}),
         "point": _point(point),
         "courses": [_course(course, point, simulator.time_step) for course in traced],
-        "bounds": packed(d.bounds),
-        "rate": packed(d.rate),
+        "bounds": pack(d.bounds),
+        "rate": pack(d.rate),
         "density": _densities_of(d.mass_density, d.meter, cylinder, injector, nodes),
         "meter": _meter(d, simulator.time_step),
         "reference": number(d.score(simulator).j),
@@ -232,8 +232,8 @@ def map_numbers(d: QuantityData, simulator: Simulator, nodes: Sequence[float]) -
                 "density": densities.setdefault(key, len(densities)),
             }
         )
-    given = None if d.meter is None else {key: float(v[0]) for key, v in given_values(d.meter, {}, 1).items()}
-    found = d.misfit(d.simulated(simulator, np.empty((1, 0)))[0])
+    meter_values = None if d.meter is None else {key: float(v[0]) for key, v in given_values(d.meter, {}, 1).items()}
+    misfit = d.misfit(d.simulated(simulator, np.empty((1, 0)))[0])
     return {
         "name": d.name,
         "role": d.role.value,
@@ -243,10 +243,10 @@ def map_numbers(d: QuantityData, simulator: Simulator, nodes: Sequence[float]) -
             _densities_of(stated_one if stated_one > 0.0 else math.nan, d.meter, cylinder, simulator.injector, nodes)
             for cylinder, stated_one in densities
         ],
-        "gain": 1.0 if given is None else given["gain"],
-        "offset": 0.0 if given is None else given["quantity_offset"],
+        "gain": 1.0 if meter_values is None else meter_values["gain"],
+        "offset": 0.0 if meter_values is None else meter_values["quantity_offset"],
         "flattest": FLATTEST,
-        "reference": number(float(found)),
+        "reference": number(float(misfit)),
     }
 
 
@@ -257,13 +257,13 @@ def _densities_of(
 
     `mass_density` is what the data state [kg/m³], or NaN; `pressure` is that in the cylinder [Pa].
     """
-    known = {} if meter is None else meter.values
+    meter_values = {} if meter is None else meter.values
     if np.isfinite(mass_density):
         return [mass_density]
-    if "density" in known:
-        return [known["density"]]
-    if "temperature" in known:
-        return [float(injector.fuel.density(pressure, known["temperature"]))]
+    if "density" in meter_values:
+        return [meter_values["density"]]
+    if "temperature" in meter_values:
+        return [float(injector.fuel.density(pressure, meter_values["temperature"]))]
     return [float(injector.fuel.density(pressure, t)) for t in nodes]
 
 
@@ -273,7 +273,7 @@ def _course(course: float | Trace | None, point: OperatingPoint, dt: float) -> s
         return None
     end = max(course.time[-1] - point.start, point.duration)
     begin: Floats = np.asarray(point.start + dt * np.arange(math.ceil(end / dt) + 1), float)
-    return packed(course.mean(begin, np.asarray(begin + dt, float)))
+    return pack(course.mean(begin, np.asarray(begin + dt, float)))
 
 
 def _point(point: OperatingPoint) -> dict[str, Any]:
@@ -292,15 +292,15 @@ def _presets(subject: Subject, point: OperatingPoint, data: Sequence[Mapping[str
     """First state of the page, and others to choose; one without values or point keeps what is there."""
     present = "calibrated" if subject.start else "values of the file"
     at = {"point": data[0]["point"], "data": 0} if data else {"point": _point(point)}
-    found: list[dict[str, Any]] = [{"name": present, "values": {}, **at}]
+    presets: list[dict[str, Any]] = [{"name": present, "values": {}, **at}]
     if subject.start:
-        found.append({"name": "start values", "values": subject.start, **at})
-    found += [{"name": f"at {d['name']}", "point": d["point"], "data": i} for i, d in enumerate(data) if i]
+        presets.append({"name": "start values", "values": subject.start, **at})
+    presets += [{"name": f"at {d['name']}", "point": d["point"], "data": i} for i, d in enumerate(data) if i]
     main = _point(point)
     pilot = [[0.0, 250e-6], [1000e-6, 600e-6]]
     if not subject.injector.variant.drive.is_trace:
-        found.append({"name": "pilot and main", "point": main | {"pulses": pilot, "start": 0.0}})
-    return found
+        presets.append({"name": "pilot and main", "point": main | {"pulses": pilot, "start": 0.0}})
+    return presets
 
 
 def _map(subject: Subject, rail: tuple[float, float]) -> dict[str, Any]:
@@ -321,7 +321,7 @@ def _map(subject: Subject, rail: tuple[float, float]) -> dict[str, Any]:
 # Meters of the data: the responses of their filters, and their quantities, for the page's script.
 
 
-def packed(values: ArrayLike) -> str:
+def pack(values: ArrayLike) -> str:
     """Base64 of little-endian doubles."""
     return base64.b64encode(np.asarray(values, "<f8").tobytes()).decode()
 
@@ -330,16 +330,16 @@ def _meter(d: RateData, dt: float) -> dict[str, Any] | None:
     """Meter of an injection curve for steps of `dt` [s], None where there is none or it shows what it is given."""
     if d.meter is None or d.meter.neutral:
         return None
-    given = {key: float(value[0]) for key, value in given_values(d.meter, {}, 1).items()}
+    values = {key: float(value[0]) for key, value in given_values(d.meter, {}, 1).items()}
     steps = max(round((d.point.duration + d.meter.ahead) / dt), 1)
-    echoes = [{key: given[f"{echo}_{key}"] for key in ("share", "delay", "lag")} for echo in ("echo", "second_echo")]
+    echoes = [{key: values[f"{echo}_{key}"] for key in ("share", "delay", "lag")} for echo in ("echo", "second_echo")]
     return {
         "name": d.meter.name,
         "ahead": d.meter.ahead,
-        **{key: given[key] for key in ("delay", "gain", "offset", "blend", "zeroing")},
+        **{key: values[key] for key in ("delay", "gain", "offset", "blend", "zeroing")},
         "echoes": [echo for echo in echoes if echo["share"]],
-        "early": _filter(d.meter, given["cutoff"], steps, dt),
-        "late": _filter(d.meter, given.get("late_cutoff", np.inf), steps, dt),
+        "early": _filter(d.meter, values["cutoff"], steps, dt),
+        "late": _filter(d.meter, values.get("late_cutoff", np.inf), steps, dt),
     }
 
 
@@ -351,7 +351,7 @@ def _filter(meter: Meter, cutoff: float, steps: int, dt: float) -> dict[str, Any
     impulse[steps - 1] = 1.0
     response = low_pass(impulse, dt, meter.law, meter.order, cutoff)
     used = np.flatnonzero(np.abs(response) > NEGLIGIBLE * np.max(np.abs(response)))
-    return {"first": int(used[0]) - (steps - 1), "response": packed(response[used[0] : used[-1] + 1])}
+    return {"first": int(used[0]) - (steps - 1), "response": pack(response[used[0] : used[-1] + 1])}
 
 
 # The page itself: styles, scripts, numbers and the compiled module in one HTML file.
@@ -373,10 +373,10 @@ def page_html(subject: Subject, point: OperatingPoint = FIRST_POINT) -> str:
         package=__package__,
         title=subject.title,
         drawings=_drawings(subject),
-        section=registry.shipped("simulations")["moving section"].load()(numbers["channels"]),
+        section=registry.find_shipped("simulations")["moving section"].load()(numbers["channels"]),
         lead=_lead(subject, numbers),
         synthetic=subject.synthetic,
-        model=embedded(numbers),
+        model=embed_json(numbers),
         wasm=base64.b64encode(module).decode(),
         version=program,
     )
@@ -452,13 +452,13 @@ def _drawn_as(colour: str, width: float, dash: str) -> dict[str, Any]:
 
 def _lines() -> dict[str, list[dict[str, Any]]]:
     """Channels of each drawing with their looks, which are those of `commonrail simulate --report`."""
-    found: dict[str, list[dict[str, Any]]] = {}
+    lines: dict[str, list[dict[str, Any]]] = {}
     for key, (_, scale, names) in _PANELS.items():
         for i, (channel, name) in enumerate(names.items()):
             family = ORDER.index(channel) if channel in ORDER else len(ORDER)
             look = _drawn_as(*line_of(Series(name, CHANNEL_DASHES[i], (), (), family=family)))
-            found.setdefault(key, []).append({"channel": channel, "name": name, "scale": scale, **look})
-    return found
+            lines.setdefault(key, []).append({"channel": channel, "name": name, "scale": scale, **look})
+    return lines
 
 
 def _drawings(subject: Subject) -> dict[str, tuple[str, Markup]]:
@@ -470,21 +470,21 @@ def _drawings(subject: Subject) -> dict[str, tuple[str, Markup]]:
 
     rate = ["simulated", "held", "members of the fan", "opening delay", "closing delay"]
     rate += ["measured, with the name"] if subject.data else []
-    found = {"rate": ("Rate of injection", figure_html(empty(RATE, _TIME, rate), "drawing-rate", RATE_HEIGHT))}
+    drawings = {"rate": ("Rate of injection", figure_html(empty(RATE, _TIME, rate), "drawing-rate", RATE_HEIGHT))}
     for key, (y_title, _, names) in _PANELS.items():
         title = f"{y_title.partition(',')[0].capitalize()}"
-        found[key] = title, small_html(empty(y_title, _TIME, [*names.values(), "energised"]), f"drawing-{key}")
+        drawings[key] = title, small_html(empty(y_title, _TIME, [*names.values(), "energised"]), f"drawing-{key}")
     rails = ["200 MPa"] * MAP_PRESSURES + ["points: synthetic"] * bool(subject.maps)
     numbered = [f"{name} {i}" for i, name in enumerate(rails)]
     for key, title, y_title in (
         ("map", "Quantity over energising time", "quantity, mm³"),
         ("residual", "Residual of the quantity", "residual, mm³"),
     ):
-        found[key] = title, small_html(empty(y_title, _ENERGISING, numbered), f"drawing-{key}")
-    return found
+        drawings[key] = title, small_html(empty(y_title, _ENERGISING, numbered), f"drawing-{key}")
+    return drawings
 
 
-def embedded(numbers: dict[str, Any]) -> Markup:
+def embed_json(numbers: dict[str, Any]) -> Markup:
     """JSON that no text in it can end as a script."""
     return Markup(json.dumps(numbers, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"))
 

@@ -54,7 +54,7 @@ class Fan:
     members: Floats
 
 
-def scattered(names: tuple[str, ...], values: Floats, injector: Injector) -> Fan | None:
+def scatter_parts(names: tuple[str, ...], values: Floats, injector: Injector) -> Fan | None:
     """Parts whose parameters scatter about their values (names,) [SI], at random; None if that leaves their domains."""
     if not names:
         return None
@@ -80,25 +80,25 @@ def near_fits(run: Path, study: Study, best: Mapping[str, float], threads: int |
     names = tuple(study.space.names)
     if (run / DRAWS).is_file():
         draws = read_draws(run, names)
-        chosen = draws[np.linspace(0, len(draws) - 1, MEMBERS).astype(int)]
-        note = f"Fan: {len(chosen)} draws of the {len(draws)} from the posterior of the run."
-        return _of_injector(Fan("draws", note, names, chosen))
-    found = _on_level(study, np.array([best[name] for name in names]), threads)
-    if found is None:
+        members = draws[np.linspace(0, len(draws) - 1, MEMBERS).astype(int)]
+        note = f"Fan: {len(members)} draws of the {len(draws)} from the posterior of the run."
+        return _of_injector(Fan("draws", note, names, members))
+    members = _on_level(study, np.array([best[name] for name in names]), threads)
+    if members is None:
         return None
     note = (
-        f"Fan: {len(found)} fits whose objective on the fitted data is at most {WORSE:.0%} above that of the best fit, "
-        f"the farthest in {TRIED} random directions of equal curvature (seed {SEED})."
+        f"Fan: {len(members)} fits whose objective on the fitted data is at most {WORSE:.0%} above that of the best "
+        f"fit, the farthest in {TRIED} random directions of equal curvature (seed {SEED})."
     )
-    return _of_injector(Fan(f"fits within {WORSE:.0%}", note, names, found))
+    return _of_injector(Fan(f"fits within {WORSE:.0%}", note, names, members))
 
 
 def _of_injector(fan: Fan) -> Fan | None:
     """The same fan without the quantities of meters, which no simulated flow depends on."""
-    own = [i for i, name in enumerate(fan.names) if not is_of_meter(name)]
-    if not own:
+    of_injector = [i for i, name in enumerate(fan.names) if not is_of_meter(name)]
+    if not of_injector:
         return None
-    return Fan(fan.short, fan.note, tuple(fan.names[i] for i in own), fan.members[:, own])
+    return Fan(fan.short, fan.note, tuple(fan.names[i] for i in of_injector), fan.members[:, of_injector])
 
 
 def _on_level(study: Study, best: Floats, threads: int | None) -> Floats | None:
@@ -201,25 +201,25 @@ def read_subject(
     run = Path(text)
     if run.is_dir() and (run / RESULT).is_file():
         return _of_run(run, more, threads, with_fan)
-    named = read_model_name(text)
-    if named.injector.variant.drive.is_trace:
+    model = read_model_name(text)
+    if model.injector.variant.drive.is_trace:
         raise ConfigurationError(
-            f"{named.injector.name} follows a measured {named.injector.variant.drive.value}, which the file does not "
+            f"{model.injector.name} follows a measured {model.injector.variant.drive.value}, which the file does not "
             "hold; make the page from a run folder, whose data have it."
         )
-    injector = changed(named.injector)
+    injector = changed(model.injector)
     sliders = _with_more(injector, _around(injector, USUAL), more)
     names = tuple(s.name for s in sliders)
     values = np.array([injector.values[name] for name in names])
     notes = (injector.synthetic,) if injector.synthetic else ()
-    fan = scattered(names, values, injector)
+    fan = scatter_parts(names, values, injector)
     return Subject(injector.title, injector, sliders, DEFAULT_STEP, {}, (), notes, fan)
 
 
 def _of_run(run: Path, more: tuple[str, ...], threads: int | None, with_fan: bool) -> Subject:
     study, best = read_fit(run)
-    own = {name: value for name, value in best.items() if not is_of_meter(name)}
-    injector = study.injector.with_values(own)
+    calibrated = {name: value for name, value in best.items() if not is_of_meter(name)}
+    injector = study.injector.with_values(calibrated)
     meters = [d.meter.with_best(best) for d in study.data if d.meter is not None]
     metered = with_meters(study.data, meters)
     data, maps = _curves(metered), () if injector.variant.drive.is_trace else _maps(metered)
@@ -228,8 +228,8 @@ def _of_run(run: Path, more: tuple[str, ...], threads: int | None, with_fan: boo
             f"{injector.name} follows a measured {injector.variant.drive.value}, and the run has no injection curve "
             "that holds it; a page of this run cannot be made."
         )
-    sliders = _with_more(injector, _bounded(study.space, own), more)
-    start = {p.name: p.reference for p in study.space.parameters if p.name in own}
+    sliders = _with_more(injector, _bounded_sliders(study.space, calibrated), more)
+    start = {p.name: p.reference for p in study.space.parameters if p.name in calibrated}
     effects = {str(p["name"]): e for p in read_result(run)["parameters"] if (e := number(p.get("effect"))) is not None}
     fan = near_fits(run, study, best, threads) if with_fan else None
     notes = tuple(dict.fromkeys(note for note in (injector.synthetic, *(d.synthetic for d in (*data, *maps))) if note))
@@ -253,7 +253,7 @@ def _is_plain(point: OperatingPoint) -> bool:
     return len(point.pulses) == 1 and not any(isinstance(course, Trace) for course in courses)
 
 
-def _bounded(space: Space, best: dict[str, float]) -> tuple[Slider, ...]:
+def _bounded_sliders(space: Space, best: dict[str, float]) -> tuple[Slider, ...]:
     """Free parameters between their bounds."""
     return tuple(
         Slider(p.name, min(p.lower, best[p.name]), max(p.upper, best[p.name]))
@@ -264,8 +264,8 @@ def _bounded(space: Space, best: dict[str, float]) -> tuple[Slider, ...]:
 
 def _around(injector: Injector, names: tuple[str, ...]) -> tuple[Slider, ...]:
     """Parameters that the injector has, `SHARE` to both sides of their values."""
-    known = {name: injector.values[name] for name in names if injector.values.get(name)}
-    ends = {name: sorted(((1.0 - SHARE) * value, (1.0 + SHARE) * value)) for name, value in known.items()}
+    values = {name: injector.values[name] for name in names if injector.values.get(name)}
+    ends = {name: sorted(((1.0 - SHARE) * value, (1.0 + SHARE) * value)) for name, value in values.items()}
     return tuple(Slider(name, low, high) for name, (low, high) in ends.items())
 
 
@@ -273,9 +273,9 @@ def _with_more(injector: Injector, sliders: tuple[Slider, ...], more: tuple[str,
     """Sliders and those that were asked for besides, each once."""
     for name in more:
         if name not in injector.quantities or name == FUEL_TEMPERATURE:
-            known = [path for path in injector.quantities if path != FUEL_TEMPERATURE]
+            candidates = [path for path in injector.quantities if path != FUEL_TEMPERATURE]
             raise InputError(
-                f"{name}: the injector has no such parameter for a slider{nearest(name, known)}; "
+                f"{name}: the injector has no such parameter for a slider{nearest(name, candidates)}; "
                 "`commonrail catalogue parameters` lists them."
             )
         if name in COUNTS:
@@ -312,24 +312,24 @@ def limits_of(subject: Subject, point: OperatingPoint) -> dict[str, tuple[float,
     def ends(usual: tuple[float, float], used: Floats) -> tuple[float, float]:
         return max(min(usual[0], used.min()), low), min(max(usual[1], used.max()), high)
 
-    found = {"rail": ends(RAIL, rails), "cylinder": ends(CYLINDER, cylinders), "low": ends(RETURN, returns)}
-    below = 0.9 * found["rail"][0]  # no other pressure reaches the rail's
+    limits = {"rail": ends(RAIL, rails), "cylinder": ends(CYLINDER, cylinders), "low": ends(RETURN, returns)}
+    below = 0.9 * limits["rail"][0]  # no other pressure reaches the rail's
     for name in ("cylinder", "low"):
-        found[name] = found[name][0], min(found[name][1], below)
-    return {name: (float(a), float(b)) for name, (a, b) in found.items()} | {"energising": ENERGISING, "dwell": DWELL}
+        limits[name] = limits[name][0], min(limits[name][1], below)
+    return {name: (float(a), float(b)) for name, (a, b) in limits.items()} | {"energising": ENERGISING, "dwell": DWELL}
 
 
 def stable_sliders(subject: Subject, rail: float) -> tuple[tuple[Slider, ...], float]:
     """Sliders within whose ranges the time step is stable in every corner, and the share of the ranges that is left."""
     injector, variant = subject.injector, variant_of(subject)
-    medium, lift = medium_of(injector, rail), LIFTED * _reached(subject, rail)
+    medium, lift = medium_of(injector, rail), LIFTED * _largest_lift(subject, rail)
 
-    def narrowed(share: float) -> tuple[Slider, ...]:
+    def narrow_to(share: float) -> tuple[Slider, ...]:
         middles = [(s, injector.values[s.name]) for s in subject.sliders]
         return tuple(Slider(s.name, v + share * (s.low - v), v + share * (s.high - v)) for s, v in middles)
 
     def is_stable(share: float) -> bool:
-        sliders = narrowed(share)
+        sliders = narrow_to(share)
         lower, upper = ({s.name: getattr(s, end) for s in sliders} for end in ("low", "high"))
         corner = replace(injector, values=stiffest_corner(injector.values, lower, upper), variant=variant)
         return subject.time_step <= longest_step(corner, candidate_matrix(corner, (), ONE)[0], medium, lift)
@@ -341,14 +341,14 @@ def stable_sliders(subject: Subject, rail: float) -> tuple[tuple[Slider, ...], f
         )
     low, high = 0.0, 1.0
     if is_stable(high):
-        return narrowed(high), high
+        return narrow_to(high), high
     for _ in range(SHRUNK):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if is_stable(middle) else (low, middle)
-    return narrowed(low), low
+    return narrow_to(low), low
 
 
-def _reached(subject: Subject, rail: float) -> float:
+def _largest_lift(subject: Subject, rail: float) -> float:
     """Largest lift [m] of the injector as it is, at the highest rail pressure."""
     points = (
         [d.point for d in subject.data] if subject.injector.variant.drive.is_trace else [OperatingPoint(rail, LONG)]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonrail.base.arrays import Bools, Floats
-from commonrail.base.text import percent, signed
+from commonrail.base.text import percent, to_signed
 from commonrail.plugins.paper import study
 from commonrail.plugins.paper.bench import SAMPLES
 from commonrail.plugins.paper.figures import PHASES, WINDOWS, Figures, spread
@@ -89,7 +89,7 @@ def _share(value: float) -> str:
 
 def _change(value: float) -> str:
     """Percent of a change, with its sign."""
-    return f"{signed(100.0 * value, 0)} %"
+    return f"{to_signed(100.0 * value, 0)} %"
 
 
 # Claims on the search: how fast it converges, and with which settings.
@@ -268,7 +268,7 @@ def claims(f: Figures) -> list[Claim]:
         _by_phase("theoretical-phases", f.phases[study.FIT]["theoretical"], "0.4–0.8 ms"),
         _edge(f, _Model("theoretical"), "theoretical-late", "opening", 1.0, ("120 MPa",)),
         _by_phase("gains-by-phase", low["theoretical"] - low["optimised"], "0.8 ms to the end"),
-        _optimised_everywhere(f),
+        _is_optimised_everywhere(f),
         _no_overfitting(f),
         *(_after_window(f, i) for i in range(len(WINDOWS))),
     ]
@@ -311,7 +311,7 @@ def _edge(
 ) -> Claim:
     """Opening late, or closing early, by a model's edges less the experiment's (seeds, data) [us]."""
     each = np.array([f.edge_errors(name, model.label, which) for name in names]).T * 1e6
-    medians = (f"{signed(spread(e).median, 1)} µs at {n}" for e, n in zip(each.T, names, strict=True))
+    medians = (f"{to_signed(spread(e).median, 1)} µs at {n}" for e, n in zip(each.T, names, strict=True))
     return judged(
         claim,
         ", ".join(medians),
@@ -330,7 +330,7 @@ def _by_phase(claim: str, j: Floats, lowest: str) -> Claim:
     return judged(claim, f"rise / middle / descent: {figure} (medians)", true)
 
 
-def _optimised_everywhere(f: Figures) -> Claim:
+def _is_optimised_everywhere(f: Figures) -> Claim:
     better = np.array([f.phases[n]["optimised"] < f.phases[n]["theoretical"] for n in study.RAIL_PRESSURES])[:, :, 1:]
     each = np.moveaxis(better, 1, 0).reshape(len(f.seeds), -1)
     shares = np.mean(each, axis=0)

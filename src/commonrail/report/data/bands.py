@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable, Sequence
 
 from commonrail.base.chart import Band, Points
-from commonrail.base.text import MISSING, fixed, number
+from commonrail.base.text import MISSING, number, to_fixed
 from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, origin_of
-from commonrail.report.data.view import scaled
+from commonrail.report.data.view import scale_values
 
 INDEPENDENT = (
     10  # samples of a course that count as independent [E]: opening, rise, plateau, fall and closing, and noise
@@ -26,7 +26,7 @@ def band_sentence(data: Record) -> str:
     """Sentence on how many values of a data set, measured or synthetic, lie in their bands."""
     band = data["band"]
     course = "half_widths" not in band
-    median, alone = fixed(band["median_half_width_percent"], 1), band["covered_by_parameters_alone"]
+    median, alone = to_fixed(band["median_half_width_percent"], 1), band["covered_by_parameters_alone"]
     return (
         f"{band['covered']} of {band['values']} {origin_of(data)} {'samples' if course else 'quantities'} of "
         f"{data['name']} ({data['role']}) lie in the {band_name(data)}, whose median half width is {median} %"
@@ -48,7 +48,7 @@ def too_few_inside(data: Record) -> bool:
     return sum(chances[: inside + 1]) < UNLIKELY and inside < values
 
 
-def shaded(data: Record) -> str:
+def band_caption(data: Record) -> str:
     """Sentence of a figure's caption, empty without bands."""
     return (
         f"Shaded: {band_name(data)} of the {origin_of(data)} value, by {data['band']['estimator']}."
@@ -74,7 +74,7 @@ def band_cells(row: Record) -> tuple[str]:
     half, best = number(row["band"]), number(row.get(JUDGED))
     if half is None or best is None:
         return (MISSING,)
-    return (f"{fixed(half, 2, MM3)} {INSIDE if abs(best - row[MEASURED]) <= half else OUTSIDE}",)
+    return (f"{to_fixed(half, 2, MM3)} {INSIDE if abs(best - row[MEASURED]) <= half else OUTSIDE}",)
 
 
 def error_band(rows: Sequence[Record], family: int, measure: Measure, about: str = "", ordered: int = 0) -> Band:
@@ -84,13 +84,13 @@ def error_band(rows: Sequence[Record], family: int, measure: Measure, about: str
     `about`, or zero; `ordered` is the number of rail pressures, where their colours are to be in order.
     """
     low, high = (_edge(rows, sign, measure, about) for sign in (-1.0, 1.0))
-    return Band(JUDGED, scaled(rows, "energising_time", MICROSECOND), low, high, family, ordered)
+    return Band(JUDGED, scale_values(rows, "energising_time", MICROSECOND), low, high, family, ordered)
 
 
 def _edge(rows: Sequence[Record], sign: float, measure: Measure, about: str) -> Points:
-    found = []
+    edge = []
     for row in rows:
         half, middle = number(row["band"]), number(row.get(about)) if about else 0.0
         value = None if half is None or middle is None else measure(middle + sign * half, float(row[MEASURED]))
-        found.append(value)
-    return tuple(found)
+        edge.append(value)
+    return tuple(edge)

@@ -10,8 +10,8 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Band, Figure, Panel, Points, Series, points
-from commonrail.base.table import BEST_LEGEND, Part, Table, table_of
-from commonrail.base.text import fixed, megapascal, number, percent, pressure, several, signed
+from commonrail.base.table import BEST_LEGEND, OPERATING_POINT, Part, Table, table_from_parts
+from commonrail.base.text import megapascal, number, percent, pressure, several, to_fixed, to_signed
 from commonrail.data.records import (
     JUDGED,
     MEASURED,
@@ -23,7 +23,7 @@ from commonrail.data.records import (
     origin_of,
     relative_error,
 )
-from commonrail.report.data.bands import shaded
+from commonrail.report.data.bands import band_caption
 from commonrail.report.data.view import FitError, Merit, Plotted, View, by_label, column, errors_by_label, start_words
 
 RATE, ERROR = "rate, mm³/ms", "error, mm³/ms"
@@ -44,10 +44,10 @@ class CurveView(View):
     def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
         """Σ |error| over Σ |rate|."""
         best, start = (
-            several([d["J_relative"].get(key) for d in data], lambda value: fixed(value, 1, 100.0))
+            several([d["J_relative"].get(key) for d in data], lambda value: to_fixed(value, 1, 100.0))
             for key in (label, "start")
         )
-        return Merit(f"{best} %", f"of the rate, {_named(data)}{start_words(start, '%')}")
+        return Merit(f"{best} %", f"of the rate, {_set_names(data)}{start_words(start, '%')}")
 
     def fit_error(self, data: Record) -> FitError | None:
         """Σ |error| over Σ |rate|, less the share of the samples' noise in squares, as independent errors add."""
@@ -57,7 +57,7 @@ class CurveView(View):
     def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
         """Error of the injected volume."""
         errors = [relative_error(number(q), measured) for d in data for measured, q in self.quantities(d)]
-        return Merit(f"{several(errors, lambda error: signed(error, 1))} %", f"injected volume, {_named(data)}")
+        return Merit(f"{several(errors, lambda error: to_signed(error, 1))} %", f"injected volume, {_set_names(data)}")
 
     def quantities(self, data: Record) -> list[tuple[float, float | None]]:
         """Measured and calibrated volume within the samples [m³]."""
@@ -69,22 +69,28 @@ class CurveView(View):
 
     def tables(self, data: Sequence[Record], texts: Texts) -> list[Table]:
         """J and injected volume of every curve, by label."""
-        known = {label: text for label, text in texts.items() if any(self.has(d, label) for d in data)}
-        return [_j_table(data, known), _volume_table(data, known)]
+        simulated_texts = {label: text for label, text in texts.items() if any(self.has(d, label) for d in data)}
+        return [_j_table(data, simulated_texts), _volume_table(data, simulated_texts)]
 
     def compared_tables(self, data: Sequence[Record], labels: Sequence[str]) -> list[Table]:
         """J, relative J and error of the injected volume of every curve, by model."""
         head = Part(("data set", "rail, MPa"), lambda d: (d["name"], megapascal(d["rail_pressure"])))
-        errors = errors_by_label(labels, lambda d, k: number(d["J"].get(k)), lambda j: fixed(j, 1))
+        errors = errors_by_label(labels, lambda d, k: number(d["J"].get(k)), lambda j: to_fixed(j, 1))
         shares = errors_by_label(labels, lambda d, k: number(d["J_relative"].get(k)), percent)
-        volumes = errors_by_label(labels, _volume_error, lambda error: signed(error, 1))
+        volumes = errors_by_label(labels, _volume_error, lambda error: to_signed(error, 1))
         note = f"J is the sum over the samples of |simulated rate − data|. {BEST_LEGEND}"
         relative = f"J over the sum of |data| over the same samples. {BEST_LEGEND}"
         of_volumes = f"Simulated against data. {BEST_LEGEND}"
         return [
-            table_of(_J_TITLE, data, (head, errors, _SAMPLES), note),
-            table_of("J relative to the data, %", data, (head, shares), relative),
-            table_of("Error of the injected volume, %", data, (head, _measured(data, ", mm³"), volumes), of_volumes),
+            table_from_parts(_J_TITLE, data, (head, errors, _SAMPLES), note, inputs=_INPUTS),
+            table_from_parts("J relative to the data, %", data, (head, shares), relative, inputs=_INPUTS),
+            table_from_parts(
+                "Error of the injected volume, %",
+                data,
+                (head, _measured_column(data, ", mm³"), volumes),
+                of_volumes,
+                inputs=_INPUTS,
+            ),
         ]
 
     def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
@@ -103,7 +109,7 @@ class CurveView(View):
         seen = f" Simulated as the meter “{data['meter']}” shows it." if data.get("meter") else ""
         others = len(errors) > 1 and JUDGED in trace
         cut = " Errors of other models are cut at the range of the calibrated one and its band." if others else ""
-        caption = f"Rate of injection; below, simulated − {origin_of(data)}.{cut}{seen} {shaded(data)}".rstrip()
+        caption = f"Rate of injection; below, simulated − {origin_of(data)}.{cut}{seen} {band_caption(data)}".rstrip()
         about = (np.zeros(len(measured)), measured)
         bands = [(_band(data, time, middle),) if "band" in data else () for middle in about]
         panels = (
@@ -120,7 +126,7 @@ class CurveView(View):
 CURVES = CurveView()
 
 
-def _named(data: Sequence[Record]) -> str:
+def _set_names(data: Sequence[Record]) -> str:
     """Names of a few curves, the number of many."""
     return " · ".join(d["name"] for d in data) if len(data) < 4 else f"{len(data)} curves"
 
@@ -132,17 +138,18 @@ def _title(data: Record, words: str) -> str:
     """
     place = pressure(data["rail_pressure"]), f"{data['energising_time'] * MICROSECOND:.0f} µs"
     name = data["name"].replace(" us", " µs")
-    return ", ".join([words, *(one for one in place if one not in name)])
+    return ", ".join([words, *(quantity for quantity in place if quantity not in name)])
 
 
 _SETS = Part(("data set", "role"), lambda d: (d["name"], d["role"]))
 _SAMPLES = column("samples", lambda d: str(d["samples"]))
+_INPUTS = (*OPERATING_POINT, "samples")
 
 
-def _measured(data: Sequence[Record], unit: str) -> Part:
+def _measured_column(data: Sequence[Record], unit: str) -> Part:
     origins = {origin_of(d) for d in data}
     origin = origins.pop() if len(origins) == 1 else "data"
-    return column(f"{origin}{unit}", lambda d: fixed(d["volume"][MEASURED], 2, MM3))
+    return column(f"{origin}{unit}", lambda d: to_fixed(d["volume"][MEASURED], 2, MM3))
 
 
 def _volume_error(data: Record, label: str) -> float | None:
@@ -153,7 +160,7 @@ def _j_table(data: Sequence[Record], texts: Texts) -> Table:
     """J of every injection curve, Σ |rate error| over its samples [mm³/ms], by label."""
     parts = (
         _SETS,
-        by_label(texts, lambda d, label: fixed(d["J"].get(label), 1)),
+        by_label(texts, lambda d, label: to_fixed(d["J"].get(label), 1)),
         column("share, %", lambda d: percent(d["J_relative"].get(JUDGED))),
         column("rail, MPa", lambda d: megapascal(d["rail_pressure"])),
         _SAMPLES,
@@ -162,7 +169,7 @@ def _j_table(data: Sequence[Record], texts: Texts) -> Table:
         "J is the sum over the samples of |simulated rate − data|; the share is that of J of "
         f"“{texts[JUDGED]}” in the sum of the data's rates."
     )
-    return table_of(_J_TITLE, data, parts, note, 2)
+    return table_from_parts(_J_TITLE, data, parts, note, 2, _INPUTS)
 
 
 def _volume_table(data: Sequence[Record], texts: Texts) -> Table:
@@ -171,11 +178,15 @@ def _volume_table(data: Sequence[Record], texts: Texts) -> Table:
 
     def simulated(d: Record) -> Iterator[str]:
         for label in shown:
-            yield fixed(d["volume"].get(label), 2, MM3)
-            yield signed(_volume_error(d, label), 1)
+            yield to_fixed(d["volume"].get(label), 2, MM3)
+            yield to_signed(_volume_error(d, label), 1)
 
-    parts = (_SETS, _measured(data, ""), Part([head for k in shown for head in (texts[k], "error, %")], simulated))
-    return table_of("Injected volume, mm³", data, parts, "", 2)
+    parts = (
+        _SETS,
+        _measured_column(data, ""),
+        Part([head for k in shown for head in (texts[k], "error, %")], simulated),
+    )
+    return table_from_parts("Injected volume, mm³", data, parts, "", 2)
 
 
 def _band(data: Record, time: Points, about: Floats) -> Band:

@@ -8,10 +8,30 @@ from itertools import groupby
 from typing import Any
 
 from commonrail.base.chart import BOTH, LINES, MARKERS, Band, Figure, Panel, Points, Series
-from commonrail.base.table import BEST_LEGEND, BEST_SIGN, SIGNS, Cell, Part, Table, marked, size_of, table_of
-from commonrail.base.text import MISSING, fixed, listed, megapascal, number, pressure, several, signed, significant
+from commonrail.base.table import (
+    BEST_LEGEND,
+    BEST_SIGN,
+    SIGNS,
+    Cell,
+    Part,
+    Table,
+    judge_size,
+    mark_least,
+    table_from_parts,
+)
+from commonrail.base.text import (
+    MISSING,
+    join_words,
+    megapascal,
+    number,
+    pressure,
+    several,
+    significant,
+    to_fixed,
+    to_signed,
+)
 from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, MPA, Record, Texts, origin_of, relative_error
-from commonrail.report.data.bands import band_cells, band_name, band_note, error_band, shaded
+from commonrail.report.data.bands import band_caption, band_cells, band_name, band_note, error_band
 from commonrail.report.data.view import (
     FitError,
     Merit,
@@ -22,7 +42,7 @@ from commonrail.report.data.view import (
     column,
     errors_by_label,
     present,
-    scaled,
+    scale_values,
     start_words,
 )
 
@@ -35,9 +55,9 @@ _LEGEND = "{small} within 5 % or 0.1 mm³, {medium} within 10 % or 0.3 mm³, {la
 
 # Keys of a record's figures, and their text.
 _FIGURES: tuple[tuple[str, Callable[[Any], str]], ...] = (
-    ("rms_large_percent", lambda value: fixed(value, 2)),
-    ("rms_small", lambda value: fixed(value, 3, MM3)),
-    ("dead_time_rms", lambda value: fixed(value, 1, MICROSECOND)),
+    ("rms_large_percent", lambda value: to_fixed(value, 2)),
+    ("rms_small", lambda value: to_fixed(value, 3, MM3)),
+    ("dead_time_rms", lambda value: to_fixed(value, 1, MICROSECOND)),
 )
 
 Measure = Callable[[float, float], float]  # of an error and the measured quantity [m³]
@@ -67,8 +87,8 @@ class MapView(View):
     def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
         """Root mean square error of the large quantities, or of the small ones where there are no others."""
         keys = ("rms_large_percent", "rms_small")
-        found = filter(None, (_rms(self, data, key, label) for key in keys))
-        return next(found, Merit(MISSING, "no quantity"))
+        merits = filter(None, (_rms(self, data, key, label) for key in keys))
+        return next(merits, Merit(MISSING, "no quantity"))
 
     def fit_error(self, data: Record) -> FitError | None:
         """Root mean square error of the large quantities."""
@@ -92,13 +112,13 @@ class MapView(View):
         """Root mean squares of all maps, then quantities and dead times of each."""
         tables = [_figures_table(self, data, texts)]
         for d in data:
-            known = {label: text for label, text in texts.items() if self.has(d, label) and label != "rigid"}
-            tables += [_quantity_table(self, d, known, texts[JUDGED]), _dead_time_table(d, known)]
+            simulated_texts = {label: text for label, text in texts.items() if self.has(d, label) and label != "rigid"}
+            tables += [_quantity_table(self, d, simulated_texts, texts[JUDGED]), _dead_time_table(d, simulated_texts)]
         return [tables[0], *(table for table in tables[1:] if table.rows)]
 
     def compared_tables(self, data: Sequence[Record], labels: Sequence[str]) -> list[Table]:
         """Root mean squares of all maps, then quantities and dead times of each."""
-        tables = [table for d in data for table in (_compared(self, d, labels), _compared_dead_times(d, labels))]
+        tables = [table for d in data for table in (_compared_table(self, d, labels), _compared_dead_times(d, labels))]
         return [_figures_compared(self, data, labels), *(table for table in tables if table.rows)]
 
     def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
@@ -109,8 +129,8 @@ class MapView(View):
     def compared_figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """Quantities, their errors, and dead times, of each model."""
         models = plotted.models
-        found = [_map_compared(self, data, models), _errors_compared(self, data, models)] if _quantities(data) else []
-        return [*found, *_dead_time_figure(data, models)]
+        figures = [_map_compared(self, data, models), _errors_compared(self, data, models)] if _quantities(data) else []
+        return [*figures, *_dead_time_figure(data, models)]
 
 
 QUANTITIES, RETURNS = MapView(), MapView("return ", "Return quantity")
@@ -120,7 +140,7 @@ def _rms(view: MapView, data: Sequence[Record], key: str, model: str = JUDGED) -
     """Figure of merit from the root mean squares of some maps; None if none has it."""
     unit, scale, decimals, side = ("%", 1.0, 1, "above") if key == "rms_large_percent" else ("mm³", MM3, 2, "up to")
     best, start = (
-        several([d["figures"].get(label, {}).get(key) for d in data], lambda value: fixed(value, decimals, scale))
+        several([d["figures"].get(label, {}).get(key) for d in data], lambda value: to_fixed(value, decimals, scale))
         for label in (model, "start")
     )
     words = f"rms of the {view.of}quantities {side} {limit_text(data)} mm³{start_words(start, unit)}"
@@ -137,14 +157,14 @@ def _figures_table(view: MapView, data: Sequence[Record], texts: Texts) -> Table
         column(f"{view.of}quantities", lambda row: str(len(_quantities(row[0])))),
         Part(_figure_heads(data), lambda row: [text(row[2].get(key)) for key, text in _FIGURES]),
     )
-    return table_of(f"Errors of the {view.of}quantity maps", rows, parts, _rules(data), 3)
+    return table_from_parts(f"Errors of the {view.of}quantity maps", rows, parts, _rules(data), 3)
 
 
 def _figures_compared(view: MapView, data: Sequence[Record], labels: Sequence[str]) -> Table:
     rows = []
     for d in data:
         figures = [d["figures"].get(label, {}) for label in labels]
-        columns = [marked([number(f.get(key)) for f in figures], text) for key, text in _FIGURES]
+        columns = [mark_least([number(f.get(key)) for f in figures], text) for key, text in _FIGURES]
         rows += [(d, label, cells) for label, *cells in zip(labels, *columns, strict=True)]
     parts = (
         Part(("data set", "model"), lambda row: (row[0]["name"], row[1])),
@@ -153,7 +173,7 @@ def _figures_compared(view: MapView, data: Sequence[Record], labels: Sequence[st
     )
     failing = "A model that fails at one point has no figure over the points."
     note = f"{BEST_SIGN} least error of the data set. {failing}"
-    return table_of(f"Errors of the {view.of}quantity maps", rows, parts, note, 2)
+    return table_from_parts(f"Errors of the {view.of}quantity maps", rows, parts, note, 2)
 
 
 def _quantity_table(view: MapView, data: Record, texts: Texts, judged: str) -> Table:
@@ -162,30 +182,30 @@ def _quantity_table(view: MapView, data: Record, texts: Texts, judged: str) -> T
     def errors(row: Record) -> tuple[str, Cell]:
         measured, best = row[MEASURED], number(row.get(JUDGED))
         error = None if best is None else (best - measured) * MM3
-        share = signed(relative_error(best, measured), 1)
-        return signed(error, 2), Cell(share, error_size(error, measured * MM3))
+        share = to_signed(relative_error(best, measured), 1)
+        return to_signed(error, 2), Cell(share, error_size(error, measured * MM3))
 
-    shown = by_label(texts, lambda row, label: fixed(row.get(label), 2, MM3))
+    shown = by_label(texts, lambda row, label: to_fixed(row.get(label), 2, MM3))
     parts = [*_head(origin_of(data)), shown, Part(("error", "error, %"), errors)]
     note = f"Errors are {judged} − {origin_of(data)}. {_LEGEND}"
     if "band" in data:
         parts.append(Part((f"{band_name(data)}, ±",), band_cells))
         note += f" {band_note(data)}"
     title = f"{_title(view)}, mm³: {data['name']} ({data['role']})"
-    return table_of(title, _quantities(data), parts, note, 0)
+    return table_from_parts(title, _quantities(data), parts, note, 0)
 
 
-def _compared(view: MapView, data: Record, labels: Sequence[str]) -> Table:
+def _compared_table(view: MapView, data: Record, labels: Sequence[str]) -> Table:
     """Quantities point by point: quantities and errors of few models, errors of many."""
     wide = len(labels) <= WIDE
 
     def shown(row: Record) -> Iterator[Cell]:
         measured = float(row[MEASURED])
-        found = [number(row.get(label)) for label in labels]
-        errors = marked([relative_error(value, measured) for value in found], lambda e: signed(e, 1))
-        for value, error in zip(found, errors, strict=True):
+        values = [number(row.get(label)) for label in labels]
+        errors = mark_least([relative_error(value, measured) for value in values], lambda e: to_signed(e, 1))
+        for value, error in zip(values, errors, strict=True):
             if wide:
-                yield Cell(fixed(value, 2, MM3))
+                yield Cell(to_fixed(value, 2, MM3))
             absolute = None if value is None else (value - measured) * MM3
             yield Cell(error.text, error_size(absolute, measured * MM3), error.best)
 
@@ -193,7 +213,7 @@ def _compared(view: MapView, data: Record, labels: Sequence[str]) -> Table:
     title = f"{_title(view)}, mm³" if wide else f"Errors of the {view.of}quantities, %"
     note = f"Errors are simulated − {origin_of(data)}. {_LEGEND} {BEST_LEGEND}"
     parts = (*_head(f"{origin_of(data)}, mm³"), Part(heads, shown))
-    return table_of(f"{title}: {data['name']}", _quantities(data), parts, note, 0)
+    return table_from_parts(f"{title}: {data['name']}", _quantities(data), parts, note, 0)
 
 
 def _map_figure(view: MapView, data: Record) -> Figure:
@@ -207,24 +227,24 @@ def _map_figure(view: MapView, data: Record) -> Figure:
     bands: tuple[list[Band], list[Band], list[Band]] = ([], [], [])
     parts = _by_pressure(data)
     for family, (rail, rows) in enumerate(parts.items()):
-        x, step = scaled(rows, "energising_time", MICROSECOND), (family, len(parts))
-        series += [Series("", label, x, scaled(rows, label, MM3), LINES, *step) for label in ("start", JUDGED)]
-        series.append(Series(pressure(rail), MEASURED, x, scaled(rows, MEASURED, MM3), MARKERS, *step))
-        over, under = _parted_at(limit, rows)
-        for found, part, measure in zip(errors, (over, under), (_percent, _absolute), strict=True):
-            found.append(Series("", JUDGED, *_errors(part, JUDGED, measure), MARKERS, *step))
+        x, step = scale_values(rows, "energising_time", MICROSECOND), (family, len(parts))
+        series += [Series("", label, x, scale_values(rows, label, MM3), LINES, *step) for label in ("start", JUDGED)]
+        series.append(Series(pressure(rail), MEASURED, x, scale_values(rows, MEASURED, MM3), MARKERS, *step))
+        over, under = _split_at(limit, rows)
+        for error_series, judged_rows, measure in zip(errors, (over, under), (_percent, _absolute), strict=True):
+            error_series.append(Series("", JUDGED, *_errors(judged_rows, JUDGED, measure), MARKERS, *step))
         if "band" in data:
             bands[0].append(error_band(rows, family, lambda value, _: value * MM3, JUDGED, len(parts)))
             bands[1].append(error_band(over, family, _percent, ordered=len(parts)))
             bands[2].append(error_band(under, family, _absolute, ordered=len(parts)))
     shown = [Panel(f"{view.of}quantity, mm³", tuple(series), 0.5, bands=tuple(bands[0]))]
-    for found, share, unit, around in zip(errors, (0.3, 0.2), ("%", "mm³"), bands[1:], strict=True):
-        if any(one.x for one in found):
-            shown.append(Panel(f"error, {unit}", tuple(found), share, zero_line=True, bands=tuple(around)))
+    for error_series, share, unit, around in zip(errors, (0.3, 0.2), ("%", "mm³"), bands[1:], strict=True):
+        if any(item.x for item in error_series):
+            shown.append(Panel(f"error, {unit}", tuple(error_series), share, zero_line=True, bands=tuple(around)))
     text = f"{limit * MM3:.3g} mm³"
     caption = (
         f"{view.caption}: markers {origin_of(data)}, solid lines calibrated, dotted lines start values. Errors, "
-        f"calibrated − {origin_of(data)}: in percent above {text}, in mm³ up to it. {shaded(data)}"
+        f"calibrated − {origin_of(data)}: in percent above {text}, in mm³ up to it. {band_caption(data)}"
     )
     return Figure(f"{data['name']} ({data['role']})", caption.rstrip(), ENERGISING, tuple(shown))
 
@@ -242,7 +262,7 @@ def _map_compared(view: MapView, data: Record, models: Models) -> Figure:
     return Figure(
         data["name"],
         f"{view.caption}: markers {origin_of(data)}; each model has a line for each rail pressure "
-        f"({listed(rails)} MPa).",
+        f"({join_words(rails)} MPa).",
         ENERGISING,
         (Panel(f"{view.of}quantity, mm³", (*present(series), measured)),),
     )
@@ -251,13 +271,13 @@ def _map_compared(view: MapView, data: Record, models: Models) -> Figure:
 def _errors_compared(view: MapView, data: Record, models: Models) -> Figure:
     """Errors of the quantities, in percent for large ones and in mm³ for small ones."""
     limit = float(next((f["limit_quantity"] for f in data["figures"].values()), USUAL_LIMIT))
-    over, under = _parted_at(limit, _sorted(data))
+    over, under = _split_at(limit, _sort_quantities(data))
     large, small = (
         present([Series(m.text, m.look, *_errors(rows, k, measure), MARKERS, m.family) for k, m in models.items()])
         for rows, measure in ((over, _percent), (under, _absolute))
     )
     panels = [Panel("error, %", large, 0.6, zero_line=True)] if over else []
-    panels += [Panel("error, mm³", _unlabelled(small, large), 0.4, zero_line=True)] if under else []
+    panels += [Panel("error, mm³", _drop_labels(small, large), 0.4, zero_line=True)] if under else []
     return Figure(
         f"Errors of {data['name']}",
         f"Simulated − {origin_of(data)}: in percent above {limit * MM3:.3g} mm³, in mm³ up to it; all rail pressures.",
@@ -273,7 +293,7 @@ def _title(view: MapView) -> str:
 
 def error_size(error: float | None, measured: float) -> str:
     """Size of an error of a quantity [mm³]: relative, or absolute for what is near zero."""
-    return size_of(error, [max(rel * abs(measured), ab) for rel, ab in _STEPS])
+    return judge_size(error, [max(rel * abs(measured), ab) for rel, ab in _STEPS])
 
 
 def limit_text(data: Sequence[Record]) -> str:
@@ -289,8 +309,8 @@ def _figure_heads(data: Sequence[Record]) -> tuple[str, str, str]:
 
 def _rules(data: Sequence[Record]) -> str:
     """Sentences on the rules of the baselines."""
-    found = (f"{baseline['text']}: {baseline['rule']}" for d in data for baseline in d.get("baselines", ()))
-    return " ".join(f"{rule[0].upper()}{rule[1:]}." for rule in dict.fromkeys(found))
+    rules = (f"{baseline['text']}: {baseline['rule']}" for d in data for baseline in d.get("baselines", ()))
+    return " ".join(f"{rule[0].upper()}{rule[1:]}." for rule in dict.fromkeys(rules))
 
 
 def _quantities(data: Record) -> list[Record]:
@@ -303,36 +323,38 @@ def _quantities(data: Record) -> list[Record]:
 def _head(origin: str) -> tuple[Part, ...]:
     return (
         column("rail, MPa", lambda row: megapascal(row["rail_pressure"])),
-        column(ENERGISING, lambda row: fixed(row["energising_time"], 0, MICROSECOND)),
-        column(origin, lambda row: fixed(row[MEASURED], 2, MM3)),
+        column(ENERGISING, lambda row: to_fixed(row["energising_time"], 0, MICROSECOND)),
+        column(origin, lambda row: to_fixed(row[MEASURED], 2, MM3)),
     )
 
 
-def _sorted(data: Record) -> list[Record]:
+def _sort_quantities(data: Record) -> list[Record]:
     """Rows that are quantities, by rail pressure and energising time."""
     return sorted(_quantities(data), key=lambda row: (float(row["rail_pressure"]), float(row["energising_time"])))
 
 
 def _by_pressure(data: Record) -> dict[float, list[Record]]:
     """Rows that are quantities, by rail pressure [Pa], each in the order of energising time."""
-    return {float(rail): list(rows) for rail, rows in groupby(_sorted(data), key=lambda row: row["rail_pressure"])}
+    return {
+        float(rail): list(rows) for rail, rows in groupby(_sort_quantities(data), key=lambda row: row["rail_pressure"])
+    }
 
 
 def _with_gaps(parts: Mapping[float, list[Record]], key: str, scale: float) -> Points:
     """Values with a gap between rail pressures."""
-    return tuple(value for rows in parts.values() for value in (*scaled(rows, key, scale), None))[:-1]
+    return tuple(value for rows in parts.values() for value in (*scale_values(rows, key, scale), None))[:-1]
 
 
-def _parted_at(limit: float, rows: Sequence[Record]) -> tuple[list[Record], list[Record]]:
+def _split_at(limit: float, rows: Sequence[Record]) -> tuple[list[Record], list[Record]]:
     """Rows above a quantity [m³], and those up to it."""
     return [row for row in rows if row[MEASURED] > limit], [row for row in rows if row[MEASURED] <= limit]
 
 
 def _errors(rows: list[Record], label: str, measure: Measure) -> tuple[Points, Points]:
     """Energising times [us], and a measure of simulated − measured at each."""
-    found = ((number(row.get(label)), float(row[MEASURED])) for row in rows)
-    errors = tuple(None if value is None else measure(value - m, m) for value, m in found)
-    return scaled(rows, "energising_time", MICROSECOND), errors
+    pairs = ((number(row.get(label)), float(row[MEASURED])) for row in rows)
+    errors = tuple(None if value is None else measure(value - m, m) for value, m in pairs)
+    return scale_values(rows, "energising_time", MICROSECOND), errors
 
 
 def _percent(error: float, measured: float) -> float:
@@ -343,10 +365,10 @@ def _absolute(error: float, measured: float) -> float:
     return error * MM3
 
 
-def _unlabelled(series: Sequence[Series], named: Sequence[Series]) -> tuple[Series, ...]:
+def _drop_labels(series: Sequence[Series], labelled: Sequence[Series]) -> tuple[Series, ...]:
     """Series of a second panel: one entry in the legend for each model is enough."""
-    known = {s.label for s in named}
-    return tuple(replace(s, label="") if s.label in known else s for s in series)
+    labels = {s.label for s in labelled}
+    return tuple(replace(s, label="") if s.label in labels else s for s in series)
 
 
 # Dead times: energising times at which a small quantity is reached.
@@ -364,14 +386,14 @@ def _dead_time_table(data: Record, texts: Texts) -> Table:
     """Dead times of one map and the error of the calibrated model."""
 
     def error(row: Record) -> list[Cell]:
-        found = _dead_time_error(row, JUDGED)
-        return [Cell(signed(found, 1), size_of(found, _DEAD_TIME_STEPS))]
+        error = _dead_time_error(row, JUDGED)
+        return [Cell(to_signed(error, 1), judge_size(error, _DEAD_TIME_STEPS))]
 
-    shown = by_label(texts, lambda row, label: fixed(row.get(label), 1, MICROSECOND))
+    shown = by_label(texts, lambda row, label: to_fixed(row.get(label), 1, MICROSECOND))
     title = f"Dead times, µs: {data['name']} ({data['role']})"
     note = f"Energising time at which the quantity is reached. {_DEAD_TIME_LEGEND}"
     parts = (*_dead_time_head(origin_of(data)), shown, Part(("error",), error))
-    return table_of(title, _dead_times(data), parts, note, 0)
+    return table_from_parts(title, _dead_times(data), parts, note, 0)
 
 
 def _compared_dead_times(data: Record, labels: Sequence[str]) -> Table:
@@ -380,9 +402,9 @@ def _compared_dead_times(data: Record, labels: Sequence[str]) -> Table:
         "The dead time is the energising time at which the quantity is reached; errors are simulated − "
         f"{origin_of(data)}. {_DEAD_TIME_LEGEND} {BEST_LEGEND}"
     )
-    errors = errors_by_label(labels, _dead_time_error, lambda error: signed(error, 1), _DEAD_TIME_STEPS)
+    errors = errors_by_label(labels, _dead_time_error, lambda error: to_signed(error, 1), _DEAD_TIME_STEPS)
     parts = (*_dead_time_head(f"{origin_of(data)}, µs"), errors)
-    return table_of(f"Errors of the dead times, µs: {data['name']}", _dead_times(data), parts, note, 0)
+    return table_from_parts(f"Errors of the dead times, µs: {data['name']}", _dead_times(data), parts, note, 0)
 
 
 def _dead_time_figure(data: Record, models: Models) -> list[Figure]:
@@ -390,12 +412,12 @@ def _dead_time_figure(data: Record, models: Models) -> list[Figure]:
     rows = sorted(_dead_times(data), key=lambda row: float(row["rail_pressure"]))
     if len(rows) < 2:
         return []
-    x = scaled(rows, "rail_pressure", MPA)
+    x = scale_values(rows, "rail_pressure", MPA)
     lines = [
-        Series(model.text, model.look, x, scaled(rows, label, MICROSECOND), BOTH, model.family)
+        Series(model.text, model.look, x, scale_values(rows, label, MICROSECOND), BOTH, model.family)
         for label, model in models.items()
     ]
-    marks = Series(origin_of(data), MEASURED, x, scaled(rows, MEASURED, MICROSECOND), MARKERS)
+    marks = Series(origin_of(data), MEASURED, x, scale_values(rows, MEASURED, MICROSECOND), MARKERS)
     title, caption = (
         f"Dead times of {data['name']}",
         "Energising time at which the injector delivers the stated small quantity.",
@@ -407,7 +429,7 @@ def _dead_time_head(origin: str) -> tuple[Part, ...]:
     return (
         column("rail, MPa", lambda row: megapascal(row["rail_pressure"])),
         column("quantity, mm³", lambda row: significant(row.get("quantity"), 3, MM3)),
-        column(origin, lambda row: fixed(row[MEASURED], 0, MICROSECOND)),
+        column(origin, lambda row: to_fixed(row[MEASURED], 0, MICROSECOND)),
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from commonrail.base import registry
 from commonrail.base.chart import Figure, Points, Series
 from commonrail.base.errors import InputError
-from commonrail.base.table import Part, Table, marked
+from commonrail.base.table import Part, Table, mark_least
 from commonrail.base.text import MISSING, number
 from commonrail.data.records import JUDGED, Record, Texts, Traces
 
@@ -105,9 +105,9 @@ def view_of(kind: str) -> View:
 
     Raises `InputError` if there is none, and `PluginError` if that of an installed package is no `View`.
     """
-    if (part := registry.find("views", kind)) is None:
+    if (entry := registry.find("views", kind)) is None:
         raise InputError(f'There is no view of the data "{kind}"; install or update the package that has it.')
-    return part.load_as(View, "a View")  # type: ignore[type-abstract]
+    return entry.load_as(View, "a View")  # type: ignore[type-abstract]
 
 
 # Columns of tables with models side by side.
@@ -129,8 +129,8 @@ def errors_by_label(
     text: Callable[[float | None], str],
     steps: Sequence[float] = (),
 ) -> Part:
-    """A column of errors for each label, the least of a row marked; see `marked`."""
-    return Part(labels, lambda row: marked([error(row, label) for label in labels], text, steps))
+    """A column of errors for each label, the least of a row marked; see `mark_least`."""
+    return Part(labels, lambda row: mark_least([error(row, label) for label in labels], text, steps))
 
 
 # Words and series of reports on records.
@@ -141,13 +141,13 @@ def start_words(start: str, unit: str) -> str:
     return "" if start == MISSING else f" (start {start} {unit})"
 
 
-def scaled(rows: Sequence[Record], key: str, scale: float) -> Points:
+def scale_values(rows: Sequence[Record], key: str, scale: float) -> Points:
     """Values of the rows for a series; None where there is no number.
 
     `scale`: factor on the values.
     """
-    found = (number(row.get(key)) for row in rows)
-    return tuple(None if value is None else value * scale for value in found)
+    values = (number(row.get(key)) for row in rows)
+    return tuple(None if value is None else value * scale for value in values)
 
 
 def present(series: Sequence[Series]) -> tuple[Series, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import MARKERS, Band, Figure, HeatMap, Panel, Series, points
-from commonrail.base.text import shown_unit, signed, significant
+from commonrail.base.text import shown_unit, significant, to_signed
 from commonrail.calibration.record import CalibrationRecord, ParameterRecord
 from commonrail.data.base import DataSet
 from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, Traces, origin_of
@@ -33,12 +33,12 @@ def names_of(parameters: Sequence[ParameterRecord]) -> dict[str, str]:
 
 def parity_figure(data: Sequence[Record]) -> Figure | None:
     """Calibrated quantities over those of the data, of all data sets, with lines at ± 5 %; None of fewer than three."""
-    sets = [(d, view.quantities(d)) for view, own in by_kind(data) for d in own]
+    sets = [(d, view.quantities(d)) for view, records in by_kind(data) for d in records]
     series: list[Series] = []
     ends: list[float] = []
     for family, (d, pairs) in enumerate(pair for pair in sets if pair[1]):
-        known = [(MM3 * measured, MM3 * q) for measured, q in pairs if q is not None]
-        x, y = (tuple(values) for values in zip(*known, strict=True)) if known else ((), ())
+        pairs_simulated = [(MM3 * measured, MM3 * q) for measured, q in pairs if q is not None]
+        x, y = (tuple(values) for values in zip(*pairs_simulated, strict=True)) if pairs_simulated else ((), ())
         series.append(Series(f"{d['name']} ({d['role']})", MEASURED, x, y, MARKERS, family))
         ends += x
     if len(ends) < 3:
@@ -57,12 +57,12 @@ def autocorrelation_figure(data: Sequence[Record], traces: Traces) -> Figure | N
     fewest, longest = math.inf, 0.0
     for d in data:
         trace = traces.get(d["name"], {})
-        found = _autocorrelation(trace[JUDGED] - trace[MEASURED]) if JUDGED in trace else None
-        if found is None:
+        correlation = _autocorrelation(trace[JUDGED] - trace[MEASURED]) if JUDGED in trace else None
+        if correlation is None:
             continue
         lags = MICROSECOND * float(np.median(np.diff(trace["time_s"]))) * np.arange(LAGS + 1)
         family = len(series)
-        series.append(Series(d["name"], DASHES[family % 4], points(lags), points(found), family=family))
+        series.append(Series(d["name"], DASHES[family % 4], points(lags), points(correlation), family=family))
         fewest, longest = min(fewest, len(trace["time_s"])), max(longest, float(lags[-1]))
     if not series:
         return None
@@ -75,12 +75,12 @@ def autocorrelation_figure(data: Sequence[Record], traces: Traces) -> Figure | N
 
 def _autocorrelation(residuals: Floats) -> Floats | None:
     """Correlation of residuals with those so many samples later, (LAGS + 1,); None of too few, or of none but zero."""
-    known = residuals[np.isfinite(residuals)]
-    known = known - known.mean() if len(known) else known
-    power = float(known @ known)
-    if len(known) < 2 * LAGS or not power > 0.0:
+    deviations = residuals[np.isfinite(residuals)]
+    deviations = deviations - deviations.mean() if len(deviations) else deviations
+    power = float(deviations @ deviations)
+    if len(deviations) < 2 * LAGS or not power > 0.0:
         return None
-    return np.array([known[: len(known) - k] @ known[k:] / power for k in range(LAGS + 1)])
+    return np.array([deviations[: len(deviations) - k] @ deviations[k:] / power for k in range(LAGS + 1)])
 
 
 def loading_matrix(record: CalibrationRecord) -> HeatMap | None:
@@ -90,13 +90,13 @@ def loading_matrix(record: CalibrationRecord) -> HeatMap | None:
         return None
     least = 1.0 if scatter_unit(record) == DataSet.residual_unit else 0.0  # a tolerance is as it is stated, or larger
     scatter = max(influence.scatter, least)
-    held = [c for c in influence.combinations if c.singular_value > scatter]
-    if not held:
+    determined = [c for c in influence.combinations if c.singular_value > scatter]
+    if not determined:
         return None
-    shown, names = held[:ROWS], names_of(record.parameters)
+    shown, names = determined[:ROWS], names_of(record.parameters)
     used = [name for name in names if any(name in c.weights for c in shown)] or list(names)
     rows = [[c.weights.get(name) for name in used] for c in reversed(shown)]
-    more, rest = len(held) - len(shown), len(names) - len(held)
+    more, rest = len(determined) - len(shown), len(names) - len(determined)
     caption = (
         "Each row is a move of parameters, in widths of their bounds, with its standard error by the data alone; "
         f"weights below 0.2 are left out.{f' {more} more are known worse than these.' if more else ''}"
@@ -111,7 +111,7 @@ def loading_matrix(record: CalibrationRecord) -> HeatMap | None:
         tuple(names[name] for name in used),
         tuple(significant(100.0 * scatter / c.singular_value, 2) for c in reversed(shown)),
         tuple(tuple(row) for row in rows),
-        tuple(tuple("" if v is None else signed(v, 1) for v in row) for row in rows),
+        tuple(tuple("" if v is None else to_signed(v, 1) for v in row) for row in rows),
         "1",
         True,
         1.0,
@@ -127,9 +127,9 @@ def pair_figures(
     parameters: Sequence[ParameterRecord], draws: Mapping[str, Floats], best: str = "calibrated"
 ) -> list[Figure]:
     """Draws of a posterior, a figure for each pair of the parameters that the data see most; `best` labels its best."""
-    known = {p.name: p for p in by_effect(parameters) if p.name in draws}
+    drawn = {p.name: p for p in by_effect(parameters) if p.name in draws}
     names = names_of(parameters)
-    return [_pair((known[a], known[b]), draws, names, best) for a, b in combinations(list(known)[:PAIRED], 2)]
+    return [_pair((drawn[a], drawn[b]), draws, names, best) for a, b in combinations(list(drawn)[:PAIRED], 2)]
 
 
 def _pair(

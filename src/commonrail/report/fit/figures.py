@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from commonrail.base.chart import Figure, HeatMap, Panel, Series
-from commonrail.base.text import megapascal, number, signed
+from commonrail.base.text import megapascal, number, to_signed
 from commonrail.calibration.record import GenerationRecord
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.quantities.returned import ReturnData
@@ -20,13 +20,16 @@ from commonrail.report.fit.record import by_kind, shown_of
 def figures_of(data: Sequence[Record], texts: Texts, traces: Traces) -> list[Figure]:
     """Figures of the data of a calibration; `texts` are those of its labels."""
     plotted = Plotted(shown_of(texts), traces)
-    return [f for view, own in by_kind(data) for d in own for f in view.figures(d, plotted)]
+    return [f for view, records in by_kind(data) for d in records for f in view.figures(d, plotted)]
 
 
 def convergence_figure(generations: Sequence[GenerationRecord]) -> Figure:
     """Best and mean objective of the population against the generation (the paper's Fig. 4)."""
-    x = tuple(float(one.generation) for one in generations)
-    best, mean = tuple(one.best for one in generations), tuple(one.mean for one in generations)
+    x = tuple(float(g.generation) for g in generations)
+    best, mean = (
+        tuple(generation.best for generation in generations),
+        tuple(generation.mean for generation in generations),
+    )
     values = [v for v in (*best, *mean) if v is not None]
     spread = bool(values) and min(values) > 0.0 and max(values) > 5.0 * min(values)
     series = (Series("mean of the population", "mean", x, mean), Series("best", "best", x, best))
@@ -52,7 +55,7 @@ class _Point(NamedTuple):
 def error_maps(data: Sequence[Record]) -> list[HeatMap]:
     """Heat maps of each quantity map of a calibration; none for one with fewer than two pressures or four points."""
     kinds = (QuantityData.kind, ReturnData.kind)
-    return [heat for one in data if one["kind"] in kinds for heat in _maps(one)]
+    return [heat for record in data if record["kind"] in kinds for heat in _maps(record)]
 
 
 def _maps(data: Record) -> list[HeatMap]:
@@ -72,16 +75,14 @@ def _maps(data: Record) -> list[HeatMap]:
     large = [point for point in points if point.measured > limit]
     small = [point for point in points if point.measured <= limit]
     what = f"{data['name']} ({data['role']})"
-    found = []
+    maps = []
     if large:
         title = f"Error of {what}, % of the quantity, above {limit * MM3:.3g} mm³"
-        found.append(
-            _heat(large, [100.0 * p.error / p.measured for p in large], title, ("%", 1, LARGEST_PERCENT), data)
-        )
+        maps.append(_heat(large, [100.0 * p.error / p.measured for p in large], title, ("%", 1, LARGEST_PERCENT), data))
     if small:
         title = f"Error of {what}, mm³, quantities up to {limit * MM3:.3g} mm³"
-        found.append(_heat(small, [p.error * MM3 for p in small], title, ("mm³", 2, LARGEST_MM3), data))
-    return found
+        maps.append(_heat(small, [p.error * MM3 for p in small], title, ("mm³", 2, LARGEST_MM3), data))
+    return maps
 
 
 def _heat(
@@ -107,7 +108,7 @@ def _heat(
         names,
         tuple(map(megapascal, rails)),
         tuple(tuple(cells.get(cell) for cell in row) for row in places),
-        tuple(tuple(signed(cells[cell], decimals) if cell in cells else "" for cell in row) for row in places),
+        tuple(tuple(to_signed(cells[cell], decimals) if cell in cells else "" for cell in row) for row in places),
         unit,
         True,
         min(largest, most) or 1.0,

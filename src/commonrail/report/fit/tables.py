@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import MISSING, fixed, quantity, quantity_range, signed, significant
+from commonrail.base.table import Column, Table, table_from_columns
+from commonrail.base.text import MISSING, quantity, quantity_range, significant, to_fixed, to_signed
 from commonrail.calibration.record import CertainParameter, CertaintyRecord, ParameterRecord
 from commonrail.data.records import LABELS, Record, Texts
 from commonrail.report.fit.certainty import interval_digits, interval_text
@@ -59,14 +59,14 @@ def parameter_rows(
     parameters: Sequence[ParameterRecord], certainty: CertaintyRecord | None = None
 ) -> list[ParameterRow]:
     """Rows of the table of parameters, in their order; `certainty` is that of the same result."""
-    known = {p.name: p for p in certainty.parameters} if certainty else {}
+    certain = {p.name: p for p in certainty.parameters} if certainty else {}
     names = short_names([p.name for p in parameters])
-    return [_row(p, known.get(p.name), names[p.name]) for p in parameters]
+    return [_row(p, certain.get(p.name), names[p.name]) for p in parameters]
 
 
 def interval_head(certainty: CertaintyRecord | None) -> str:
     """Head of the column of intervals."""
-    return f"{fixed(certainty.level, 0, 100.0)} % interval" if certainty else "standard error"
+    return f"{to_fixed(certainty.level, 0, 100.0)} % interval" if certainty else "standard error"
 
 
 def parameter_table(parameters: Sequence[ParameterRecord], certainty: CertaintyRecord | None = None) -> Table:
@@ -84,12 +84,12 @@ def parameter_table(parameters: Sequence[ParameterRecord], certainty: CertaintyR
     ]
     if any(r.pull for r in rows):
         columns.append(("from its prior", lambda r: r.pull or MISSING))
-    return tabulated("Parameters", rows, columns)
+    return table_from_columns("Parameters", rows, columns)
 
 
-def _row(p: ParameterRecord, known: CertainParameter | None, short: str) -> ParameterRow:
+def _row(p: ParameterRecord, certain: CertainParameter | None, short: str) -> ParameterRow:
     unit, start, best, prior = p.unit, p.reference, p.best, p.prior
-    ends = (known.lower, known.upper) if known else _about(best, p.standard_error)
+    ends = (certain.lower, certain.upper) if certain else _about(best, p.standard_error)
     return ParameterRow(
         name=p.name,
         short=short,
@@ -97,13 +97,13 @@ def _row(p: ParameterRecord, known: CertainParameter | None, short: str) -> Para
         source=p.source or "no source given",
         verdict=p.verdict or MISSING,
         start=quantity(start, unit),
-        best=quantity(best, unit, max(4, interval_digits(known)) if known else 4),
-        interval=interval_text(known, p, 3) if known else _error(p),
+        best=quantity(best, unit, max(4, interval_digits(certain)) if certain else 4),
+        interval=interval_text(certain, p, 3) if certain else _error(p),
         bounds=quantity_range(p.lower, p.upper, unit, 3),
-        change=signed(100.0 * (best / start - 1.0) if start else None, 1),
+        change=to_signed(100.0 * (best / start - 1.0) if start else None, 1),
         mark=MARKS.get(p.mark, p.mark),
         effect=_effect(p),
-        pull="" if p.pull is None else f"{signed(p.pull, 1)} σ",
+        pull="" if p.pull is None else f"{to_signed(p.pull, 1)} σ",
         best_at=_percent(p, best),
         start_at=_percent(p, start),
         span=_span(p, *ends),
@@ -148,4 +148,4 @@ def tables_of(data: Sequence[Record], texts: Texts = LABELS) -> list[Table]:
 
     Errors and shares are those of the label "best", whatever its text.
     """
-    return [table for view, own in by_kind(data) for table in view.tables(own, texts)]
+    return [table for view, records in by_kind(data) for table in view.tables(records, texts)]
