@@ -115,9 +115,6 @@ def family_tables(record: Record) -> list[Table]:
         ("part", "name"),
         ("flow factor", lambda part_record: to_fixed(part_record["flow_factor"], 4)),
     ]
-        ("part", "name"),
-        ("flow factor", lambda part_record: to_fixed(part_record["flow_factor"], 4)),
-    ]
     text = "Effective area of the nozzle's holes relative to the drawing. It belongs to the part, not to the type."
     return [*tables, table_from_columns("Flow of the parts", flows, flow, text)] if flows else tables
 
