@@ -17,7 +17,6 @@ ALLOWED = {
     ("plugins/family/injector_type.py", "part"),  # a key of the type file
     ("plugins/family/study.py", "part"),  # a key of the family file
     ("plugins/observer/verb.py", "wanted"),  # the option --wanted
-    ("plugins/fleet/page.py", "apart"),
 }
 
 

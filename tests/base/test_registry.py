@@ -10,7 +10,7 @@ import pytest
 from commonrail import plugins
 from commonrail.base import registry
 from commonrail.base.errors import InputError, PluginError
-from commonrail.plugins.doctor.run import installed_plugins
+from commonrail.plugins.doctor.run import find_plugins
 from commonrail.readers.tables import open_sheet
 from tests.cli.conftest import run_command
 from tests.distribution import distribution
@@ -81,7 +81,7 @@ def test_a_part_that_another_one_displaces_is_named(tmp_path: Path) -> None:
         assert registry.find("verbs", "simulate") == registry.find_shipped("verbs")["simulate"]
         first, second = sorted(entry.distribution for entry in registry.find_unused("verbs"))
         assert (first, second) == ("one-one", "one-two")
-        broken = {plugin.distribution: " ".join(plugin.broken) for plugin in installed_plugins()}
+        broken = {plugin.distribution: " ".join(plugin.broken) for plugin in find_plugins()}
         assert '"tpc" of commonrail.readers is not used, because one-one' in broken["one-two"]
         assert '"simulate" of commonrail.verbs is not used, because commonrail' in broken["one-one"]
 

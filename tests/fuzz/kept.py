@@ -11,8 +11,8 @@ from commonrail.base.errors import CommonrailError
 from commonrail.calibration.search import Progress
 from commonrail.calibration.study_file import load_study
 from commonrail.plugins.fleet.file import write_results
-from commonrail.plugins.fleet.journal import Journal, entries_of
-from commonrail.plugins.fleet.member import read_shared, shared_files, write_study
+from commonrail.plugins.fleet.journal import Journal, load_entries
+from commonrail.plugins.fleet.member import hash_shared_files, list_shared_files, write_study
 from commonrail.plugins.fleet.page import write_fleet_report
 from commonrail.plugins.fleet.run import fleet as run_fleet
 from commonrail.plugins.fleet.study import load_fleet
@@ -75,7 +75,7 @@ def _stop(_: Progress) -> None:
 def read_fleet(folder: Path) -> None:
     """All that is done with a fleet before its injectors are calibrated."""
     fleet = load_fleet(folder / "fleet.toml")
-    shared_files(fleet.template)
+    list_shared_files(fleet.template)
     for name in fleet.supply.names[:2]:
         fleet.supply.fingerprints(name)
         load_study(write_study(fleet, name, folder / "member"))
@@ -86,7 +86,7 @@ def read_fleet_journal(folder: Path) -> None:
     fleet = load_fleet(folder / "fleet.toml")
     with Journal(folder / "run") as journal:
         inputs = {name: entry.inputs for name, entry in journal.entries().items()}  # the tables are not beside it
-        entries = entries_of(fleet, inputs, journal, read_shared(fleet.template))
+        entries = load_entries(fleet, inputs, journal, hash_shared_files(fleet.template))
     known = tuple(entries[name] for name in fleet.supply.names if name in entries)
     clock = {"seconds": 1.0, "first": 0.5, "calibrated_now": 0, "workers": 1}
     record = write_results(folder / "run", fleet, known, "finished", clock)

@@ -21,7 +21,7 @@ from commonrail.calibration.study_file import load_study
 from commonrail.data.registry import get_kind
 from commonrail.data.simulator import Simulator
 from commonrail.physics.injector import Injector
-from commonrail.plugins.doctor.run import installed_plugins
+from commonrail.plugins.doctor.run import find_plugins
 from commonrail.report.page import write_report
 from commonrail.runs.fit import calibrate_into, resume
 from commonrail.runs.listing import list_runs
@@ -210,7 +210,7 @@ def test_its_verb_writes_its_kind_of_result(tmp_path: Path) -> None:
 
 
 def test_doctor_lists_its_parts_and_how_to_cite_it() -> None:
-    (found,) = [plugin for plugin in installed_plugins() if plugin.distribution == "commonrail-example"]
+    (found,) = [plugin for plugin in find_plugins() if plugin.distribution == "commonrail-example"]
     assert (found.version, found.broken) == ("1.0", [])
     assert "optimisers random search" in found.parts
     assert found.citation.startswith("The commonrail authors")

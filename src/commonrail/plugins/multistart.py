@@ -1,4 +1,4 @@
-"""Multi-start least squares: descents from scattered starts that agree, or do not, on where the minimum is."""
+"""Multi-start least squares: several descents from scattered starts; their agreement decides on convergence."""
 
 from __future__ import annotations
 
@@ -35,25 +35,24 @@ from commonrail.calibration.optimisers.base import (
 from commonrail.calibration.optimisers.least_squares import DescentLoss, Descents, LossSum, Rules, advance, recognised
 from commonrail.calibration.space import Space, sample_priors
 
-POOL = 10  # candidates, for each start, whose better half starts are chosen from
+POOL = 10  # best candidates for each start, among which distant ones are chosen
 
 
 @dataclass(frozen=True)
 class MultiStartSettings:
     """Settings of `MultiStartLeastSquares`.
 
-    Raises `ConfigurationError` if a number lies outside its range, or is not whole where it counts something.
+    Raises `ConfigurationError` if a number lies outside its range, or a count is not an integer.
     """
 
     size: ClassVar[str] = (
         "{starts} starts of {members} draws, {generations} iterations at most"  # in words, of a report
     )
 
-    # candidates that are drawn and simulated once; descents start from the good ones among them that lie apart
+    # candidates drawn and simulated once; descents start from good ones far from each other
     members: int = count(128, MOST_MEMBERS, 1)
     generations: int = count(60, MOST_GENERATIONS)  # iterations of the descents, at most
-    # descents side by side, or fewer where not so many draws can be simulated. As many again begin where these have
-    # ended and do not agree
+    # parallel descents, fewer if not enough draws can be simulated. As many again follow if these end without agreement
     starts: int = count(8, MOST_STARTS, 1)
     difference: float = 1e-4  # forward difference of the derivatives as a share of each range
 
@@ -65,12 +64,12 @@ class MultiStartSettings:
 
 
 class MultiStartLeastSquares(Optimiser):
-    """Least squares with geodesic acceleration from several starts, finished when enough of them agree.
+    """Least squares with geodesic acceleration from several starts; it ends when enough of them agree.
 
-    The first step simulates draws from priors and bounds. The others are iterations of all descents side by side. When
-    all have ended, the search has converged if `AGREEING` of them end within `ALIKE` of the best 2 ln L and a full step
-    from the best is predicted to gain less than `SMALL_GAIN`. If not, as many descents begin again from other draws,
-    once. The likelihood is that of the objective's own noise, see `noise_of`.
+    The first step simulates draws from priors and bounds. Each further step is an iteration of all descents. When all
+    have ended, the search has converged if `AGREEING` of them are within `ALIKE` of the best 2 ln L and a full step
+    from the best is predicted to gain less than `SMALL_GAIN`. Otherwise as many descents start once more from other
+    draws. The likelihood uses the noise of the objective, see `noise_of`.
 
     `rng`: source of every draw.
     """
@@ -80,18 +79,19 @@ class MultiStartLeastSquares(Optimiser):
     def __init__(self, space: Space, rng: np.random.Generator, settings: MultiStartSettings | None = None) -> None:
         super().__init__(space, rng, settings or MultiStartSettings())
         d = space.dimension
-        self._reserve = np.empty((0, d))  # starts, unit coordinates, that have not started
+        self._reserve = np.empty((0, d))  # unused starts in unit coordinates
         self._ends = Descents.begin(np.empty((0, d)), np.empty((0, 0)))
-        self._loss, self._waves, self._stopped = DescentLoss.SQUARES, 0, False
+        self._loss = DescentLoss.SQUARES
+        self._waves, self._stopped = 0, False
 
     @property
     def total(self) -> int:
-        """Steps wanted; those done if the search has stopped by itself."""
+        """Planned steps, or the steps done if the search has converged or given up."""
         return self.steps if self._stopped else super().total
 
     @property
     def reason(self) -> str:
-        """Verdict, and how the search has ended; empty before that."""
+        """Verdict and reason for the end of the search; empty before the end."""
         if not self.finished:
             return ""
         verdict = self.verdict
@@ -120,13 +120,13 @@ class MultiStartLeastSquares(Optimiser):
         rest = "" if not figures["running"] else f", {figures['running']} were still falling"
         sentence = (
             f"{agreeing} of {len(excess)} starts end within {ALIKE} of the best 2 ln L{rest}, and a further step is "
-            f"predicted to gain {gain:.2g} of it; {AGREEING} starts and less than {SMALL_GAIN} are asked for"
+            f"predicted to gain {gain:.2g}; convergence needs {AGREEING} starts and a gain below {SMALL_GAIN}"
         )
         return Convergence.of(converged, sentence, figures)
 
     @property
     def ends(self) -> tuple[Best, ...]:
-        """Points of the descents, of both waves if there were two."""
+        """End points of the descents of all waves."""
         return ranked(self.best, self.population, self.costs)
 
     def _noise(self, cost: float) -> float:
@@ -134,13 +134,13 @@ class MultiStartLeastSquares(Optimiser):
         return noise_of(cost, self._ends.residuals.shape[1], self.space.dimension, self._loss.units)
 
     def _losses(self) -> tuple[LossSum, float]:
-        """Losses, smoothed by the best descent's residuals, and the change of their sum that changes 2 ln L by 1."""
+        """Losses, smoothed at the best descent's residuals, and the change of their sum that changes 2 ln L by 1."""
         best = self._ends.residuals[int(np.argmin(self.costs))]
         losses = LossSum.near(self._loss, best)
         return losses, self._noise(float(losses.costs(best)))
 
     def _step(self) -> Work:
-        """Draws at first, of which good ones that lie apart start descents; then iterations of these."""
+        """First draw candidates and start descents from good, distant ones; then iterate these descents."""
         if self.steps:
             losses, noise = self._losses()
             rules = Rules(self.settings.difference, SMALL_GAIN * noise)
@@ -178,8 +178,9 @@ class MultiStartLeastSquares(Optimiser):
             self._take(self._ends.joined(new), np.concatenate([self.costs, costs]))
 
     def _take(self, ends: Descents, costs: Floats) -> None:
-        """Take descents and the costs (n,) of their points."""
-        self._ends, self.costs, self.population = ends, costs, self.space.from_unit(ends.unit)
+        """Store the descents and the costs (n,) of their points."""
+        self._ends, self.costs = ends, costs
+        self.population = self.space.from_unit(ends.unit)
 
     def _kept(self) -> dict[str, Any]:
         return {
@@ -196,11 +197,11 @@ class MultiStartLeastSquares(Optimiser):
         reserve, costs = (np.array(state[name], dtype=float) for name in ("reserve", "costs"))
         ends = Descents.recorded(state, d)
         if len(costs) != len(ends.unit) or reserve.shape[1:] != (d,):
-            raise ConfigurationError("state: its descents are not whole; take a whole state")
+            raise ConfigurationError("state: its descents are incomplete; give a complete state")
         if not inside(reserve) or np.isnan(costs).any():
-            raise ConfigurationError("state: its descents lie outside the bounds or have costs that are no numbers")
-        self._reserve, self._loss, self._waves = reserve, DescentLoss(state["loss"]), int(state["waves"])
-        self._stopped = bool(state["stopped"])
+            raise ConfigurationError("state: a descent is outside the bounds, or its cost is not a number")
+        self._reserve, self._loss = reserve, DescentLoss(state["loss"])
+        self._waves, self._stopped = int(state["waves"]), bool(state["stopped"])
         self._take(ends, costs)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from commonrail.calibration.study_file import load_study
-from commonrail.plugins.cite.run import read_bibtex, references_of, uses_of
+from commonrail.plugins.cite.run import list_references, list_uses, read_bibtex
 from commonrail.readers.injector import load_injector
 from commonrail.runs.fit import calibrate_into
 from tests.cli.conftest import Command, small_study
@@ -34,7 +34,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_run_names_its_model_data_priors_and_optimiser(run: Path) -> None:
-    uses = {use.kind: use.source for use in uses_of(str(run))}
+    uses = {use.kind: use.source for use in list_uses(str(run))}
     assert uses["model"] == "Lino et al. 2016"
     assert uses["optimiser"].startswith("Storn & Price 1997")
     assert uses["data (fit)"].startswith("Rate tube")
@@ -97,7 +97,7 @@ def test_all_sources_of_an_injector_are_told(command: Command) -> None:
 
 
 def test_works_are_cited_that_a_source_names_and_no_others() -> None:
-    keys = [one.key for one in references_of(uses_of("cri2-16"))]
+    keys = [one.key for one in list_references(list_uses("cri2-16"))]
     assert keys[:2] == ["commonrail", "lino2016"]
     assert not {"storn1997", "lemmon2004", "foremanmackey2013"} & set(keys)
 
@@ -126,8 +126,8 @@ def test_a_package_is_cited_as_it_asks_for(asked: str, key: str, tmp_path: Path)
 
     file.write_text(CATALOGUE.text("cri2-16"), encoding="utf-8")
     with distribution(tmp_path, {"makers_parts": module}, parts, "makers"):
-        assert key in [one.key for one in references_of(uses_of("cri2-16-own"))]
-    assert key not in [one.key for one in references_of(uses_of("cri2-16"))]
+        assert key in [one.key for one in list_references(list_uses("cri2-16-own"))]
+    assert key not in [one.key for one in list_references(list_uses("cri2-16"))]
 
 
 def test_what_is_no_model_is_refused(tmp_path: Path, command: Command) -> None:
@@ -143,5 +143,5 @@ def test_the_citation_file_names_the_same_tool_and_paper() -> None:
     assert stated["version"] == project["version"]
     assert stated["abstract"] == project["description"]
     assert stated["license"] == project["license"]
-    paper = next(one for one in references_of(uses_of("cri2-16")) if one.key == "lino2016")
+    paper = next(one for one in list_references(list_uses("cri2-16")) if one.key == "lino2016")
     assert all(f": {paper.fields[name]}\n" in text for name in ("title", "journal", "doi", "year"))

@@ -141,5 +141,5 @@ def driven(drive: Drive) -> Injector:
 
 
 def test_a_drive_by_a_trace_needs_the_trace() -> None:
-    with pytest.raises(ConfigurationError, match=r'a: the injector is driven by a current trace.*"160 MPa" has none'):
+    with pytest.raises(ConfigurationError, match=r'^a: .*current trace.*"160 MPa"'):
         compare({"a": driven(Drive.CURRENT)}, paper())

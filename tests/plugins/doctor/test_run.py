@@ -51,7 +51,7 @@ def test_a_second_process_loads_what_the_first_has_compiled() -> None:
 def test_a_cache_that_cannot_be_written_is_told() -> None:
     (fact,) = cache_facts(lambda: None)
     assert fact.value == "none"
-    assert "every run compiles anew" in fact.verdict
+    assert "XDG_CACHE_HOME" in fact.verdict
     assert not fact.essential  # slow, and usable
 
 
@@ -64,7 +64,7 @@ def test_the_cache_falls_back_where_its_usual_place_is_a_file(tmp_path: Path, mo
         first = next(iter(cache_facts()))
     finally:
         fresh_cache()
-    assert f"{tmp_path / 'commonrail'} cannot be used" in first.verdict
+    assert str(tmp_path / "commonrail") in first.verdict
 
 
 def test_kernels_are_counted(tmp_path: Path) -> None:
@@ -75,26 +75,27 @@ def test_kernels_are_counted(tmp_path: Path) -> None:
     (folder / "a.lock").write_bytes(b"")
     facts = {fact.name: fact for fact in cache_facts(lambda: folder)}
     assert facts["kernels in it"].value == "1, 1.5 MB"
-    assert facts["kernels in it"].verdict.startswith("1 of them differ from what was written")
+    assert facts["kernels in it"].verdict.startswith("1 ")
     assert facts["other caches"].value == "1 folders"
 
 
 def test_a_kernel_from_the_cache_is_well() -> None:
     facts = facts_of(SOUND)
     assert [fact.verdict for fact in facts] == [OK, OK, OK]
-    assert facts[0].value.startswith("from the kernel cache, for x86-64-v4; no library: ")
+    assert "x86-64-v4" in facts[0].value
     assert usable(facts)
 
 
 def test_a_kernel_from_a_library_is_well() -> None:
     facts = facts_of(SOUND | {"origin": "library"})
-    assert facts[0].value == "from a library of this package, for x86-64-v4"
+    assert "x86-64-v4" in facts[0].value
+    assert facts[0].value != facts_of(SOUND)[0].value
     assert [fact.verdict for fact in facts] == [OK, OK, OK]
 
 
 def test_a_kernel_that_is_never_kept_is_told() -> None:
     compiled = SOUND | {"origin": "compiled"}
-    assert "not kept" in facts_of(compiled, compiled)[1].verdict
+    assert facts_of(compiled, compiled)[1].verdict != OK
     assert facts_of(compiled, SOUND)[1].verdict == OK
 
 
@@ -122,8 +123,8 @@ def test_without_the_compiler_the_machine_is_looked_at_all_the_same(monkeypatch:
     monkeypatch.setitem(sys.modules, "llvmlite", None)
     monkeypatch.setattr(run, "version", lambda package: "" if package == "llvmlite" else "1.0")
     facts = {fact.name: fact for fact in run.machine_facts()}
-    assert facts["llvmlite"].verdict.endswith("Install it: pip install 'commonrail[jit]'.")
-    assert facts["instruction sets"] == Fact("instruction sets", "none known")
+    assert "pip install 'commonrail[jit]'" in facts["llvmlite"].verdict
+    assert facts["instruction sets"].verdict == OK
 
 
 @pytest.mark.parametrize("package", ["scipy", "numba", "llvmlite", "numpy"])
@@ -133,6 +134,7 @@ def test_a_package_is_essential_unless_libraries_do_without(monkeypatch: pytest.
         next(fact for fact in run.package_facts(found) if fact.verdict != OK) for found in (False, True)
     )
     wanted = "'commonrail[jit]'" if package in ("numba", "llvmlite") else package
-    assert lacking == Fact(package, "not installed", f"Install it: pip install {wanted}.", True)
+    assert (lacking.name, lacking.essential) == (package, True)
+    assert f"pip install {wanted}" in lacking.verdict
     assert with_libraries.essential == (package == "numpy")
-    assert with_libraries.verdict.startswith("Simulations by a library do without") == (package != "numpy")
+    assert (with_libraries.verdict != lacking.verdict) == (package != "numpy")

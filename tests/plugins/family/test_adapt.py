@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.plugins.family.drawn import FLOW, shut_points
+from commonrail.plugins.family.drawn import FLOW, describe_shut_points
 from tests.cli.conftest import Command
 from tests.plugins.family.samples import INJECTOR, MASS, PRELOAD, injected, small_type
 
@@ -51,9 +51,10 @@ def test_a_quantity_that_was_not_given_is_nearer_than_by_the_flow_alone() -> Non
 def test_what_an_adapted_model_misses_is_announced() -> None:
     """A flow that the stated spread hardly allows."""
     data = injected(with_flow(0.8), *FOUR)
-    with pytest.warns(RuntimeWarning, match="misses"):
+    with pytest.warns(RuntimeWarning) as warned:
         missing = cr.parts.adapt(small_type(1e-3), data, flow_spread="0.5 %")
-    assert len(missing.limits) == 1
+    (limit,) = missing.limits
+    assert any(limit in str(warning.message) for warning in warned)
     assert not cr.parts.adapt(small_type(), injected(with_flow(1.02), *FOUR)).limits
 
 
@@ -61,12 +62,15 @@ def test_a_point_where_an_adapted_model_injects_nothing_is_announced() -> None:
     """Of 0.8 mm³, which a model may miss by 1 mm³ and more than half: 0 mm³ would be delivered in silence."""
     points = injected(INJECTOR, (80.0, 60.0), (80.0, 1000.0), (160.0, 1000.0))
     points = replace(points, quantity=np.array([0.8e-9, *points.quantity[1:]]))
-    with pytest.warns(RuntimeWarning, match="injects nothing"):
+    with pytest.warns(RuntimeWarning) as warned:
         adapted = cr.parts.adapt(small_type(), points)
     assert adapted.after[0] == 0.0
-    assert any("80 MPa and 60 µs" in sentence and "nothing" in sentence for sentence in adapted.limits)
+    missed, shut = adapted.limits
+    assert "80 MPa and 60 µs" in shut
+    assert any(shut in str(warning.message) for warning in warned)
+    assert "80 MPa and 60 µs" in missed
     stiff = adapted.injector.with_values({PRELOAD: 20.0 * adapted.injector.values[PRELOAD]})
-    reasons = [shut_points(adapted.calibration, part, points.points) for part in (adapted.injector, stiff)]
+    reasons = [describe_shut_points(adapted.calibration, part, points.points) for part in (adapted.injector, stiff)]
     assert ["coil" in sentence for (sentence,) in reasons] == [False, True]
 
 
@@ -103,22 +107,20 @@ def test_what_is_synthetic_of_injector_and_type_is_stated_once() -> None:
 
 def test_quantities_that_no_nozzle_injects_are_refused() -> None:
     far = injected(INJECTOR, (120.0, 700.0))
-    with pytest.raises(cr.errors.InputError, match="flow factor at the end of"):
+    with pytest.raises(cr.errors.InputError, match=r"0\.6 to 1\.6"):
         cr.parts.adapt(small_type(), replace(far, quantity=3.0 * far.quantity))
 
 
 def test_a_reference_at_which_the_type_stays_shut_is_refused() -> None:
     points = injected(INJECTOR, (80.0, 400.0))
     shut = replace(points, points=(replace(points.points[0], energisings=60e-6),))
-    with pytest.raises(
-        cr.errors.InputError, match=r"measured at 80 MPa and 60 µs, and the adapted type injects 0\.000 mm³"
-    ):
+    with pytest.raises(cr.errors.InputError, match=r"80 MPa and 60 µs.* 0\.000 mm³"):
         cr.parts.adapt(small_type(), shut)
 
 
 def test_a_type_without_an_injector_needs_the_parts(tmp_path: Path) -> None:
     unknown = replace(small_type(), injector=None)
-    with pytest.raises(cr.errors.InputError, match="names no injector; give the part's own"):
+    with pytest.raises(cr.errors.InputError, match="--injector MODEL"):
         cr.parts.adapt(unknown, injected(INJECTOR, (120.0, 700.0)))
 
 
@@ -145,7 +147,7 @@ def test_the_stated_spread_of_the_flow_decides_whether_a_flow_is_doubted() -> No
     assert wide.doubts.sentences == ()
     assert abs(wide.flow_factor - 0.92) < abs(strict.flow_factor - 0.92)
     assert wide.doubts.freedom == len(FOUR)
-    with pytest.raises(cr.errors.ConfigurationError, match="flow_spread must lie between 0 and 100 %"):
+    with pytest.raises(cr.errors.ConfigurationError, match="flow_spread"):
         cr.parts.adapt(small_type(), data, flow_spread=3.0)
 
 
@@ -176,11 +178,9 @@ def test_a_valve_that_sticks_at_half_lift_is_named_where_the_part_stays_shut() -
     known = replace(small_type(), fixed=(cr.parts.FixedValue("valve.lift", lift, "E", "estimate"),))
     points = injected(INJECTOR.with_values({"valve.lift": 0.5 * lift}), (80.0, 700.0), (160.0, 400.0), (160.0, 1000.0))
     assert points.quantity[1] == 0.0
-    with pytest.raises(
-        cr.errors.InputError, match=r"nothing is measured at 160 MPa and 400 µs.*valve\.lift .* \(−50 %\)"
-    ):
+    with pytest.raises(cr.errors.InputError, match=r"160 MPa and 400 µs.*valve\.lift .* \(−50 %\)"):
         cr.parts.adapt(known, points)
-    with pytest.raises(cr.errors.InputError, match="nothing is measured at 80 MPa") as refused:
+    with pytest.raises(cr.errors.InputError, match="80 MPa and 700 µs") as refused:
         cr.parts.adapt(known, replace(points, quantity=np.zeros(3)))
     assert "valve.lift" not in str(refused.value)  # whatever keeps a part shut explains it alike
 
@@ -197,4 +197,4 @@ def test_one_quantity_beyond_the_band_is_doubted() -> None:
 def test_a_share_at_an_end_is_refused_by_its_option(option: str, value: str, command: Command) -> None:
     done = command("adapt", "type.toml", option, value)
     assert done.status == 2
-    assert done.sentence.startswith(f"The {option} must lie between 0 and 100 %, both excluded")
+    assert option in done.sentence

@@ -97,18 +97,18 @@ def test_the_flow_has_the_spread_of_the_area(family_file: Edit) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('name = "two"', 'name = "one"', 'part[2].name: there are two parts "one"'),
-        ('name = "two"', 'name = "../two"', 'part[2].name: "../two" is no name of a file'),
-        ('"nozzle.discharge_*"', '"nozle.*"', 'per_part[1]: no part has the free parameter "nozle.*"'),
+        ('name = "two"', 'name = "one"', "part[2].name: "),
+        ('name = "two"', 'name = "../two"', "part[2].name: "),
+        ('"nozzle.discharge_*"', '"nozle.*"', "per_part[1]: "),
         ('spread = "2 um"', 'spread = "2 N"', "around[1].spread: "),
-        ('spread = "2 um"', 'spread = "0 um"', "the spread must be greater than zero"),
-        ('name = "control_chamber.z_hole_diameter"', 'name = "nozzle.discharge_maximum"', "a second time"),
-        ("[[around]]", f'[[prior]]\nname = "{FLOW}"\nspread = "1 um"\n[[around]]', f"{FLOW} is given a second time"),
-        ('study = "b/study.toml"', 'study = "../study.toml"', "lies outside the folder of family.toml"),
-        ("[[around]]", '[[prior]]\nname = "nozle.*"\nspread = 1\n\n[[around]]', "prior[1].name: no part has the free"),
+        ('spread = "2 um"', 'spread = "0 um"', "around[1].spread: "),
+        ('name = "control_chamber.z_hole_diameter"', 'name = "nozzle.discharge_maximum"', "around[1].name: "),
+        ("[[around]]", f'[[prior]]\nname = "{FLOW}"\nspread = "1 um"\n[[around]]', "prior[1].name: "),
+        ('study = "b/study.toml"', 'study = "../study.toml"', "part[2].study: "),
+        ("[[around]]", '[[prior]]\nname = "nozle.*"\nspread = 1\n\n[[around]]', "prior[1].name: "),
         ("[[around]]", f'[[prior]]\nname = "{A}"\nspread = "1 N"\n\n[[around]]', "prior[1].spread: "),
-        ("commonrail-family/1", "commonrail-study/1", "this is a study file"),
-        (', { name = "two", study = "b/study.toml" }', "", "at least 2"),
+        ("commonrail-family/1", "commonrail-study/1", "commonrail-study/1"),
+        (', { name = "two", study = "b/study.toml" }', "", "part: "),
     ],
 )
 def test_a_bad_family_is_refused_with_its_place(family_file: Edit, old: str, new: str, words: str) -> None:

@@ -27,11 +27,11 @@ def test_a_run_becomes_a_type_a_study_and_a_model(command: Command, study: Path,
     shutil.copytree(run, tmp_path / "copy")
     for again in (run, tmp_path / "copy"):
         done = command("type", run, again, "--out", file)
-        assert (done.status, done.sentence) == (2, f"{again}: this is the same run as {run}; name each part once.")
+        assert (done.status, done.sentence.startswith(f"{again}: "), str(run) in done.sentence) == (2, True, True)
     done = command("type", run, "--out", file, "--part-spread", "3%", "--full")
     assert done.status == 0
     assert "SYNTHETIC" in done.out
-    assert "90 % of parts" in done.out
+    assert done.out.count(" mm³") >= 8  # median and range at four points
     known = cr.parts.load_type(file)
     calibrated = cr.load_injector(run / "calibrated.toml")
     assert {p.name: p.value for p in known.parameters} == {p.name: calibrated.values[p.name] for p in known.parameters}
@@ -55,18 +55,18 @@ def test_a_run_becomes_a_type_a_study_and_a_model(command: Command, study: Path,
     adapted = command("adapt", file, "--from", points, *own, "--out", model, "--json")
     solution = cr.simulate(cr.load_injector(model), cr.OperatingPoint(160e6, 700e-6))
     assert solution.injected_volume == pytest.approx(60e-9, rel=1e-9)
-    assert "flow factor" in model.read_text(encoding="utf-8").splitlines()[0]
+    assert f"{adapted.record['flow_factor']:.5g}" in model.read_text(encoding="utf-8").splitlines()[0]
     table = command("adapt", file, "--from", points, *own, "--out", model)
     assert "60.000 mm³" in table.out
     points.write_text(f"{HEAD}160,700,30\n", encoding="utf-8")  # half of it: no part of the type
     strict = command("adapt", file, "--from", points, *own, "--out", model, "--strict")
     assert strict.status == 2
-    assert model.is_file() or "flow factor at the end of" in strict.sentence
+    assert "0.6 to 1.6" in strict.sentence or str(model) in strict.sentence
     for read in (points, file, study.parent / "injector.toml"):
         before = read.read_bytes()
         done = command("adapt", file, "--from", points, *own, "--out", read)
         assert (done.status, done.sentence[:6]) == (2, "--out:")
-        assert "is read by this command" in done.sentence
+
         assert read.read_bytes() == before
 
 
@@ -75,13 +75,13 @@ def test_a_run_becomes_a_type_a_study_and_a_model(command: Command, study: Path,
     [
         (
             ("type", "nothing", "--out", "t.toml"),
-            "nothing: there is no such folder, and a run folder of",
+            "nothing: ",
         ),
-        (("type", "nothing", "--out", "nowhere/t.toml"), "--out: there is no folder nowhere"),
+        (("type", "nothing", "--out", "nowhere/t.toml"), "--out: "),
         (("type", "nothing", "--out", "t.toml", "--part-spread", "3mm"), "--part-spread: "),
-        (("type", "nothing", "--out", "t.toml", "--run", "r"), "only for a family file"),
-        (("type", "nothing", "--out", "t.toml", "--seed", "0"), "only for a family file"),
-        (("adapt", "nothing.toml", "--from", "points.csv", "--out", "m.toml"), "nothing.toml: there is no such file"),
+        (("type", "nothing", "--out", "t.toml", "--run", "r"), "--run"),
+        (("type", "nothing", "--out", "t.toml", "--seed", "0"), "--seed"),
+        (("adapt", "nothing.toml", "--from", "points.csv", "--out", "m.toml"), "nothing.toml: "),
     ],
 )
 def test_bad_input_ends_with_2_and_one_sentence(
@@ -109,9 +109,9 @@ def test_reference_points_are_ranked_before_anything_is_measured(command: Comman
     assert f"{record['points'][record['order'][0]]['expected_rms'] * 1e9:.2f} mm³" in next(
         line for line in shown.splitlines() if " µs " in line
     )
-    assert "nothing measured on the part was used" in shown
+    assert f"{record['without_reference'] * 1e9:.2f} mm³" in shown
     done = command("adapt", file, "--from", points)
-    assert (done.status, done.sentence.startswith("--out MODEL.toml is missing")) == (2, True)
+    assert (done.status, done.sentence.startswith("--out ")) == (2, True)
 
 
 def test_the_command_that_follows_advice_runs_as_it_is_printed(
@@ -178,8 +178,8 @@ def test_a_family_file_fits_its_parts_together(command: Command, tmp_path: Path)
     assert (run / "type.toml").read_bytes() == (tmp_path / "type.toml").read_bytes()
     # the parts have the same data, so they have the same flow
     assert record["fits"]["a"]["best"] == pytest.approx(record["fits"]["b"]["best"], rel=0.02)
-    page = (run / "report.html").read_text(encoding="utf-8")
-    assert "spread of the next part" in page
+    page = (run / "report.html").read_text(encoding="utf-8").replace("<wbr>", "")
+    assert all(parameter.name in page for parameter in known.parameters)
     for part in ("a", "b"):
         assert f"{part}: {record['fits'][part]['data'][0]['name']}" in page
     (listed,) = command("runs", run.parent, "--json").record["runs"]
@@ -187,7 +187,7 @@ def test_a_family_file_fits_its_parts_together(command: Command, tmp_path: Path)
     for option in ("--models", "--run"):
         used = models if option == "--models" else run
         refused = command("type", file, "--out", tmp_path / "type.toml", option, used)
-        assert (refused.status, "nothing was overwritten" in refused.sentence) == (2, True)
+        assert (refused.status, str(used) in refused.sentence) == (2, True)
 
 
 def test_a_joint_fit_that_was_killed_is_resumed_to_the_same_bits(command: Command, tmp_path: Path) -> None:
@@ -224,9 +224,10 @@ def test_a_family_that_was_changed_is_not_resumed(command: Command, tmp_path: Pa
     study.write_text(study.read_text(encoding="utf-8").replace("seed = 1", "seed = 2"), encoding="utf-8")
     done = command("resume", run)
     assert done.status == 2
-    assert f"{study} has been changed since the run" in done.sentence
+    assert str(study) in done.sentence
     (run / "a" / "study.toml").unlink()
-    assert "is missing" in command("resume", run, "--as-begun").sentence
+    lost = command("resume", run, "--as-begun")
+    assert (lost.status, "study.toml" in lost.sentence) == (2, True)
 
 
 def test_a_joint_fit_is_extended_to_that_of_a_longer_family(command: Command, tmp_path: Path) -> None:
@@ -244,6 +245,6 @@ def test_a_family_that_was_made_in_python_is_asked_for_again(tmp_path: Path) -> 
     changed = replace(family, title="Two parts, renamed")  # which no option does
     with pytest.raises(Stopped):
         fit_type(run, changed, threads=1, listener=stop_after(1))
-    with pytest.raises(cr.errors.StudyError, match=r"the family of this run was made in Python.*family=family"):
+    with pytest.raises(cr.errors.StudyError, match="family=family"):
         resume_family(run)
     assert resume_family(run, family=changed, threads=1).status == "finished"

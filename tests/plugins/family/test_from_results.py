@@ -30,7 +30,7 @@ def test_one_part_has_the_spread_of_its_prior(tmp_path: Path) -> None:
     prior = {"value": 60.0, "sigma": 5.0, "source": "drawing"}
     found = cr.parts.type_from_runs([run_folder(tmp_path / "a", 65.0, 2.0, prior=prior)], "t").by_name[PRELOAD]
     assert (found.value, found.spread, found.lower, found.upper, found.mark) == (65.0, 5.0, 40.0, 100.0, "F")
-    assert found.source == "fitted to a; spread: that of the study's prior"
+    assert "prior" in found.source
 
 
 def test_one_part_without_a_prior_has_the_bounds_or_an_assumption(tmp_path: Path) -> None:
@@ -38,7 +38,7 @@ def test_one_part_without_a_prior_has_the_bounds_or_an_assumption(tmp_path: Path
     assert cr.parts.type_from_runs([folder], "t").by_name[PRELOAD].spread == pytest.approx(60.0 / math.sqrt(12.0))
     assumed = cr.parts.type_from_runs([folder], "t", part_spread=0.02).by_name[PRELOAD]
     assert assumed.spread == pytest.approx(math.hypot(2.0, 1.3))
-    assert "2 % between parts [E, assumed]" in assumed.source
+    assert "2 %" in assumed.source
 
 
 def test_a_length_spreads_by_no_more_than_its_machining_tolerance(tmp_path: Path) -> None:
@@ -61,11 +61,12 @@ def test_several_parts_have_their_own_spread(tmp_path: Path) -> None:
 
 
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(cr.errors.InputError, match=r"result\.json: there is no such file"):
+    with pytest.raises(cr.errors.InputError, match=r"result\.json: "):
         cr.parts.type_from_runs([tmp_path], "t")
     other = run_folder(tmp_path / "b", 60.0, 1.0, name=MASS)
-    with pytest.raises(cr.errors.InputError, match="no parameter is free in all runs"):
+    with pytest.raises(cr.errors.InputError, match="free") as refused:
         cr.parts.type_from_runs([run_folder(tmp_path / "a", 60.0, 1.0), other], "t")
+    assert str(refused.value).startswith(f"{tmp_path / 'a'}: ")
 
 
 def fleet_folder(path: Path, *preloads: float) -> Path:
@@ -92,7 +93,7 @@ def test_a_fleet_has_the_spread_over_its_members_beyond_their_errors(tmp_path: P
 
 
 def test_a_fleet_needs_two_finished_injectors_and_its_own_table(tmp_path: Path) -> None:
-    with pytest.raises(cr.errors.InputError, match="1 injectors are finished"):
+    with pytest.raises(cr.errors.InputError, match=r"results\.csv: 1 "):
         cr.parts.type_from_fleet(fleet_folder(tmp_path / "f", 60.0), "t")
     folder = fleet_folder(tmp_path / "g", 60.0, 61.0)
     (folder / "results.csv").write_text((folder / "results.csv").read_text().replace("61.0", "62.0"))
@@ -102,4 +103,4 @@ def test_a_fleet_needs_two_finished_injectors_and_its_own_table(tmp_path: Path) 
 
 def test_a_type_of_a_fleet_fits_an_injector(tmp_path: Path) -> None:
     found = cr.parts.type_from_fleet(fleet_folder(tmp_path / "f", 60.0, 64.0, 68.0), "t")
-    assert found.applied(INJECTOR).values[PRELOAD] == found.by_name[PRELOAD].value
+    assert found.apply_to(INJECTOR).values[PRELOAD] == found.by_name[PRELOAD].value

@@ -48,13 +48,13 @@ def test_a_type_says_what_it_was_learnt_from() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("commonrail-type/1", "commonrail-study/1", "this is a study file"),
-        ('name = "valve.mass"', 'name = "valve.mas"', 'no parameter "valve.mas"'),
-        ('mark = "F"', 'mark = "X"', '"X" is no mark'),
+        ("commonrail-type/1", "commonrail-study/1", "commonrail-study/1"),
+        ('name = "valve.mass"', 'name = "valve.mas"', "parameter[2].name: "),
+        ('mark = "F"', 'mark = "X"', "parameter[1].mark: "),
         ('name = "valve.mass"', 'name = "valve.spring_preload"', "value: "),
-        ("spread = ", "sprea = ", 'no key "sprea"'),
-        ("virtual-lino-2016", "virtual-lino", 'no injector "virtual-lino"'),
-        ("virtual-lino-2016", "../mine.toml", "lies outside"),
+        ("spread = ", "sprea = ", '"sprea"'),
+        ("virtual-lino-2016", "virtual-lino", "injector: "),
+        ("virtual-lino-2016", "../mine.toml", "injector: "),
     ],
 )
 def test_a_bad_type_is_refused_with_its_place(type_file: Path, old: str, new: str, words: str) -> None:
@@ -70,11 +70,11 @@ def test_a_bad_type_is_refused_with_its_place(type_file: Path, old: str, new: st
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"spread": 0.0}, "spread greater than zero"),
-        ({"spread": math.inf}, "finite"),
-        ({"between": -1e-9}, "between zero and the spread"),
-        ({"between": 1e3}, "between zero and the spread"),
-        ({"value": 1.0}, "must lie within its bounds"),
+        ({"spread": 0.0}, "valve.mass: .*spread"),
+        ({"spread": math.inf}, "spread of valve.mass"),
+        ({"between": -1e-9}, "valve.mass: .*between"),
+        ({"between": 1e3}, "valve.mass: .*between"),
+        ({"value": 1.0}, "valve.mass: .*bounds"),
         ({"name": "valve.mas"}, "valve.mas"),
     ],
 )
@@ -85,7 +85,7 @@ def test_a_parameter_of_a_type_makes_sense(changes: dict[str, object], words: st
 
 def test_a_parameter_is_given_once() -> None:
     one = small_type().parameters[0]
-    with pytest.raises(cr.errors.ConfigurationError, match="a second time"):
+    with pytest.raises(cr.errors.ConfigurationError, match=PRELOAD):
         replace(small_type(), parameters=(one, one))
 
 
@@ -128,7 +128,7 @@ def test_a_study_without_free_parameters_frees_those_of_its_type(study_file: Edi
     path.write_text(f"{head}[optimiser]{rest.rpartition('[optimiser]')[2]}", encoding="utf-8")
     assert cr.load_study(path).space.names == (PRELOAD, MASS)
     path.write_text(path.read_text(encoding="utf-8").replace(WITH_TYPE[1], SEED), encoding="utf-8")
-    with pytest.raises(cr.errors.InputError, match=r"parameter: this key is missing; add \[\[parameter\]\] tables"):
+    with pytest.raises(cr.errors.InputError, match=r"study\.toml, parameter: "):
         cr.load_study(path)
 
 
@@ -154,5 +154,5 @@ def test_a_type_from_elsewhere_is_copied_and_the_copy_is_named(study_file: Edit,
 
 def test_a_type_outside_the_studys_folder_is_refused(study_file: Edit, type_file: Path) -> None:
     path = study_file((SEED, f'{SEED}\ntype = "../lino.toml"'))
-    with pytest.raises(cr.errors.InputError, match=r'type: "\.\./lino\.toml" lies outside'):
+    with pytest.raises(cr.errors.InputError, match=r'type: "\.\./lino\.toml"'):
         cr.load_study(path)

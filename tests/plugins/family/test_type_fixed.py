@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.plugins.family.fit import learnt_type
+from commonrail.plugins.family.fit import type_from_fit
 from commonrail.plugins.family.study import load_family
 from commonrail.runs.folder import write_record
 from tests.plugins.family.samples import INJECTOR, PRELOAD, injected, small_type
@@ -60,7 +60,7 @@ def test_parts_that_differ_give_their_mean_and_a_note(study_file: Edit, tmp_path
     for number, lift in enumerate(("70 um", "80 um")):
         run = run_of(study_file((UPPER, UPPER + FIXED_TABLE.format(lift))), tmp_path / f"run-{number}")
         runs.append(run)
-    with pytest.warns(RuntimeWarning, match=r"valve\.lift is not the same in all parts: 70 um \(run-0\), 80 um"):
+    with pytest.warns(RuntimeWarning, match=r"valve\.lift .*70 um \(run-0\), 80 um"):
         (found,) = (v for v in cr.parts.type_from_runs(runs, "t").fixed if v.name == LIFT)
     assert found.value == pytest.approx(75e-6, rel=1e-12)  # rounding
     assert found.mark == "F"
@@ -83,7 +83,7 @@ def test_the_model_of_the_types_own_part_is_exact() -> None:
 
 def test_a_measured_value_of_the_part_stays_and_is_reported() -> None:
     points = injected(measured(60e-6), (120.0, 700.0))
-    with pytest.warns(RuntimeWarning, match=r"valve\.lift stays 60 um, .* learnt with 75 um"):
+    with pytest.warns(RuntimeWarning, match=r"valve\.lift .*60 um.*75 um"):
         adapted = cr.parts.adapt(type_with_lift(), points, injector=measured(60e-6))
     assert adapted.injector.values[LIFT] == 60e-6
 
@@ -105,7 +105,7 @@ def test_a_joint_fit_keeps_the_fixed_value_of_its_parts(study_file: Edit, tmp_pa
     (tmp_path / "family.toml").write_text(head + parts, encoding="utf-8")
     family = load_family(tmp_path / "family.toml")
     joint = {name: 1.0 for name in family.space.names} | {p.name: p.reference for p in family.space.parameters}
-    found = learnt_type(family, joint, dict.fromkeys(joint))
+    found = type_from_fit(family, joint, dict.fromkeys(joint))
     assert [(v.name, v.value) for v in found.fixed] == [(LIFT, 75e-6)]
 
 
@@ -120,5 +120,5 @@ def test_an_injector_that_is_not_the_catalogues_is_not_named_so(tmp_path: Path) 
 def test_a_parameter_that_the_variant_does_not_read_is_refused(study_file: Edit, table: str) -> None:
     stated = f'[[{table}]]\nname = "rail.volume"\n'
     stated += 'value = "20 cm3"\n' if table == "fixed" else 'lower = "10 cm3"\nupper = "30 cm3"\n'
-    with pytest.raises(cr.errors.ConfigurationError, match=r"name: .* does not read rail\.volume; .*@volume"):
+    with pytest.raises(cr.errors.ConfigurationError, match=r"name: .*rail\.volume.*@volume"):
         cr.load_study(study_file((UPPER, UPPER + stated)))

@@ -23,32 +23,24 @@ def test_keys_and_defaults(fleet_file: Path) -> None:
 
 SEED = "seed = 1"
 FAULTS = {
-    "no format": (
-        'format = "commonrail-fleet/1"',
-        "",
-        r"fleet\.toml: format is missing; a fleet file begins with format",
-    ),
-    "unknown key": (SEED, "sead = 1", r'fleet\.toml: there is no key "sead" \(did you mean "seed"\?\)'),
-    "kind": (SEED, 'seed = "1"', "fleet.toml, seed: this must be a whole number, not '1'"),
-    "truth value": (SEED, "seed = true", "fleet.toml, seed: this must be a whole number, not True"),
-    "seed": (SEED, "seed = -1", r"fleet\.toml, seed: this must be greater than or equal to 0, not -1"),
-    "attempts": (SEED, "attempts = 0", r"fleet\.toml, attempts: this must be greater than or equal to 1, not 0"),
-    "time limit": (SEED, 'time_limit = "0 s"', r"fleet\.toml, time_limit: this must be greater than zero"),
-    "unit": (SEED, 'time_limit = "1 m"', r'fleet\.toml, time_limit: "1 m" is a length; a time is expected'),
-    "no title": ('title = "Synthetic fleet of 6 injectors"', "", r"fleet\.toml, title: this key is missing; add it"),
-    "no study": ('study = "study.toml"', 'study = "stdy.toml"', r'no such file \(did you mean "study\.toml"\?\)'),
-    "no table": ('files = "injectors.csv"', "", r"fleet\.toml: give either files = .* or rows = "),
-    "both tables": (SEED, 'rows = "x.csv"', r"fleet\.toml: give either files = "),
-    "left out": (
-        SEED,
-        'leave_out = ["80 Mpa"]',
-        r'fleet\.toml, leave_out: .*study\.toml has no data set "80 Mpa" \(did',
-    ),
-    "nothing to fit": (SEED, 'leave_out = ["160 MPa"]', r"no data set of .*study\.toml with role fit is left"),
-    "list of numbers": (SEED, "leave_out = [80]", r"fleet\.toml, leave_out\[1\]: this must be a text in quotes"),
-    "column": (SEED, '[columns]\n"60 MPa" = "x"', r'fleet\.toml, columns: there is no key "60 MPa" \(did you m'),
-    "no column": (SEED, '[columns]\n"80 MPa" = "x"', r'injectors\.csv: there is no column "x", files of "80 MPa"'),
-    "dead times": (SEED, 'dead_times = "x"', r"fleet\.toml, dead_times: this key goes with rows"),
+    "no format": ('format = "commonrail-fleet/1"', "", r"fleet\.toml: .*commonrail-fleet/1"),
+    "unknown key": (SEED, "sead = 1", r'fleet\.toml: .*"sead" .*"seed"'),
+    "kind": (SEED, 'seed = "1"', "fleet.toml, seed: .*'1'"),
+    "truth value": (SEED, "seed = true", "fleet.toml, seed: .*True"),
+    "seed": (SEED, "seed = -1", r"fleet\.toml, seed: .*-1"),
+    "attempts": (SEED, "attempts = 0", r"fleet\.toml, attempts: .*1.*0"),
+    "time limit": (SEED, 'time_limit = "0 s"', r"fleet\.toml, time_limit: "),
+    "unit": (SEED, 'time_limit = "1 m"', r'fleet\.toml, time_limit: "1 m"'),
+    "no title": ('title = "Synthetic fleet of 6 injectors"', "", r"fleet\.toml, title: "),
+    "no study": ('study = "study.toml"', 'study = "stdy.toml"', r'stdy\.toml: .*"study\.toml"'),
+    "no table": ('files = "injectors.csv"', "", r"fleet\.toml: .*files = .*rows = "),
+    "both tables": (SEED, 'rows = "x.csv"', r"fleet\.toml: .*files = .*rows = "),
+    "left out": (SEED, 'leave_out = ["80 Mpa"]', r'fleet\.toml, leave_out: .*study\.toml .*"80 Mpa" .*"80 MPa"'),
+    "nothing to fit": (SEED, 'leave_out = ["160 MPa"]', r"fleet\.toml: .*study\.toml "),
+    "list of numbers": (SEED, "leave_out = [80]", r"fleet\.toml, leave_out\[1\]: "),
+    "column": (SEED, '[columns]\n"60 MPa" = "x"', r'fleet\.toml, columns: .*"60 MPa"'),
+    "no column": (SEED, '[columns]\n"80 MPa" = "x"', r'injectors\.csv: .*"x".*"80 MPa"'),
+    "dead times": (SEED, 'dead_times = "x"', r"fleet\.toml, dead_times: "),
 }
 
 
@@ -64,18 +56,14 @@ def test_fault_is_named(fleet_file: Path, fault: str) -> None:
 
 def test_a_fault_of_the_template_is_named_there(fleet_file: Path) -> None:
     edited(fleet_file.parent / "study.toml", "[optimiser]", "[optimizer]")
-    with pytest.raises(InputError, match=r'study\.toml: there is no key "optimizer" \(did you mean "optimiser"\?\)'):
+    with pytest.raises(InputError, match=r'study\.toml: .*"optimizer" .*"optimiser"'):
         load_fleet(fleet_file)
 
 
 ROW_FAULTS = {
-    "twice": ("SN000002,data/SN000002_1", "SN000001,data/SN000002_1", r'line 4: injector "SN000001" stands .* twice'),
-    "no name": ("SN000002,data/SN000002_1", ",data/SN000002_1", r"line 4: the name of the injector is missing"),
-    "no column": (
-        "injector,160 MPa",
-        "serial,160 MPa",
-        r'no column "injector", the names of the injectors; the header',
-    ),
+    "twice": ("SN000002,data/SN000002_1", "SN000001,data/SN000002_1", r'line 4: .*"SN000001"'),
+    "no name": ("SN000002,data/SN000002_1", ",data/SN000002_1", "line 4: "),
+    "no column": ("injector,160 MPa", "serial,160 MPa", '"injector".*"serial"'),
 }
 
 
@@ -89,7 +77,7 @@ def test_a_fault_of_the_table_is_named_with_its_line(fleet_file: Path, fault: st
 
 def test_a_table_without_rows(fleet_file: Path) -> None:
     (fleet_file.parent / "injectors.csv").write_text("injector,160 MPa,80 MPa\n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"injectors\.csv: the table has no injectors"):
+    with pytest.raises(InputError, match=r"injectors\.csv: "):
         load_fleet(fleet_file)
 
 
@@ -114,7 +102,5 @@ def test_an_empty_cell_is_a_data_set_that_an_injector_lacks(fleet_file: Path) ->
 def test_a_table_of_rows(tmp_path: Path) -> None:
     fleet = load_fleet(small_fleet(tmp_path, "rows"))
     assert len(fleet.supply.names) == COUNT
-    with pytest.raises(
-        InputError, match=r"fleet\.toml, dead_times: no data set of .*study\.toml that is used has dead_t"
-    ):
+    with pytest.raises(InputError, match=r"fleet\.toml, dead_times: .*study\.toml "):
         load_fleet(edited(tmp_path / "fleet.toml", "seed = 1", 'dead_times = "x.csv"'))

@@ -82,44 +82,40 @@ def record() -> dict[str, Any]:
 
 def test_the_sentences_say_how_far_it_is(record: dict[str, Any]) -> None:
     done, left, fell, bounds = fleet_lines(record)
-    assert done.startswith("3 of 5 injectors calibrated, 1 failed")
-    assert left.startswith("1 injector not done")
-    assert "from 100 to 10" in fell
-    assert "between 9 and 11" in fell
+    assert re.findall(r"\d+", done) == ["3", "5", "1"]
+    assert re.findall(r"\d+", left) == ["1"]
+    assert re.findall(r"\d+", fell) == ["100", "10", "9", "11"]
     assert "plunger_needle.spring_preload" in bounds
 
 
 def test_warnings_stand_on_top_of_the_page(record: dict[str, Any]) -> None:
     text = fleet_html(record, COMMAND)
-    told = "2 of 3 injectors: sign. The first, &lt;A&gt;: 160 MPa: the rate is &lt;neg&gt;."
-    assert text.index("Implausible") < text.index(told) < text.index("3 of 5 injectors calibrated")
-    assert "Implausible" not in fleet_html(record | {"warnings": []}, COMMAND)
+    warning = "160 MPa: the rate is &lt;neg&gt;."
+    assert text.index(warning) < text.index(fleet_lines(record)[0])
+    assert "&lt;A&gt;" in text
+    assert warning not in fleet_html(record | {"warnings": []}, COMMAND)
 
 
 def test_the_tables(record: dict[str, Any]) -> None:
-    tables = {table.title: [[cell.text for cell in row] for row in table.rows] for table in fleet_tables(record)}
-    assert tables["Calibrated parameters over the fleet"][1][1:] == [
-        *("50 N", "60 N", "80 N", "100 N", "120 N"),
-        *("50.0", "2"),
-    ]
-    assert tables["Error of each data set over the fleet"][0][3:] == ["3", "100", *"–––––"]
-    assert tables["What the data determine"] == [
-        ["valve.spring_preload", "2", "1"],
-        ["plunger_needle.spring_preload", "2", "1"],
-    ]
-    assert tables["Worst fits"] == [["<W>", "120", "30", "3.00", "valve.lift"], ["V", "100", "10", "1.00", "none"]]
-    assert tables["Failures"] == [["F", "f.csv, line 3: not <a> number."]]
+    errors, parameters, verdicts, worst, failures = (
+        [[cell.text for cell in row] for row in table.rows] for table in fleet_tables(record)
+    )
+    assert errors[0][3:] == ["3", "100", *"–––––"]
+    assert parameters[1][1:] == [*("50 N", "60 N", "80 N", "100 N", "120 N"), *("50.0", "2")]
+    assert verdicts == [["valve.spring_preload", "2", "1"], ["plunger_needle.spring_preload", "2", "1"]]
+    assert worst == [["<W>", "120", "30", "3.00", "valve.lift"], ["V", "100", "10", "1.00", "none"]]
+    assert failures == [["F", "f.csv, line 3: not <a> number."]]
 
 
 def test_many_failures_are_cut_short_and_counted(record: dict[str, Any]) -> None:
     record["failures"] *= 130
     table = fleet_tables(record)[-1]
-    assert (len(table.rows), table.note) == (100, "30 more are in results.csv.")
+    assert (len(table.rows), re.findall(r"\d+", table.note)) == (100, ["30"])
 
 
 def test_the_figures(record: dict[str, Any]) -> None:
     cost, position = fleet_figures(record)
-    assert [series.label for series in cost.panels[0].series] == ["start values", "calibrated"]
+    assert [series.look for series in cost.panels[0].series] == ["start", "best"]
     assert cost.panels[0].series[1].x == (0.0, 50.0, 100.0)
     assert cost.panels[0].series[1].y == (8.0, 10.0, 30.0)
     # one name would stand for two parameters
@@ -140,7 +136,7 @@ def test_what_is_synthetic_is_said_on_top(record: dict[str, Any]) -> None:
     assert "Synthetic, not measured" not in fleet_html(record, COMMAND)
     record["synthetic"] = "All made up."
     page = fleet_html(record, COMMAND)
-    assert page.index("synthetic, not measured</span>") < page.index("3 of 5 injectors")
+    assert page.index("synthetic, not measured</span>") < page.index(fleet_lines(record)[0])
     assert "All made up." in page
 
 
@@ -149,24 +145,26 @@ def test_a_fleet_without_a_calibrated_injector_has_a_page(record: dict[str, Any]
     record["counts"] |= {"finished": 0, "failed": 4}
     record["curve"] = {"start": [], "best": []}
     record["clock"] |= {"core_seconds_of_an_injector": None, "injectors_per_second": None}
-    assert "0 of 5 injectors calibrated, 4 failed." in fleet_html(record, COMMAND)
+    line, *_ = fleet_lines(record)
+    assert re.findall(r"\d+", line) == ["0", "5", "4"]
+    assert line in fleet_html(record, COMMAND)
 
 
 def test_the_last_run_is_told(record: dict[str, Any]) -> None:
-    assert "4 injectors in 10.0 s with 2 workers, 0.4 injectors/s" in fleet_html(record, COMMAND)
+    assert "0.4 injectors/s" in fleet_html(record, COMMAND)
     record["clock"] |= {"calibrated_now": 0, "workers": 0}
-    assert "nothing was left to calibrate" in fleet_html(record, COMMAND)
+    assert "injectors/s" not in fleet_html(record, COMMAND)
 
 
 def test_a_page_that_cannot_be_written(record: dict[str, Any], tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match=r"report\.html cannot be written"):
+    with pytest.raises(OutputError, match=r"report\.html"):
         write_fleet_report(tmp_path / "nowhere", record, COMMAND)
 
 
 def test_classes_correlations_outliers_and_each_injector_are_on_the_page(record: dict[str, Any]) -> None:
     names = [p["name"] for p in record["parameters"]]
     plain = fleet_html(record, COMMAND)
-    assert "One injector" not in plain
+    assert 'id="injector"' not in plain
     record["population"] = {
         "histograms": {name: {"edges": [0.0, 0.5, 1.0], "counts": [1, 2]} for name in names},
         "correlations": [[1.0, -0.42, None], [-0.42, 1.0, 0.5], [None, 0.5, 1.0]],
@@ -175,7 +173,7 @@ def test_classes_correlations_outliers_and_each_injector_are_on_the_page(record:
         "more": 7,
     }
     page = fleet_html(record, COMMAND)
-    for words in ("Classes of the parameters", "−0.42", "Outliers", "−4.2", "One injector", "7 more injectors"):
+    for words in ("−0.42", "−4.2", 'id="injector"', " 7 "):
         assert words in page
     assert "</script><b>" not in page  # JSON within a script is escaped
     assert page.count('<figure class="small"') == 2

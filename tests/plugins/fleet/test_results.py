@@ -10,7 +10,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.base.errors import OutputError
-from commonrail.plugins.fleet.file import fleet_record, result_columns, spread_of, write_results
+from commonrail.plugins.fleet.file import fleet_record, result_columns, summarise_spread, write_results
 from commonrail.plugins.fleet.journal import FAILED, Entry
 from commonrail.plugins.fleet.page import fleet_warnings
 from commonrail.plugins.fleet.run import FleetRun
@@ -80,8 +80,8 @@ def test_the_record_on_disk_is_the_one_returned_and_all_time_is_under_one_key(wh
 
 def test_the_spread_counts_only_numbers() -> None:
     expected = {"minimum": 1.0, "q1": 2.0, "median": 3.0, "q3": 4.0, "maximum": 5.0, "count": 5}
-    assert spread_of([5.0, None, 1.0, 2.0, 3.0, 4.0]) == expected
-    assert spread_of([None]) is None
+    assert summarise_spread([5.0, None, 1.0, 2.0, 3.0, 4.0]) == expected
+    assert summarise_spread([None]) is None
 
 
 def test_the_worst_come_first(whole: FleetRun) -> None:
@@ -103,7 +103,7 @@ def test_a_file_that_cannot_be_written_leaves_the_old_one(
 
     (tmp_path / "results.csv").write_text("old", encoding="utf-8")
     monkeypatch.setattr("os.fsync", full)
-    with pytest.raises(OutputError, match=r"results\.csv cannot be written \(No space left on device\); make room"):
+    with pytest.raises(OutputError, match=r"results\.csv .*\(No space left on device\)"):
         write_results(tmp_path, load_fleet(fleet_file), whole.entries, "finished", CLOCK)
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["results.csv"]
     assert (tmp_path / "results.csv").read_text(encoding="utf-8") == "old"

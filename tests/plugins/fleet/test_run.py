@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import sqlite3
@@ -153,7 +154,7 @@ def test_a_failed_injector_may_leave_the_table(fleet_file: Path, whole: FleetRun
 def test_a_fault_of_all_is_told_before_any_work(fleet_file: Path, tmp_path: Path) -> None:
     for data in (fleet_file.parent / "data").iterdir():
         data.unlink()
-    with pytest.raises(InputError, match=r"Not one of the first 3 injectors can be read; the first: .*160MPa.csv"):
+    with pytest.raises(InputError, match=r"\b3\b.*160MPa.csv"):
         run_fleet(load_fleet(fleet_file), tmp_path / "run")
     assert ended(tmp_path / "run") == {}
 
@@ -187,27 +188,22 @@ def test_a_moved_folder_goes_on(begun: tuple[Path, Path], tmp_path: Path) -> Non
 
 
 CHANGES = {
-    "template": ("study.toml", "generations = 3", "generations = 4", r"was begun with another study\.toml"),
-    "seed": ("fleet.toml", "seed = 1", "seed = 2", 'was begun with seed "1", and it is "2" now'),
-    "left out": (
-        "fleet.toml",
-        "seed = 1",
-        'leave_out = ["80 MPa"]',
-        'was begun with leave_out "", and it is "80 MPa" now',
-    ),
+    "template": ("study.toml", "generations = 3", "generations = 4", r"study\.toml"),
+    "seed": ("fleet.toml", "seed = 1", "seed = 2", 'seed "1".*"2"'),
+    "left out": ("fleet.toml", "seed = 1", 'leave_out = ["80 MPa"]', 'leave_out "".*"80 MPa"'),
     "data": (
         "data/SN000005_80MPa.csv",
         "\n9,",
         "\n9,1",
-        'injector "SN000005" .* its file of "80 MPa" has changed since',
+        '"SN000005" .*"80 MPa"',
     ),
     "file": (
         "injectors.csv",
         "data/SN000005_80MPa",
         "data/SN000004_80MPa",
-        'injector "SN000005" .* "80 MPa" (has changed|is missing)',
+        '"SN000005" .*"80 MPa"',
     ),
-    "removed": ("injectors.csv", "SN000005,", "other,", 'has injector "SN000005", which .*injectors.csv has no more'),
+    "removed": ("injectors.csv", "SN000005,", "other,", '"SN000005".*injectors.csv'),
 }
 
 
@@ -217,7 +213,7 @@ def test_a_change_is_refused_and_named(begun: tuple[Path, Path], change: str) ->
     name, old, new, message = CHANGES[change]
     edited(file.parent / name, old, new)
     before = ended(folder)
-    with pytest.raises(StudyError, match=rf"{message}.*; bring it back as it was, or take another folder"):
+    with pytest.raises(StudyError, match=message):
         run_fleet(load_fleet(file), folder)
     assert ended(folder) == before
 
@@ -225,7 +221,7 @@ def test_a_change_is_refused_and_named(begun: tuple[Path, Path], change: str) ->
 def test_other_software_is_refused(begun: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch) -> None:
     file, folder = begun
     monkeypatch.setattr(begun_module, "package_versions", lambda: {"numpy": "1.0"})
-    with pytest.raises(StudyError, match=r'was begun with version of commonrail ".*", and it is "" now'):
+    with pytest.raises(StudyError, match=r'version of commonrail ".+".*""'):
         run_fleet(load_fleet(file), folder)
 
 
@@ -244,12 +240,12 @@ def test_another_target_or_other_bits_are_said(begun: tuple[Path, Path], monkeyp
     run = run_fleet(load_fleet(file), folder, workers=1, retry=True)
     (warning,) = run.record["warnings"]
     assert (warning["code"], warning["injectors"], warning["first"]) == ("target", COUNT - 1, "SN000001")
-    assert f"begun with cpu {describe().cpu}, now znver9; the best values of SN000001, simulated again, have" in told[0]
-    assert f"other bits here, {first.record['J']['best']!r} in place of {wrong!r}" in warning["sentence"]
+    assert warning["sentence"] in told[0]
+    for words in (describe().cpu, "znver9", "SN000001", repr(first.record["J"]["best"]), repr(wrong)):
+        assert words in warning["sentence"]
     again = run_fleet(load_fleet(file), folder).record["warnings"]  # nothing is calibrated: the mixture stays
-    assert [w["sentence"].partition("; the table")[0] for w in again] != []
-    assert "now znver9" in again[0]["sentence"]
-    assert "other bits" not in again[0]["sentence"]
+    assert "znver9" in again[0]["sentence"]
+    assert repr(wrong) not in again[0]["sentence"]
 
 
 def test_a_title_may_change(begun: tuple[Path, Path]) -> None:
@@ -259,7 +255,7 @@ def test_a_title_may_change(begun: tuple[Path, Path]) -> None:
 
 
 def test_another_folder_is_not_touched(fleet_file: Path) -> None:
-    with pytest.raises(InputError, match="there already is something"):
+    with pytest.raises(InputError, match=re.escape(str(fleet_file.parent))):
         run_fleet(load_fleet(fleet_file), fleet_file.parent)
 
 

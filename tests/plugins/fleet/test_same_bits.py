@@ -58,5 +58,5 @@ def test_without_it_they_are_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     monkeypatch.setenv("NUMBA_CPU_NAME", "generic")
     monkeypatch.setenv("NUMBA_CPU_FEATURES", "+avx2")
     file = rigid_fleet(tmp_path / "fleet", same_bits=False)
-    with pytest.raises(StudyError, match="has other software than this run: cpu generic in place of"):
+    with pytest.raises(StudyError, match="cpu generic"):
         run_fleet(load_fleet(file), tmp_path / "run", workers=1)

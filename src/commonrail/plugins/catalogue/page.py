@@ -21,17 +21,17 @@ from commonrail.report.fit.tables import MARKS
 from commonrail.report.html import render
 from commonrail.report.simulation import course_figure
 
-# Operating points of the figures: an everyday main injection at the pressures that each kind of injector is built for.
-# The direct-acting one is shown at the pressures and the cylinder pressure of the traces that it was fitted to.
+# Operating points of the figures: a main injection at the usual pressures of each kind of injector. The direct-acting
+# injector is shown at the rail and cylinder pressures of the traces to which it was fitted.
 SERVO = tuple(OperatingPoint(p, 700e-6, 5e6) for p in (40e6, 80e6, 120e6, 160e6))
 DIRECT = tuple(OperatingPoint(p, 1e-3, 0.1e6, 0.1e6) for p in (10e6, 20e6, 30e6))
 
 
 @dataclass(frozen=True)
 class Exhibit:
-    """One injector of the gallery by its name in the catalogue.
+    """One injector of the gallery.
 
-    `solutions` are by rail pressure, as the legend says it; `notes` say what is not measured or assumed.
+    `name`: in the catalogue; `solutions`: by rail pressure, as in the legend; `notes`: on synthetic or assumed inputs.
     """
 
     name: str
@@ -44,15 +44,15 @@ class Exhibit:
 def exhibit(name: str, injector: Injector) -> Exhibit:
     """Simulate an injector of the catalogue for the gallery.
 
-    One that follows a measured voltage or current is driven by the peaks and holds of its file instead.
+    An injector that follows a measured voltage or current is driven by the peak and hold currents of its file instead.
     """
     notes = [injector.synthetic] if injector.synthetic else []
     shown, drive = injector, injector.variant.drive
     if drive.is_trace:
         shown = replace(injector, variant=injector.variant._replace(drive=Drive.REGULATED))
         notes.append(
-            f"The injector follows a measured {drive.value}, which the catalogue does not hold; the curves are those "
-            f"of an assumed current: {quantity(injector.values['drive.peak_current'], 'A', 3)} for "
+            f"The injector follows a measured {drive.value}, which is not in the catalogue; the curves are for "
+            f"an assumed current: {quantity(injector.values['drive.peak_current'], 'A', 3)} for "
             f"{quantity(injector.values['drive.peak_duration'], 's', 3)}, then "
             f"{quantity(injector.values['drive.hold_current'], 'A', 3)}."
         )
@@ -62,7 +62,7 @@ def exhibit(name: str, injector: Injector) -> Exhibit:
 
 
 def gallery_html(exhibits: Sequence[Exhibit], version: str) -> str:
-    """Page of several injectors; `version` is that of the program."""
+    """Return the page of several injectors; `version`: of commonrail."""
     return render(
         "gallery.html",
         package=__package__,
@@ -88,7 +88,7 @@ def gallery_html(exhibits: Sequence[Exhibit], version: str) -> str:
 
 
 def _commands(e: Exhibit) -> list[str]:
-    """Command lines that use the injector; one that follows a trace needs data that hold it."""
+    """Command lines with the injector; none if it follows a trace, which needs data."""
     if e.injector.variant.drive.is_trace:
         return []
     rail, time = quantity(e.points[-1].initial_pressures()[0], "Pa"), quantity(e.points[-1].pulses[0][1], "s")
@@ -100,7 +100,7 @@ def _curves(e: Exhibit) -> Figure:
     """Rates and lifts at all points."""
     figure = course_figure(e.solutions)
     end = max(end_of_motion(s, p.pulses) for s, p in zip(e.solutions.values(), e.points, strict=True))
-    rate, lifts = (_of_pressures(panel, len(e.points), end * MICROSECOND) for panel in figure.panels[:2])
+    rate, lifts = (_crop_panel(panel, len(e.points), end * MICROSECOND) for panel in figure.panels[:2])
     lasting, back = quantity(e.points[0].pulses[0][1], "s", 3), quantity(e.points[0].initial_pressures()[1], "Pa", 3)
     return replace(
         figure,
@@ -111,8 +111,8 @@ def _curves(e: Exhibit) -> Figure:
     )
 
 
-def _of_pressures(panel: Panel, count: int, end: float) -> Panel:
-    """Panel whose series are named by their rail pressures, in the order of these, until a time [µs]."""
+def _crop_panel(panel: Panel, count: int, end: float) -> Panel:
+    """Label the series of a panel by rail pressure, and crop them at a time [µs]."""
     series = []
     for s in panel.series:
         n = sum(x is not None and x <= end for x in s.x)
@@ -140,10 +140,10 @@ def _figures(e: Exhibit) -> Table:
 
 
 def _origin(injector: Injector) -> str:
-    """Sentence on how many values are measured, fitted or estimated."""
+    """Say how many values are measured, fitted or estimated."""
     counts = Counter(source.mark for source in injector.sources.values())
     origins = [f"{words}: {counts[mark]}" for mark, words in MARKS.items() if counts[mark]]
-    return f"Of its {sum(counts.values())} values, by origin, {', '.join(origins)}."
+    return f"Origin of its {sum(counts.values())} values: {', '.join(origins)}."
 
 
 def _values(injector: Injector) -> Table:

@@ -1,4 +1,4 @@
-"""Entries of the catalogue: fuels, injectors, meters, features and parameters, by what they contain."""
+"""Entries of the catalogue: fuels, injectors, meters, features and parameters; search by text."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Section(StrEnum):
 
 
 class Entries(NamedTuple):
-    """Entries of the catalogue by section, and the part numbers that a search has matched."""
+    """Entries of the catalogue by section, and the part numbers that match a search."""
 
     sections: dict[str, list[dict[str, Any]]]
     parts: tuple[PartMatch, ...]
@@ -101,14 +101,14 @@ def _features() -> list[dict[str, Any]]:
 
 
 def _load_all(load: Callable[[str], _Found], names: Sequence[str]) -> dict[str, _Found]:
-    """Files that can be loaded, by name; one of an installed package that cannot be is named in a warning."""
-    injectors = {}
+    """Load files by name; a file of an installed package that cannot be loaded gives a warning."""
+    entries = {}
     for name in names:
         try:
-            injectors[name] = load(name)
+            entries[name] = load(name)
         except CommonrailError as error:
             note(f"commonrail: {error}")
-    return injectors
+    return entries
 
 
 def _parameters() -> list[dict[str, Any]]:
@@ -137,6 +137,6 @@ _ENTRIES: dict[Section, Callable[[], list[dict[str, Any]]]] = {
 
 
 def _matches(entry: dict[str, Any], search: str) -> bool:
-    """Return whether an entry contains a text; between words a blank, a point, a dash and none are equal."""
+    """Return whether an entry contains a text; blanks, points, dashes and underscores are ignored."""
     text = "\n".join(map(str, entry.values()))
     return _SIGNS.sub("", search.casefold()) in _SIGNS.sub("", text.casefold())

@@ -25,7 +25,7 @@ def catalogue(
     *,
     search: Annotated[
         str,
-        Option(help="Text that the listed entries contain, or a part number, whole or in part. [default: all entries]"),
+        Option(help="Text in the entries, or a full or partial part number. [default: all entries]"),
     ] = "",
     report: Annotated[
         Path | None, Option(metavar="FILE.html", help="Report with curves, figures and sources of the injectors.")
@@ -37,9 +37,9 @@ def catalogue(
 ) -> None:
     """List fuels, injectors, meters, features and parameters.
 
-    A part number, as 0 445 110 191, leads to the type of injector that names it, or to the nearest numbers.
-    Fuels, injectors and features of an injection are those that ship with commonrail and those of installed packages,
-    meters those of installed packages; parameters are what --set, a study or an injector's file can name.
+    A part number, as 0 445 110 191, finds the injector that lists it, or the nearest numbers.
+    Fuels, injectors and features ship with commonrail or come from installed packages, meters from installed
+    packages only. Parameters are the names for --set, a study or an injector's file.
 
     \b
     Examples:
@@ -51,7 +51,7 @@ def catalogue(
     """
     if write:
         if section not in (None, Section.INJECTORS) or search or report is not None:
-            raise InputError("--write stands alone, as in commonrail catalogue injectors --write cri2-16.")
+            raise InputError("--write takes no other option, as in commonrail catalogue injectors --write cri2-16.")
         _write_injector(write, json)
         return
     from commonrail.plugins.catalogue.run import catalogue as list_entries
@@ -81,7 +81,7 @@ def _write_injector(name: str, json: bool) -> None:
 
     text, path = CATALOGUE.text(name), Path(f"{name}.toml")
     if path.exists():
-        raise InputError(f"{path}: there already is such a file; rename it, or change to another folder.")
+        raise InputError(f"{path} exists already; rename it, or change to another folder.")
     check_file(path, "--write")
     write_text(path, text)
     if json:
@@ -91,7 +91,7 @@ def _write_injector(name: str, json: bool) -> None:
 
 
 def _write_gallery(path: Path, names: Sequence[str], search: str, json: bool) -> None:
-    """Write the page of injectors that a search has matched."""
+    """Write the page of the injectors that match a search."""
     from importlib.metadata import version
 
     from commonrail.base.output import write_text, writing

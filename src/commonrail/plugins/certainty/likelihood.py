@@ -143,7 +143,7 @@ class Likelihood:
     def residuals(self, points: Floats) -> Floats:
         """Residuals (m, n) of points (m, d) [SI]; rows of NaN where a simulation failed, which are counted.
 
-        `KeyboardInterrupt` if a stop was asked for, within `held_interrupts`.
+        `KeyboardInterrupt` if a stop was asked for, within `hold_interrupts`.
         """
         if not len(points):  # a profile of the only parameter has no other to fit
             return np.empty((0, self.size))

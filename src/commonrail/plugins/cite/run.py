@@ -27,8 +27,8 @@ from commonrail.runs.folder import RESULT, STUDY, read_result
 MARKS = {"M": "measured", "C": "ECU calibration", "F": "fitted or derived", "E": "estimate"}
 MODEL = "Lino et al. 2016"  # equations of the injector
 LIBRARIES = ("numpy", "scipy", "numba")
-SYNTHETIC = "; synthetic: "  # what of a source tells that its data are no measurements
-_ADDRESS = re.compile(r"(?:doi:|arXiv:|\S*\w\.(?:com|org|net|edu|io)/).*")  # from where a reader can look it up
+SYNTHETIC = "; synthetic: "  # marks the source of synthetic data
+_ADDRESS = re.compile(r"(?:doi:|arXiv:|\S*\w\.(?:com|org|net|edu|io)/).*")  # address in a source
 _ENTRY = re.compile(r"^@(\w+)\{([^,]+),\n(.*?)^\}", re.DOTALL | re.MULTILINE)
 _FIELD = re.compile(r"^ *(\w+) = \{(.*)\},?$", re.MULTILINE)
 
@@ -81,21 +81,21 @@ def cite(model: str | Path) -> Citation:
     Raises
     ------
     InputError
-        If it is none of them, or a record of the run is broken.
+        If `model` is none of these, or a record of the run is broken.
     """
-    uses = uses_of(str(model))
-    return Citation(tuple(uses), tuple(references_of(uses)))
+    uses = list_uses(str(model))
+    return Citation(tuple(uses), tuple(list_references(uses)))
 
 
 def read_bibtex(text: str) -> list[Reference]:
-    """Entries of a BibTeX text whose fields stand in braces on a line each."""
+    """Read the entries of a BibTeX text with one field in braces on each line."""
     return [Reference(key, kind, dict(_FIELD.findall(body))) for kind, key, body in _ENTRY.findall(text)]
 
 
-def uses_of(model: str) -> list[Use]:
-    """Parts of a run folder of ``commonrail calibrate``, of an injector file or of an injector of the catalogue.
+def list_uses(model: str) -> list[Use]:
+    """List the parts of a run folder of ``commonrail calibrate``, an injector file or a catalogue injector.
 
-    `InputError` if it is none of them, or a record of the run is broken.
+    Raises `InputError` if `model` is none of these, or a record of the run is broken.
     """
     model_and_run = read_model_name(model)
     injector, run = model_and_run.injector, model_and_run.folder
@@ -111,14 +111,14 @@ def uses_of(model: str) -> list[Use]:
     ]
     for meter in model_and_run.meters:
         uses += _values(meter.sources, f"meter {meter.name}")
-    uses += _of_record(record)
+    uses += _record_uses(record)
     uses += [Use("library", f"{name} {software[name]}", name) for name in LIBRARIES if software.get(name)]
     stated = {model, injector.name, record.get("injector", {}).get("name"), study.get("injector")}
     return [*uses, *_packages(injector, model_and_run.meters, record, stated)]
 
 
 class _Part(FileModel):
-    """Table of a record, of which only the keys below are read."""
+    """Table of a record; other keys than the fields are ignored."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -169,7 +169,7 @@ class _Study(_Part):
 
 
 def _records(run: Path | None) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Record and study of a run, empty without them; `InputError` with file and key where one is of another form."""
+    """Return record and study of a run, empty if absent; raises `InputError` with file and key if one is malformed."""
     if run is None:
         return {}, {}
     record = read_result(run)
@@ -192,7 +192,7 @@ def _values(sources: Mapping[str, Source], kind: str) -> Iterator[Use]:
         yield Use(kind, names[0] + others, f"{MARKS[source.mark]}: {source.text}")
 
 
-def _of_record(record: Mapping[str, Any]) -> Iterator[Use]:
+def _record_uses(record: Mapping[str, Any]) -> Iterator[Use]:
     """Data, priors, optimiser and intervals of a run's record."""
     for data in record.get("data", ()):
         yield Use(f"data ({data['role']})", data["name"], _source(data["source"], data["synthetic"]))
@@ -201,7 +201,7 @@ def _of_record(record: Mapping[str, Any]) -> Iterator[Use]:
             yield Use("prior", parameter["name"], parameter["prior"]["source"])
     if method := record.get("optimiser", {}).get("method"):
         entry = find_optimiser(method)
-        yield Use("optimiser", method, entry.citation if entry else "of a package that is not installed")
+        yield Use("optimiser", method, entry.citation if entry else "from a package that is not installed")
     if "certainty" in record:
         yield Use("intervals", "smoothed importance sampling", "Vehtari et al. 2024")
 
@@ -209,7 +209,7 @@ def _of_record(record: Mapping[str, Any]) -> Iterator[Use]:
 def _packages(
     injector: Injector, meters: Sequence[Meter], record: Mapping[str, Any], stated: Collection[object]
 ) -> Iterator[Use]:
-    """Installed packages that parts of a run come from, each with its `__citation__`.
+    """Installed packages that supply parts of a run, each with its `__citation__`.
 
     `stated`: names of the injector.
     """
@@ -230,8 +230,8 @@ def _packages(
         yield Use("package", f"{name} {entry.version}", entry.citation())
 
 
-def references_of(uses: Sequence[Use]) -> list[Reference]:
-    """Works to be cited: the tool, works that a source names, packages, and sources of data or with an address."""
+def list_references(uses: Sequence[Use]) -> list[Reference]:
+    """List the works to cite: the tool, works named in sources, packages, sources of data or with an address."""
     text = read_plain(Path(__file__).with_name("references.bib")).decode()
     named_in = "\n".join(use.source for use in uses)
     references = [_tool(uses[0])]
@@ -264,10 +264,10 @@ def _tool(use: Use) -> Reference:
 
 
 def _escape(text: str) -> str:
-    """Text of a BibTeX field, without what LaTeX would read as commands."""
+    """Escape a text for a BibTeX field."""
     return re.sub(r"([&%#_$])", r"\\\1", re.sub(r"[{}\\]", "", text))
 
 
 def write_bibtex(path: Path, references: Sequence[Reference]) -> None:
-    """Write a BibTeX file, whole or not at all; `OutputError` if it cannot be written."""
+    """Write a BibTeX file atomically; raises `OutputError` if it cannot be written."""
     write_text(path, "\n".join(reference.bibtex() for reference in references))

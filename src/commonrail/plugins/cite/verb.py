@@ -14,7 +14,7 @@ from commonrail.cli.options import Json, check_file
 def cite(
     run: Annotated[
         str,
-        Argument(metavar="RUN", help="Folder of commonrail calibrate, an injector file or a name of the catalogue."),
+        Argument(metavar="RUN", help="Run folder of commonrail calibrate, injector file or catalogue name."),
     ],
     *,
     out: Annotated[Path | None, Option(metavar="FILE.bib", help="File for the works to be cited, as BibTeX.")] = None,
@@ -23,7 +23,7 @@ def cite(
     """List the parts of a run, and the works to cite.
 
     Parts are software, model, injector and fuel with the sources of their values, meters, data, priors and optimiser.
-    Installed packages are cited as they state it themselves.
+    Installed packages are cited by their own citation.
 
     \b
     Examples:

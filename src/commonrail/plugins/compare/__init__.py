@@ -1,1 +1,1 @@
-"""Injectors beside one another on any data, without fitting."""
+"""Comparison of injectors on any data, without fitting."""

@@ -1,4 +1,4 @@
-"""Record of a comparison, and the folder that it leaves: comparison.json and traces.csv."""
+"""Record of a comparison, and its files comparison.json and traces.csv."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ RECORD = "comparison.json"
 def comparison_record(
     comparison: Comparison, arguments: Mapping[str, str] | None = None, files: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """The comparison as one record that JSON can hold, SI units; what has no number is None.
+    """Return the comparison as a record for JSON, in SI units; missing numbers are None.
 
-    `arguments` are the texts that name the models on the command line, by label; `files` those of the studies.
+    `arguments`: texts of the models on the command line, by label; `files`: paths of the studies.
     """
     models = comparison.models
     data = data_records(comparison.data, comparison.scores)
@@ -43,7 +43,7 @@ def comparison_record(
 
 
 def _synthetic(comparison: Comparison) -> str:
-    """Synthetic parts of the models and of the data; the injectors of the studies are not considered."""
+    """Notes on synthetic models and data; the injectors of the studies do not count."""
     texts = [m.synthetic for m in comparison.models.values()] + [d.synthetic for d in comparison.data]
     return " ".join(dict.fromkeys(text for text in texts if text))
 
@@ -61,7 +61,7 @@ def _model(label: str, injector: Injector, argument: str) -> dict[str, str]:
 
 
 def _differences(models: Mapping[str, Injector]) -> list[dict[str, Any]]:
-    """Parameters whose value is not the same in all the models."""
+    """Parameters whose values differ between the models."""
     differences = []
     for name, q in parameter_quantities().items():
         values = {label: model.values.get(name) for label, model in models.items()}
@@ -71,7 +71,7 @@ def _differences(models: Mapping[str, Injector]) -> list[dict[str, Any]]:
 
 
 def write_comparison(folder: Path, comparison: Comparison, record: Mapping[str, Any]) -> None:
-    """Write comparison.json and traces.csv; J of every curve can be computed again from the latter."""
+    """Write comparison.json and traces.csv; traces.csv suffices to compute J of every curve."""
     synthetic = record["synthetic"]
     notes = (
         record["title"],

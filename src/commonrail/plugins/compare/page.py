@@ -22,11 +22,11 @@ from commonrail.report.result_kind import ResultKind
 from commonrail.runs.folder import TRACES
 from commonrail.runs.traces import read_traces
 
-# Tables of a comparison: those of the data, points that failed, and parameters that differ.
+# Tables of a comparison: data, failed points, differing parameters.
 
 
 def comparison_tables(record: Record) -> list[Table]:
-    """Every table that the data sets of a comparison have something for."""
+    """Tables of the data sets of a comparison, and of its failed points."""
     labels = list(record["labels"])
     tables = [table for view, data in by_kind(record["data"]) for table in view.compared_tables(data, labels)]
     failed = failure_table(record["data"])
@@ -34,7 +34,7 @@ def comparison_tables(record: Record) -> list[Table]:
 
 
 def difference_table(record: Record) -> Table:
-    """Parameters that are not the same in all the models, with prefixes that suit them."""
+    """Table of the parameters that differ between the models."""
     labels = list(record["labels"])
     parts = (
         Part(("parameter", "meaning"), lambda d: (d["name"], d["meaning"])),
@@ -44,7 +44,7 @@ def difference_table(record: Record) -> Table:
 
 
 def failure_table(data: Sequence[Record]) -> Table:
-    """Points that have no number, and why."""
+    """Table of the points without a number, with reasons."""
     rows: dict[tuple[str, str, str], list[Record]] = {}
     for d in data:
         for label, failures in d.get("failures", {}).items():
@@ -56,7 +56,7 @@ def failure_table(data: Sequence[Record]) -> Table:
 
 
 def _points(failures: Sequence[Record]) -> str:
-    """Points in words: "80 MPa: 1000, 1400 µs; 120 MPa: 250 µs"."""
+    """Describe points: "80 MPa: 1000, 1400 µs; 120 MPa: 250 µs"."""
     by_rail: dict[str, list[str]] = {}
     for f in failures:
         by_rail.setdefault(pressure(f["rail_pressure"]), []).append(to_fixed(f["energising_time"], 0, MICROSECOND))
@@ -74,7 +74,7 @@ COMPARISON = Presenter(lambda c: [f"{len(c.models)} models on {len(c.data)} data
 
 
 def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
-    """The page of a comparison; `folder` is its name for the command lines in it."""
+    """Return the page of a comparison; `folder`: its name in the command lines of the page."""
     figures = list(drawings(comparison_figures(record, traces)))
     return render(
         "comparison.html",
@@ -103,13 +103,13 @@ def comparison_tiles(record: Record) -> list[Tile]:
 
 
 def comparison_figures(record: Record, traces: Traces) -> list[Figure]:
-    """Figures of the data of a comparison: one colour, marker and dash for each model."""
+    """Figures of the data sets: each model has its colour, marker and dash."""
     plotted = Plotted(shown_of(record["labels"], compared=True), traces)
     return [f for view, data in by_kind(record["data"]) for d in data for f in view.compared_figures(d, plotted)]
 
 
 def comparison_lines(record: Record) -> list[str]:
-    """Sentences on models and data, the nearest model to each data set, and points without a number."""
+    """Sentences on models and data, the best model for each data set, and points without a number."""
     labels, data = list(record["labels"]), record["data"]
     lines = [f"{count_noun(len(labels), 'model')} on {count_noun(len(data), 'data set')}; nothing was fitted."]
     if len(labels) > 1:
@@ -117,12 +117,12 @@ def comparison_lines(record: Record) -> list[str]:
             lines += _nearest(*view.leading(kind_data), [d["name"] for d in kind_data], labels)
     failed = sum(len(failures) for d in data for failures in d.get("failures", {}).values())
     if failed:
-        lines.append(f"{count_noun(failed, 'point')} could not be simulated or judged; the last table says why.")
+        lines.append(f"{count_noun(failed, 'point')} could not be simulated or judged; see the last table for reasons.")
     return lines
 
 
 def comparison_commands(record: Record, folder: str) -> list[tuple[str, str]]:
-    """Purpose and command line; the first only if the models and studies were named on one."""
+    """Purposes and command lines; the first only if models and studies came from a command line."""
     arguments = [model.get("argument", "") for model in record["models"]]
     files = [study.get("file", "") for study in record["studies"]]
     commands = []
@@ -134,9 +134,9 @@ def comparison_commands(record: Record, folder: str) -> list[tuple[str, str]]:
 
 
 def _nearest(what: str, errors: Sequence[Record], names: Sequence[str], labels: Sequence[str]) -> list[str]:
-    """Sentence on which model has the least error of which data sets, of their errors by label.
+    """Say which model has the least error on which data sets.
 
-    `what` is what the best model has; `names` are those of the data sets.
+    `what`: error measure in words; `errors`: by label, for each data set; `names`: of the data sets.
     """
     nearest: dict[str, list[str]] = {}
     for name, by_label in zip(names, errors, strict=True):

@@ -1,4 +1,4 @@
-"""Any injectors beside one another on any data: nothing is fitted."""
+"""Compare injectors on any data, without fitting."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from commonrail.physics.meters import Meter
 
 
 class Failure(NamedTuple):
-    """A point without a number: rail pressure [Pa], energising time [s], name of the status, and what it means."""
+    """A point without a number: rail pressure [Pa], energising time [s], name and meaning of the status."""
 
     rail_pressure: float
     energising_time: float
@@ -41,13 +41,13 @@ class Comparison(Shown):
     models : dict of str to Injector
         By label.
     studies : tuple of Study
-        Whose data were used.
+        Studies with the data.
     data : tuple of DataSet
-        All data sets in order; one whose name occurs twice has "(study n)" behind it.
+        All data sets in order; "(study n)" is appended to a repeated name.
     scores : dict of str to tuple of Score
-        By label, one for each data set.
+        Score on each data set, by label.
     failures : dict of str to tuple of tuple of Failure
-        By label and data set, the points that have no number.
+        Points without a number, by label and data set.
     """
 
     presenter = "commonrail.plugins.compare.page:COMPARISON"
@@ -60,7 +60,7 @@ class Comparison(Shown):
 
     @property
     def simulated(self) -> bool:
-        """Return whether there is any number at all."""
+        """Whether any point has a number."""
         pairs = (pair for failures in self.failures.values() for pair in zip(self.data, failures, strict=True))
         return any(len(failures) < len(data.points) for data, failures in pairs)
 
@@ -72,25 +72,25 @@ def compare(
     threads: int | None = None,
     meters: Mapping[str, Sequence[Meter]] | None = None,
 ) -> Comparison:
-    """Simulate every injector at every point of the data; roles, parameters and optimisers of the studies do not count.
+    """Simulate every injector at every point of the data; roles, parameters and optimisers of the studies are ignored.
 
     Parameters
     ----------
     models : mapping of str to Injector
-        One to eight injectors by the labels that tables and figures show.
+        One to eight injectors by their labels in tables and figures.
     studies : Study or sequence of Study
-        Whose data are used.
+        Studies with the data.
     threads : int, optional
         All usable processors by default; the result does not depend on it.
     meters : mapping of str to sequence of Meter, optional
-        By label, meters that the model was calibrated with: they replace those of the data with the same names.
+        Calibrated meters of a model, by label: they replace the data's meters with the same names.
 
     Raises
     ------
     ConfigurationError
-        If an argument is of another kind, a label cannot be used, there is no model or too many, no study, or a model's
-        drive does not fit the data. A simulation that fails is no error: its point has no number, and
-        `Comparison.failures` says why.
+        If an argument has the wrong type, a label is not usable, models or studies are missing, there are too many
+        models, or the drive of a model does not fit the data. A failed simulation does not raise: its point has no
+        number, and `Comparison.failures` has the reason.
     """
     studies = (studies,) if isinstance(studies, Study) else _study_list(studies)
     threads = thread_count(threads)
@@ -99,7 +99,7 @@ def compare(
         instance(injector, Injector, f'injector "{label}" of the models')
         for study in studies:
             check_drive(injector, study, label)
-    data = _named_apart(studies)
+    data = _rename_duplicates(studies)
     study_of_data = [study for study in studies for _ in study.data]
     scores: dict[str, tuple[Score, ...]] = {}
     failures: dict[str, tuple[tuple[Failure, ...], ...]] = {}
@@ -116,14 +116,14 @@ def compare(
 
 def _study_list(studies: Sequence[Study]) -> tuple[Study, ...]:
     if isinstance(studies, str | PathLike):
-        instance(studies, Study, "studies")  # says how a study is loaded from a file
+        instance(studies, Study, "studies")  # the error says how a study is loaded from a file
     items = instances(studies, Study, "studies")
     if not items:
-        raise ConfigurationError("The studies must be at least one; its data are what the models are compared on.")
+        raise ConfigurationError("At least one study is needed: the models are compared on its data.")
     return items
 
 
-def _named_apart(studies: Sequence[Study]) -> tuple[DataSet, ...]:
+def _rename_duplicates(studies: Sequence[Study]) -> tuple[DataSet, ...]:
     count = Counter(data.name for study in studies for data in study.data)
     return tuple(
         data.changed(name=f"{data.name} (study {i})") if count[data.name] > 1 else data
@@ -133,7 +133,7 @@ def _named_apart(studies: Sequence[Study]) -> tuple[DataSet, ...]:
 
 
 def _score(label: str, simulator: Simulator, data: DataSet) -> tuple[Score, tuple[Failure, ...]]:
-    """Score, and the points without a number; those that failed are simulated again, for their status."""
+    """Return the score, and the points without a number; failed points are simulated again for their status."""
     try:
         score = data.score(simulator)
     except CommonrailError as error:

@@ -26,8 +26,8 @@ def compare(
         tuple[str, ...],
         Argument(
             metavar="MODEL",
-            help="One to eight models: an injector file, a name of the catalogue, or a run folder of calibrate. LABEL= "
-            "in front names a model; @rigid, @regulated,volume … behind it changes its variant.",
+            help="One to eight models: injector file, catalogue name, or run folder of calibrate. A prefix LABEL= "
+            "names a model; a suffix @rigid, @regulated,volume … changes its variant.",
         ),
     ],
     *,
@@ -42,7 +42,7 @@ def compare(
     """Compare models on the data of studies, without fitting.
 
     Each model is simulated at every point of the data. A simulation that fails gives no number; the last
-    table lists its reason. What is implausible is said, of a run as of a fit. Without --out nothing is written.
+    table lists the reason. Implausible results give warnings. Without --out nothing is written.
 
     \b
     Examples:
@@ -55,7 +55,7 @@ def compare(
     from commonrail.runs.folder import new_folder
 
     with new_folder(out) if out else nullcontext() as place:
-        comparison, record = _compared(read_models(models, set_), data, threads)
+        comparison, record = _compare(read_models(models, set_), data, threads)
         if place is not None:
             write_comparison(place, comparison, record)
             write_report(place)
@@ -67,7 +67,7 @@ def compare(
         click.echo(f"report: {out / 'report.html'}")
 
 
-def _compared(
+def _compare(
     models: Sequence[NamedModel], files: Sequence[Path], threads: int | None
 ) -> tuple[Comparison, dict[str, Any]]:
     from commonrail.calibration.study_file import load_study
@@ -82,14 +82,14 @@ def _compared(
     )
     if not comparison.simulated:
         first = next(f for of_model in comparison.failures.values() for failures in of_model for f in failures)
-        raise SimulationError(f"No model could be simulated on any of the data. {first.sentence}")
+        raise SimulationError(f"No model could be simulated at any point of the data. {first.sentence}")
     texts = {model.label: model.text for model in models}
     record = comparison_record(comparison, texts, [str(file) for file in files])
     return comparison, record | {"warnings": _warnings(comparison, models)}
 
 
 def _warnings(comparison: Comparison, models: Sequence[NamedModel]) -> list[dict[str, str]]:
-    """Findings of implausible errors, shifts and gains, each once; printed to stderr and returned as records."""
+    """Print warnings of implausible errors, shifts and gains to stderr, each once; return their records."""
     from commonrail.base.record import to_record
     from commonrail.calibration.plausibility import of_model
 

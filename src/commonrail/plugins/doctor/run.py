@@ -40,8 +40,7 @@ Runner = Callable[[str, list[str], float], subprocess.CompletedProcess[str]]
 def run_child(module: str, arguments: list[str], seconds: float) -> subprocess.CompletedProcess[str]:
     """Run ``python -m module arguments``.
 
-    `module`: found where this process finds its own, also what is not installed. `seconds`: after these
-    `subprocess.TimeoutExpired` is raised.
+    `module`: on the import path of this process, installed or not. Raises `subprocess.TimeoutExpired` after `seconds`.
     """
     command, environment = python("-m", module, *arguments), same_modules()
     return subprocess.run(command, capture_output=True, text=True, timeout=seconds, env=environment, check=False)
@@ -61,20 +60,19 @@ def ask_child(module: str, arguments: list[str], seconds: float, run: Runner = r
 
 def _reason(done: subprocess.CompletedProcess[str]) -> str:
     if done.returncode < 0:
-        return f"the process was ended by signal {-done.returncode}, as a system does that is short of memory"
+        return f"the process was killed by signal {-done.returncode}, perhaps for lack of memory"
     last = done.stderr.strip().splitlines()[-1:] or ["no message"]
     return f"the process ended with status {done.returncode}: {last[0]}"
 
 
-# The first simulation of a fresh process: ``python -m commonrail.plugins.doctor.run`` prints JSON.
-#
-# It tells whether the machine code came from the cache, how long that took, and what the simulation gave.
+# First simulation of a fresh process: ``python -m commonrail.plugins.doctor.run`` prints JSON with the origin of the
+# machine code, the time and the result.
 
 POINT = OperatingPoint(160e6, 700e-6, horizon=1.56e-3)  # of the paper
 
 
 def first_simulation() -> dict[str, Any]:
-    """Seconds to the first result, where its kernel came from, and the result's figures [SI]."""
+    """Time to the first result, origin of its kernel, and the result [SI]."""
     case = load_injector("virtual-lino-2016")
     begin = time.perf_counter()
     solution = simulate(case, POINT)
@@ -93,11 +91,11 @@ def first_simulation() -> dict[str, Any]:
 # The machine: processor, instruction sets, threads, memory, load, versions.
 
 FEATURES = ("sse2", "avx", "avx2", "fma", "avx512f", "avx512vl", "neon", "sve")
-BUSY = 0.5  # load for each core above which timings are not to be trusted
+BUSY = 0.5  # load per core above which timings are unreliable
 
 
 def machine() -> dict[str, Any]:
-    """Everything here, for the record."""
+    """Return a record of the machine."""
     return {
         "processor": processor(),
         "system": f"{platform.system()} {platform.machine()}",
@@ -110,12 +108,12 @@ def machine() -> dict[str, Any]:
 
 
 def processor() -> str:
-    """Model of the processor, as the system names it."""
+    """Model of the processor according to the system."""
     return target.processor() or platform.machine() or "unknown"
 
 
 def instruction_sets() -> list[str]:
-    """Those of `FEATURES` that the compiler may use here; none where it is not installed."""
+    """Return the `FEATURES` that the compiler can use here; empty if it is not installed."""
     try:
         from llvmlite import binding
     except ModuleNotFoundError:
@@ -125,14 +123,14 @@ def instruction_sets() -> list[str]:
 
 
 def load() -> float | None:
-    """Processes that wanted to run in the last minute, on average; None where the system does not tell."""
+    """Average number of runnable processes in the last minute; None if the system does not report it."""
     with suppress(OSError, AttributeError):
         return os.getloadavg()[0]
     return None
 
 
 def busy(load: float | None, threads: int) -> bool:
-    """Return whether others work on the machine so much that timings would suffer."""
+    """Return whether other processes load the machine enough to disturb timings."""
     return load is not None and load > BUSY * threads
 
 
@@ -142,14 +140,14 @@ def _memory() -> int | None:
     return None
 
 
-# Facts about the machine and what commonrail made of it, each with its cure.
+# Facts about the machine and about commonrail on it, each with a remedy if needed.
 
 OK = "ok"
 PATIENCE = 600.0  # for the first simulation, which may compile [s]
-# The paper's injector at 160 MPa, 700 us [m³]. Refined physics may move it by less than the tolerance, miscompiled not.
+# Injected volume of the paper's injector at 160 MPa, 700 us [m³]. Refined physics changes it less than the tolerance.
 VOLUME, TOLERANCE = 53.8e-9, 0.05
 BALANCE = 1e-9  # (in − out − stored)/injected; rounding leaves 1e-14
-# Packages that a simulation needs where no library holds it, and what needs them in any case.
+# Packages that a simulation needs unless a library contains it, and features that always need them.
 WITHOUT_LIBRARIES = {
     "scipy": "the reference engine, refinements and some analyses need",
     **dict.fromkeys(COMPILERS, "the reference engine, the stepper, exports and simulations that no library holds need"),
@@ -164,7 +162,7 @@ EXTRAS = {
 
 
 class Fact(NamedTuple):
-    """One line: name, finding, "ok" or what to do, and whether one cannot do without it."""
+    """One line: name, finding, "ok" or what to do, and whether commonrail needs it."""
 
     name: str
     value: str
@@ -173,16 +171,15 @@ class Fact(NamedTuple):
 
 
 def doctor() -> list[Fact]:
-    """Look at this machine: does commonrail work well on it?
+    """Check that commonrail works on this machine.
 
-    The first simulation may take a minute where it has to be compiled. What is "ok" needs nothing; else the verdict
-    of a fact says what to do.
+    The first simulation may take a minute if it must be compiled. The verdict of a fact is "ok", or says what to do.
     """
     return [*machine_facts(), *cache_facts(), *kernel_facts(), *extra_facts(), *plugin_facts()]
 
 
 def usable(facts: list[Fact]) -> bool:
-    """True if nothing essential is amiss."""
+    """Return whether all essential facts are "ok"."""
     return all(fact.verdict == OK for fact in facts if fact.essential)
 
 
@@ -194,7 +191,7 @@ def machine_facts() -> Iterator[Fact]:
     sets = instruction_sets()
     yield Fact("instruction sets", " ".join(sets) or "none known", _vectors(sets) if version("llvmlite") else OK)
     threads, now = usable_threads(), load()
-    crowded = "Others keep it busy: simulations take longer, with the same results."
+    crowded = "Other processes keep it busy: simulations take longer, with the same results."
     yield Fact(
         "threads",
         f"{threads}, load {'unknown' if now is None else f'{now:.1f}'}",
@@ -207,46 +204,44 @@ def machine_facts() -> Iterator[Fact]:
 
 
 def package_facts(has_libraries: bool) -> Iterator[Fact]:
-    """Versions of the packages that simulate.
+    """Versions of the packages for simulations.
 
-    With `has_libraries` libraries of compiled simulations are used: what is in them needs NumPy alone.
+    `has_libraries`: libraries of compiled simulations are usable; their simulations need only NumPy.
     """
     for package in ("numpy", *WITHOUT_LIBRARIES):
         installed = version(package)
         needless = has_libraries and package in WITHOUT_LIBRARIES
-        lacking = f"Simulations by a library do without; {WITHOUT_LIBRARIES[package]} it. " if needless else ""
-        cure = f"{lacking}Install it: {INSTALL if package in COMPILERS else f'pip install {package}'}."
+        need = f"Simulations by a library do not need it; {WITHOUT_LIBRARIES[package]} it. " if needless else ""
+        cure = f"{need}Install it: {INSTALL if package in COMPILERS else f'pip install {package}'}."
         yield Fact(package, installed or "not installed", OK if installed else cure, not needless)
 
 
 def cache_facts(folder: Callable[[], Path | None] | None = None) -> Iterator[Fact]:
-    """Folder of compiled simulations, what is there, and whether it is whole."""
+    """Folder of compiled simulations, its size, and whether its files are intact."""
     usual = cache.places()[0]
     cache_path = (folder or cache.cache_folder)()
     if cache_path is None:
         cure = (
-            f"No place for compiled simulations is writable and private, so every run compiles anew: make {usual} "
-            "writable for you alone, or name another place in XDG_CACHE_HOME."
+            f"No folder for compiled simulations is writable and private, so every run compiles again: make {usual} "
+            "writable for you alone, or name another folder in XDG_CACHE_HOME."
         )
         yield Fact("kernel cache", "none", cure)
         return
-    fallen_back = f"{usual} cannot be used and this place may be emptied at any time: make that one yours alone."
-    yield Fact("kernel cache", str(cache_path), OK if cache_path.parent == usual else fallen_back)
+    fallback = f"{usual} cannot be used, and this folder may be emptied at any time: make {usual} yours alone."
+    yield Fact("kernel cache", str(cache_path), OK if cache_path.parent == usual else fallback)
     files = list(cache_path.glob(f"*{cache.ENDING}"))
     damaged = sum(cache.read(path)[0] is None for path in files)
     size = sum(path.lstat().st_size for path in files)
-    renewed = f"{damaged} of them differ from what was written and are compiled anew when they are used."
-    yield Fact("kernels in it", f"{len(files)}, {size / 1e6:.1f} MB", renewed if damaged else OK)
+    renewal = f"{damaged} of them are damaged and will be compiled again when they are used."
+    yield Fact("kernels in it", f"{len(files)}, {size / 1e6:.1f} MB", renewal if damaged else OK)
     old = sum(path.name != cache_path.name for path in cache_path.parent.glob("kernels-*"))
     if old:
-        cure = (
-            "Other versions made them, perhaps still in use; those beside the cache above that are not may be deleted."
-        )
+        cure = "Other versions made them, perhaps still in use; delete those next to the cache above that are not used."
         yield Fact("other caches", f"{old} folders", cure)
 
 
 def kernel_facts(run: Callable[[], dict[str, Any]] | None = None) -> Iterator[Fact]:
-    """First simulation of the paper's injector in a fresh process: from the cache or not, and plausible or not."""
+    """First simulation of the paper's injector in a fresh process: origin of its kernel, and its plausibility."""
     probe = run or (lambda: ask_child("commonrail.plugins.doctor.run", [], PATIENCE))
     first = probe()
     if "failed" in first:
@@ -263,20 +258,20 @@ def kernel_facts(run: Callable[[], dict[str, Any]] | None = None) -> Iterator[Fa
         if again.get("origin") == "cache":
             yield Fact("first simulation", f"{value}, from the cache from now on ({again['seconds']:.1f} s)", OK, True)
         else:
-            cure = "It was not kept, so every run compiles anew: see to the kernel cache above."
+            cure = "It was not kept, so every run compiles again: repair the kernel cache above."
             yield Fact("first simulation", value, cure)
     yield self_check(first)
 
 
 def self_check(simulation: dict[str, Any]) -> Fact:
-    """Check that mass is conserved and the quantity is that of the paper's injector."""
+    """Check that mass is conserved and the quantity is the paper's."""
     volume, balance = simulation["volume"], simulation["balance"]
     if volume is None or balance is None:
         value, sound = simulation["status"], False
     else:
-        value = f"{volume * 1e9:.1f} mm³ injected, mass kept to {abs(balance):.0e}"
+        value = f"{volume * 1e9:.1f} mm³ injected, relative mass error {abs(balance):.0e}"
         sound = abs(balance) < BALANCE and abs(volume / VOLUME - 1.0) < TOLERANCE
-    cure = f"It should be {VOLUME * 1e9:.1f} mm³ and 1e-14: empty the kernel cache; if it stays, report it."
+    cure = f"Expected: {VOLUME * 1e9:.1f} mm³ and 1e-14. Empty the kernel cache; if that does not help, report it."
     return Fact("self-check", value, OK if sound else cure, True)
 
 
@@ -287,7 +282,7 @@ def extra_facts(find: Callable[[str], object | None] = find_spec) -> Iterator[Fa
             yield Fact(package, "not installed", f"Only needed {purpose}: {install}.")
         else:
             yield Fact(package, version(package))
-    yield Fact("numba-cuda", version("numba-cuda") or "not installed; commonrail does without")
+    yield Fact("numba-cuda", version("numba-cuda") or "not installed; optional")
     yield Fact("CUDA device", _cuda_device(find))
 
 
@@ -301,10 +296,10 @@ class Plugin(NamedTuple):
     version: str
     citation: str  # `__citation__` of its top-level module, by default its summary
     parts: list[str]  # group and name of each, such as "verbs spread"
-    broken: list[str]  # a sentence on each that cannot be used
+    broken: list[str]  # a sentence for each unusable part
 
 
-# How a part is tried; those of all other groups are loaded.
+# Test of a part by its group; parts of other groups are loaded.
 _TRIALS: dict[str, Callable[[str], object]] = {
     "optimisers": find_optimiser,
     "data": find_kind,
@@ -315,8 +310,8 @@ _TRIALS: dict[str, Callable[[str], object]] = {
 }
 
 
-def installed_plugins() -> list[Plugin]:
-    """Installed packages by name, each part of them tried."""
+def find_plugins() -> list[Plugin]:
+    """Find the installed packages by name, and test each of their parts."""
     unused = {entry: why for group in registry.GROUPS for entry, why in registry.find_unused(group).items()}
     parts = [*(entry for group in registry.GROUPS for entry in registry.find_installed(group).values()), *unused]
     plugins = []
@@ -329,7 +324,7 @@ def installed_plugins() -> list[Plugin]:
 
 
 def _fault(entry: registry.Entry) -> str:
-    """Sentence on why a part cannot be used; empty if it can."""
+    """Reason why a part cannot be used; empty if it can."""
     try:
         trial = _TRIALS.get(entry.group)
         entry.load() if trial is None else trial(entry.name)
@@ -340,14 +335,16 @@ def _fault(entry: registry.Entry) -> str:
 
 def plugin_facts() -> Iterator[Fact]:
     """Installed packages with their parts."""
-    for plugin in installed_plugins():
+    for plugin in find_plugins():
         value = f"{plugin.version}: {', '.join(plugin.parts)}" + (f". {plugin.citation}" if plugin.citation else "")
         yield Fact(f"plug-in {plugin.distribution}", value, " ".join(plugin.broken) or OK)
 
 
 def _vectors(sets: list[str]) -> str:
     if platform.machine().lower() in ("x86_64", "amd64") and "avx2" not in sets:
-        return "Without AVX2 simulations take several times as long; on a virtual machine, hand the processor through."
+        return (
+            "Without AVX2 simulations take several times as long; let a virtual machine use the host's processor type."
+        )
     return OK
 
 

@@ -1,4 +1,4 @@
-"""A type of injector turned into the model of one part by a few reference quantities that were measured on it."""
+"""Adapt a type of injector to one part by a few reference quantities measured on the part."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ from commonrail.plugins.family.drawn import (
     FLOW_SPREAD,
     Doubts,
     at_point,
-    doubts_of,
+    describe_missed_references,
+    describe_no_injection,
+    describe_shut_points,
+    explain_by_one_change,
+    find_doubts,
     flow_about_drawing,
-    held_parameters,
-    missed_references,
-    one_change,
-    scattering,
-    shut_points,
-    stays_shut,
+    parameters_with_priors,
+    scattering_parameters,
 )
 from commonrail.plugins.family.from_results import OF_PART
 from commonrail.plugins.family.injector_type import InjectorType, load_type
@@ -50,10 +50,10 @@ from commonrail.readers.columns import Column
 from commonrail.readers.injector import load_injector
 from commonrail.readers.location import Place, Reach
 
-FAR, ANYWAY = 0.5, 1e-9  # share of a reference quantity, and volume [m³], by which an adapted model may miss it
-FEWEST_FOR_PRIORS = 2  # reference quantities from which the type's parameters move too, held by their spreads
-TOLERANCE = 0.015  # of reference quantities beside 0.05 mm³: an estimate
-MEMBERS, MOVES = 64, 24  # candidates that are screened, and iterations after it
+FAR, ANYWAY = 0.5, 1e-9  # an adapted model may miss a reference by this share or by this volume [m³]
+FEWEST_FOR_PRIORS = 2  # with this many references the type's parameters are fitted too, with spreads as priors
+TOLERANCE = 0.015  # relative, of reference quantities, in addition to 0.05 mm³: an estimate
+MEMBERS, MOVES = 64, 24  # candidates screened, and iterations after the screening
 
 
 @dataclass(frozen=True)
@@ -71,11 +71,11 @@ class Adapted:
     points : QuantityData
         Reference quantities.
     calibration : Calibration
-        The fit that found it.
+        The fit of the model.
     doubts : Doubts
-        What speaks against the part being a sound one of the type.
+        Reasons to doubt that the part is a sound part of the type.
     limits : tuple of str
-        Sentences on references that the model misses, and on points where it injects nothing.
+        Warnings about references that the model misses, and about points where it injects nothing.
     """
 
     injector: Injector
@@ -102,10 +102,10 @@ def adapt(
 ) -> Adapted:
     """Fit the model of a type to reference quantities of one part.
 
-    One quantity determines one number, the flow factor: effective area of the nozzle's holes relative to the drawing.
-    It has no prior then, so the quantity is met exactly. From two quantities on the parameters of the type are fitted
-    too, and each of them and the flow has its value and spread as prior. References that the model misses by more than
-    their tolerance, and points of its map where it injects nothing, are warned of.
+    One quantity determines the flow factor: effective area of the nozzle's holes relative to the drawing. The factor
+    has no prior then, and the quantity is met exactly. From two quantities on the parameters of the type are fitted
+    too; each of them, and the flow, has value and spread as prior. A warning names references that the model misses
+    by more than their tolerance, and points of its map where it injects nothing.
 
     Parameters
     ----------
@@ -114,14 +114,14 @@ def adapt(
     points : QuantityData or path
         Reference quantities, or a CSV file with columns rail_pressure, energising_time and quantity.
     injector : Injector, name or path, optional
-        The part: nozzle, line and all that was measured on it (mark M) are its own, the rest is the type's. By default
+        The part. Its nozzle, line and measured values (mark M) are used; all other values are the type's. By default
         the type's injector.
     cylinder_pressure, return_pressure : float or str
         [Pa] of the points of a file.
     tolerance : float or str
-        Of the quantities of a file, as a share: scatter and error of the bench. Beside it they have 0.05 mm³.
+        Relative tolerance of the quantities of a file (scatter and error of the bench), in addition to 0.05 mm³.
     flow_spread : float or str
-        Standard deviation of the nozzles' flow about their drawing, as a share.
+        Relative standard deviation of the nozzles' flow about their drawing.
     threads : int, optional
         All usable processors by default; the result does not depend on it.
     progress : function of Progress, optional
@@ -133,49 +133,50 @@ def adapt(
     Raises
     ------
     InputError
-        If a file cannot be read, there is no injector, the flow factor would lie outside 0.6 to 1.6, or a reference
+        If a file cannot be read, the injector is missing, the flow factor would lie outside 0.6 to 1.6, or a reference
         quantity is missed by more than half of it and 1 mm³.
     ConfigurationError
-        If an argument is of another kind.
+        If an argument has the wrong type.
     SimulationError
         If no candidate could be simulated.
     """
     part_type = injector_type if isinstance(injector_type, InjectorType) else load_type(injector_type)
-    part_injector = part_of(part_type, injector)
+    part_injector = build_part_injector(part_type, injector)
     if not isinstance(points, QuantityData):
         points = read_points(points, part_injector, cylinder_pressure, return_pressure, tolerance)
     share = fraction(flow_spread, "flow_spread")
-    study, threads = (
-        _study(part_type, part_injector, instance(points, QuantityData, "points"), share),
-        thread_count(threads),
-    )
+    study = _study(part_type, part_injector, instance(points, QuantityData, "points"), share)
+    threads = thread_count(threads)
     fit = calibrate(study, threads=threads, progress=progress)
     factor = (fit.best[FLOW] / part_injector.values[FLOW]) ** 2
     low, high = FACTORS
     start, best = (np.asarray(fit.scores[label][0].values) for label in ("start", "best"))
     if study.space.parameters[0].is_at_bound(fit.best[FLOW]):
-        shut = stays_shut(points, start[None])
+        shut = describe_no_injection(points, start[None])
         check = f"{shut}; take points with larger energising times" if shut else "check nozzle, units and pressures"
-        change = one_change(part_type, part_injector, points, threads, share)
+        change = explain_by_one_change(part_type, part_injector, points, threads, share)
         raise InputError(
-            f"{points.name}: the reference quantities would need a flow factor at the end of {low:g} to {high:g}; "
-            f"{check}{f'; one change of the type explains them best: {change}' if change else ''}."
+            f"{points.name}: the reference quantities need a flow factor at a limit of {low:g} to {high:g}; "
+            f"{check}{f'; a single change of the type explains them best: {change}' if change else ''}."
         )
-    _check_met(points, best)
-    doubts = doubts_of(part_type, part_injector, points, fit, threads, share)
-    adapted = _named(part_type, study, fit, factor)
-    limits = [*missed_references(points, best), *shut_points(fit, adapted, _map_of(adapted, points), threads)]
+    _check_references(points, best)
+    doubts = find_doubts(part_type, part_injector, points, fit, threads, share)
+    adapted = _name_injector(part_type, study, fit, factor)
+    limits = [
+        *describe_missed_references(points, best),
+        *describe_shut_points(fit, adapted, _map_points(adapted, points), threads),
+    ]
     for sentence in limits:
         note(f"{points.name}: {sentence}.")
     return Adapted(adapted, factor, start, best, points, fit, doubts, tuple(limits))
 
 
-def _check_met(points: QuantityData, best: Floats) -> None:
-    """Refuse reference quantities that the adapted model does not come near: no flow factor can repair that."""
+def _check_references(points: QuantityData, best: Floats) -> None:
+    """Refuse reference quantities that the adapted model misses by far: no flow factor can repair that."""
     for point, measured, predicted in zip(points.points, points.quantity, best, strict=True):
         if not abs(predicted - measured) <= max(FAR * measured, ANYWAY):
             raise InputError(
-                f"{points.name}: {measured * 1e9:.3g} mm³ are measured at {at_point(point)}, and the adapted type "
+                f"{points.name}: the reference at {at_point(point)} is {measured * 1e9:.3g} mm³, and the adapted type "
                 f"injects {predicted * 1e9:.3f} mm³; check units and pressures, or take a point with a larger "
                 "energising time."
             )
@@ -190,8 +191,8 @@ def read_points(
 ) -> QuantityData:
     """Read reference quantities from a CSV file with columns rail_pressure, energising_time and quantity.
 
-    The injector gives the fuel, for quantities by mass; pressures are in Pa, or texts with their units. `InputError` if
-    the file cannot be read, or something in it is missing or of the wrong kind.
+    The injector's fuel converts quantities by mass. Pressures are in Pa, or texts with units. Raises `InputError` if
+    the file cannot be read, or a column is missing or has the wrong type.
     """
     file, share = file_path(path, "path of the reference quantities"), fraction(tolerance, "tolerance")
     pressures = {"cylinder_pressure": cylinder_pressure, "return_pressure": return_pressure}
@@ -206,35 +207,35 @@ def read_points(
     return read
 
 
-def part_of(injector_type: InjectorType, injector: Injector | str | Path | None) -> Injector:
-    """The part's injector before it is fitted: its own measured values and nozzle, the type's other values.
+def build_part_injector(injector_type: InjectorType, injector: Injector | str | Path | None) -> Injector:
+    """Return the part's injector before the fit: measured values and nozzle of the part, other values of the type.
 
-    `InputError` if a file cannot be read, or there is no injector.
+    Raises `InputError` if a file cannot be read, or neither part nor type has an injector.
     """
     if injector is None:
         if injector_type.injector is None:
             raise InputError(
-                f"The type {injector_type.name} names no injector; give the part's own (--injector MODEL; in Python: "
-                "injector)."
+                f"The type {injector_type.name} names no injector; give the part's injector (--injector MODEL; in "
+                "Python: injector)."
             )
-        return injector_type.applied(injector_type.injector)
+        return injector_type.apply_to(injector_type.injector)
     measured_injector = injector if isinstance(injector, Injector) else load_injector(injector)
-    part_injector = injector_type.applied(measured_injector, keep=OF_PART)
+    part_injector = injector_type.apply_to(measured_injector, keep=OF_PART)
     for value in injector_type.fixed:
         if value.name not in OF_PART and part_injector.values[value.name] != value.value:
             unit = parameter_quantities()[value.name].unit
             note(
                 f"{value.name} stays {to_text(part_injector.values[value.name], unit)}, as measured on "
-                f"{measured_injector.name}; the type was learnt with {to_text(value.value, unit)}."
+                f"{measured_injector.name}; the parts of the type were fitted with {to_text(value.value, unit)}."
             )
     return part_injector
 
 
 def _study(injector_type: InjectorType, part_injector: Injector, points: QuantityData, flow_spread: float) -> Study:
-    """Study that fits the flow factor; from two points on with its spread, and the type's parameters with theirs."""
+    """Study that fits the flow factor; from two points on also the type's parameters, all with spreads as priors."""
     free = [flow_about_drawing(part_injector, flow_spread)]
     if np.count_nonzero(points.judged) >= FEWEST_FOR_PRIORS:
-        free += held_parameters(injector_type, part_injector)
+        free += parameters_with_priors(injector_type, part_injector)
     else:
         free = [replace(free[0], prior=None)]
     space = Space(free)
@@ -251,8 +252,8 @@ def _study(injector_type: InjectorType, part_injector: Injector, points: Quantit
     )
 
 
-def _named(injector_type: InjectorType, study: Study, fit: Calibration, factor: float) -> Injector:
-    """The adapted injector with name and sources."""
+def _name_injector(injector_type: InjectorType, study: Study, fit: Calibration, factor: float) -> Injector:
+    """Return the adapted injector with name and sources."""
     points = study.data[0]
     text = f'type "{injector_type.name}", fitted to {points.name}'
     drawn = study.injector.values[FLOW]
@@ -261,10 +262,10 @@ def _named(injector_type: InjectorType, study: Study, fit: Calibration, factor: 
     return replace(fit.injector, name=f"{study.injector.name}-adapted", sources={**fit.injector.sources, **notes})
 
 
-# Reference point for the next part of a type: the one whose quantity tells most of the part's other quantities.
+# Reference point for the next part of a type: the point whose quantity predicts the part's other quantities best.
 
 SCALES = 41  # flow factors at which the type is simulated; quantities between them are interpolated
-USABLE = 0.95  # share of the drawn parts that a point must serve to be advised
+USABLE = 0.95  # least share of the drawn parts that an advised point must serve
 QUANTILE = 0.9
 RAIL_PRESSURES = (40e6, 80e6, 120e6, 160e6)  # [Pa]
 ENERGISING_TIMES = (300e-6, 400e-6, 500e-6, 700e-6, 1000e-6, 1400e-6)  # [s]
@@ -272,12 +273,22 @@ ENERGISING_TIMES = (300e-6, 400e-6, 500e-6, 700e-6, 1000e-6, 1400e-6)  # [s]
 
 @dataclass(frozen=True)
 class Advice:
-    """Expected errors of the adapted type at all other points, for each candidate (points,) as only reference point.
+    """Expected errors of the adapted type at all other points, for each candidate as the only reference point.
 
-    `expected` is the root mean square error over points and drawn parts [m³], NaN where the candidate serves no part;
-    90 % of the drawn parts stay below `upper`. `usable` is the share of the drawn parts that inject there, and whose
-    quantity a flow factor from 0.6 to 1.6 meets. `without` is the error of the type itself, without any reference [m³];
-    `draws` counts the drawn parts that could be simulated.
+    Attributes
+    ----------
+    points : tuple of OperatingPoint
+        Candidates.
+    expected : (points,)
+        Root mean square error over points and drawn parts [m³]; NaN if the candidate serves no part.
+    upper : (points,)
+        90 % of the drawn parts have a smaller error [m³].
+    usable : (points,)
+        Share of the drawn parts that inject at the candidate, and whose quantity a flow factor from 0.6 to 1.6 meets.
+    without : float
+        Error of the type itself, without any reference [m³].
+    draws : int
+        Drawn parts that could be simulated.
     """
 
     points: tuple[OperatingPoint, ...]
@@ -289,7 +300,7 @@ class Advice:
 
     @property
     def order(self) -> tuple[int, ...]:
-        """Candidates that serve nearly all parts, the smallest expected error first."""
+        """Indices of the candidates that serve nearly all parts, the smallest expected error first."""
         ranked = np.argsort(self.expected, kind="stable").tolist()
         return tuple(i for i in ranked if self.usable[i] >= USABLE)
 
@@ -304,41 +315,50 @@ def advise(
     seed: int = 1,
     threads: int | None = None,
 ) -> Advice:
-    """Rank reference points before anything was measured on the part.
+    """Rank reference points before anything is measured on the part.
 
-    `points` are at least two candidates; the quantities at all of them are what the model is to predict. Injector and
-    threads are as in `adapt`; `flow_spread` is the standard deviation of the effective hole area about the drawing, as
-    a share.
+    Parts are drawn from the type: each parameter from the normal distribution of its scatter between parts (`between`)
+    within the bounds, and the flow of the nozzle. A type without any `between` uses its full spreads. For each
+    candidate, the type gets the flow factor at which it injects the drawn part's quantity, as `adapt` does with one
+    quantity. It is then compared with the drawn part at all other points.
 
-    Parts are drawn from the type: each parameter from the normal distribution of its scatter between parts (`between`),
-    within the bounds, and the flow of the nozzle. Where the type states no scatter between parts for any parameter, its
-    whole spreads are drawn from. For each candidate, the type is given the flow factor at which it injects what the
-    drawn part injects there, as `adapt` does it with one quantity, and is compared with the drawn part at all other
-    points. No measured quantity of the part is used.
+    The errors of the type's values are neglected, since a type file has no correlations and the data determine
+    combinations of the parameters better than each parameter. The expected error therefore covers the scatter of the
+    parts only; an error of the type itself adds to it. For a type without `between` the expected errors are too large,
+    and only the order of the points is meaningful.
 
-    The errors of the type's own values are left out: data hold combinations of the parameters more closely than each
-    one, and a type file holds no correlations. So the expected error is that of the parts' scatter alone, and a type
-    that misses the measured parts by more will miss the next one too. Of a type without `between` it is too large for
-    the same reason; the order of the points is then what the ranking is for.
+    Parameters
+    ----------
+    injector_type, injector, threads
+        As in `adapt`.
+    points : sequence of OperatingPoint
+        At least two candidates; the model is to predict the quantities at all of them.
+    flow_spread : float or str
+        Relative standard deviation of the effective hole area about the drawing.
+    draws, seed : int
+        Number of drawn parts, and seed of the draws.
 
-    `InputError` if a file cannot be read, there is no injector, or there are fewer than two points; `SimulationError`
-    if no drawn part could be simulated.
+    Raises
+    ------
+    InputError
+        If a file cannot be read, the injector is missing, or there are fewer than two points.
+    SimulationError
+        If no drawn part could be simulated.
     """
     part_type = injector_type if isinstance(injector_type, InjectorType) else load_type(injector_type)
-    part_injector = part_of(part_type, injector)
+    part_injector = build_part_injector(part_type, injector)
     at = instances(points, OperatingPoint, "points")
     if len(at) < 2:
         raise InputError("A reference point is chosen among at least two points; give more candidates.")
     share, count = fraction(flow_spread, "flow_spread"), integer(draws, "draws", 2, 100_000)
-    space = Space([flow_about_drawing(part_injector, share), *scattering(part_type, part_injector)])
-    part_quantities, scaled = _simulated(
-        part_injector, at, space, (count, integer(seed, "seed")), thread_count(threads)
-    )
-    return _advice(at, part_quantities, scaled)
+    space = Space([flow_about_drawing(part_injector, share), *scattering_parameters(part_type, part_injector)])
+    drawn = count, integer(seed, "seed")
+    part_quantities, scaled = _simulate_draws(part_injector, at, space, drawn, thread_count(threads))
+    return _rank_references(at, part_quantities, scaled)
 
 
-def _map_of(injector: Injector, points: QuantityData) -> list[OperatingPoint]:
-    """Reference points, and the points of `grid` that the model of an injector covers, at the same pressures."""
+def _map_points(injector: Injector, points: QuantityData) -> list[OperatingPoint]:
+    """Reference points, and the points of `grid` within the range of the model, at the same pressures."""
     first, at = points.points[0], list(points.points)
     for point in grid(first.at_start(first.cylinder_pressure), first.at_start(first.return_pressure)):
         with suppress(ConfigurationError):
@@ -348,9 +368,8 @@ def _map_of(injector: Injector, points: QuantityData) -> list[OperatingPoint]:
 
 
 def grid(cylinder_pressure: float | str = 5e6, return_pressure: float | str = 5e5) -> tuple[OperatingPoint, ...]:
-    """Candidates at 40 to 160 MPa and 300 to 1400 µs; pressures behind them in Pa, or texts with their units."""
-    behind = cylinder_pressure, return_pressure
-    return tuple(_point(p, t, *behind) for p in RAIL_PRESSURES for t in ENERGISING_TIMES)
+    """Candidates at 40 to 160 MPa and 300 to 1400 µs; the pressures are in Pa, or texts with units."""
+    return tuple(_point(p, t, cylinder_pressure, return_pressure) for p in RAIL_PRESSURES for t in ENERGISING_TIMES)
 
 
 def read_candidates(
@@ -358,8 +377,8 @@ def read_candidates(
 ) -> tuple[OperatingPoint, ...]:
     """Read candidates from a CSV file with columns rail_pressure and energising_time; other columns are ignored.
 
-    Pressures behind them are in Pa, or texts with their units. `InputError` if the file cannot be read, or a column is
-    missing or of the wrong kind.
+    Cylinder and return pressure are in Pa, or texts with units. Raises `InputError` if the file cannot be read, or a
+    column is missing or has the wrong type.
     """
     columns = [Column("rail_pressure", ("Pa",)), Column("energising_time", ("s",), domain=Domain.POSITIVE)]
     table = map_columns(file_path(path, "path of the candidates"), columns, least=2).columns
@@ -371,12 +390,12 @@ def _point(pressure: float, duration: float, cylinder: float | str, returned: fl
     return OperatingPoint(pressure, duration, cylinder, returned, horizon=duration + AFTER_ENERGISING)
 
 
-def _simulated(
+def _simulate_draws(
     part_injector: Injector, points: Sequence[OperatingPoint], space: Space, drawn: tuple[int, int], threads: int | None
 ) -> tuple[Floats, Floats]:
-    """Quantities [m³] of drawn parts (n, points) and of the type with flow factors, NaN where that fails.
+    """Quantities [m³] of drawn parts (n, points) and of the type with flow factors; NaN if a simulation fails.
 
-    A drawn part that fails anywhere is left out: it is none that is sold.
+    A drawn part that fails anywhere is left out: such a part would not be sold.
     """
     step, (count, seed) = step_for_all(part_injector, space), drawn
     values = sample_priors(space, count, np.random.default_rng(seed))
@@ -396,39 +415,47 @@ def _factors() -> Floats:
     return np.linspace(*FACTORS, SCALES)
 
 
-def _advice(points: tuple[OperatingPoint, ...], part_quantities: Floats, scaled: Floats) -> Advice:
+def _rank_references(points: tuple[OperatingPoint, ...], part_quantities: Floats, scaled: Floats) -> Advice:
     """Errors of the adapted type for each candidate.
 
-    From the quantities [m³] of the drawn parts (draws, points), and of the type with flow factors (factors, points).
+    `part_quantities` [m³]: of the drawn parts (draws, points); `scaled` [m³]: of the type with flow factors (factors,
+    points).
     """
     count = len(points)
-    expected, upper, usable = np.full(count, np.nan), np.full(count, np.nan), np.zeros(count)
+    expected, upper = np.full(count, np.nan), np.full(count, np.nan)
+    usable = np.zeros(count)
     for i in range(count):
-        errors = _errors(part_quantities, scaled, i)
+        errors = _reference_errors(part_quantities, scaled, i)
         good = np.isfinite(errors)
         usable[i] = np.mean(good)
         if good.any():
             expected[i] = np.sqrt(np.mean(errors[good] ** 2))
             upper[i] = np.quantile(errors[good], QUANTILE)
-    plain = np.array([_interpolated(np.ones(1), column)[0] for column in scaled.T])
+    plain = np.array([_interpolate(np.ones(1), column)[0] for column in scaled.T])
+    without = float(np.sqrt(np.mean((part_quantities - plain) ** 2)))
     return Advice(
-        points, expected, upper, usable, float(np.sqrt(np.mean((part_quantities - plain) ** 2))), len(part_quantities)
+        points=points,
+        expected=expected,
+        upper=upper,
+        usable=usable,
+        without=without,
+        draws=len(part_quantities),
     )
 
 
-def _errors(part_quantities: Floats, scaled: Floats, reference: int) -> Floats:
-    """Root mean square errors (draws,) at the other points with a candidate's quantity met; NaN where it cannot be."""
+def _reference_errors(part_quantities: Floats, scaled: Floats, reference: int) -> Floats:
+    """Root mean square errors (draws,) at the other points if the reference is met; NaN if it cannot be met."""
     finite = np.isfinite(scaled[:, reference])
     rising = scaled[finite, reference]
     if not np.all(np.diff(rising) > 0.0):
         return np.full(len(part_quantities), np.nan)
     factor = np.interp(part_quantities[:, reference], rising, _factors()[finite], left=np.nan, right=np.nan)
-    predicted = np.stack([_interpolated(factor, column) for column in scaled.T], axis=1)
+    predicted = np.stack([_interpolate(factor, column) for column in scaled.T], axis=1)
     others = np.arange(part_quantities.shape[1]) != reference
     return np.asarray(np.sqrt(np.mean((predicted - part_quantities)[:, others] ** 2, axis=1)))
 
 
-def _interpolated(factor: Floats, quantity: Floats) -> Floats:
-    """Quantities at flow factors, of those (factors,) at the scale that are known; NaN beyond them."""
+def _interpolate(factor: Floats, quantity: Floats) -> Floats:
+    """Quantities at flow factors, interpolated between the finite ones of `quantity` (factors,); NaN outside."""
     finite = np.isfinite(quantity)
     return np.asarray(np.interp(factor, _factors()[finite], quantity[finite], left=np.nan, right=np.nan))

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from commonrail.physics.injector import Injector
     from commonrail.plugins.family.adapt import Adapted, Advice
 
-SHOWN = 10  # reference points in the table
+SHOWN = 10  # reference points in the printed table
 
 
 @table_verb
@@ -38,31 +38,31 @@ def adapt(
     out: Annotated[Path | None, Option(metavar="MODEL.toml", help="Injector file to be written.")] = None,
     advise: Annotated[
         bool,
-        Option("--advise", help="Before anything is measured: rank reference points by the errors expected with each."),
+        Option("--advise", help="Before the measurement: rank reference points by the errors expected with each."),
     ] = False,
     injector: Annotated[
         str | None,
         Option(
             metavar="MODEL",
-            help="Injector of the part, its nozzle and measured values: a file, name of the catalogue, or run folder; "
+            help="Injector of the part, for its nozzle and measured values: a file, catalogue name or run folder; "
             "with @VARIANT another variant. [default: the type's]",
         ),
     ] = None,
     cylinder_pressure: CylinderPressure = None,
     return_pressure: ReturnPressure = None,
-    tolerance: Annotated[str, Option(help="Tolerance of the quantities beside 0.05 mm3.")] = "1.5%",
+    tolerance: Annotated[str, Option(help="Relative tolerance of the quantities, besides 0.05 mm3.")] = "1.5%",
     flow_spread: Annotated[str, Option(help="Standard deviation of the nozzles' flow about their drawing.")] = "3%",
     strict: Annotated[
-        bool, Option("--strict", help="Exit with status 2 if the part is doubted; the model is written all the same.")
+        bool, Option("--strict", help="Exit with status 2 if the part is doubted; the model is still written.")
     ] = False,
     threads: Threads = None,
     json: Json = False,
 ) -> None:
     """Make a part's model from its type and few quantities.
 
-    One quantity determines the flow factor; from two on the type's parameters are fitted too, and all are held by
-    their spreads. References that the model misses beyond their tolerance, and points where it injects nothing, are
-    warned of. --advise draws parts from the type and says at which point a reference quantity tells most of the others.
+    One quantity determines the flow factor. From two on the type's parameters are fitted too, with spreads as priors.
+    A warning names references that the model misses beyond their tolerance, and points where it injects nothing.
+    --advise draws parts from the type and ranks reference points by how well they predict all others.
 
     \b
     Examples:
@@ -76,21 +76,21 @@ def adapt(
 
     model = None if injector is None else read_model_name(injector)
     part_injector = None if model is None else model.injector
-    behind = read_pressures(cylinder_pressure, return_pressure, None if model is None else model.folder)
+    pressures = read_pressures(cylinder_pressure, return_pressure, None if model is None else model.folder)
     share, allowed = fraction(flow_spread, "--flow-spread"), fraction(tolerance, "--tolerance")
     if advise:
-        _advise(injector_type, points, (injector, part_injector), behind, share, threads, json)
+        _advise(injector_type, points, (injector, part_injector), pressures, share, threads, json)
         return
     if points is None or out is None:
-        lacking = "--from POINTS.csv" if points is None else "--out MODEL.toml"
-        raise InputError(f"{lacking} is missing: a model needs reference quantities and a file to be written to.")
+        missing = "--from POINTS.csv" if points is None else "--out MODEL.toml"
+        raise InputError(f"{missing} is missing: give the reference quantities and the file of the model.")
     check_file(out, "--out")
     adapted = run(
         injector_type,
         points,
         injector=part_injector,
-        cylinder_pressure=behind[0],
-        return_pressure=behind[1],
+        cylinder_pressure=pressures[0],
+        return_pressure=pressures[1],
         tolerance=allowed,
         flow_spread=share,
         threads=threads,
@@ -108,7 +108,7 @@ def adapt(
         pairs = [("flow factor", f"{adapted.flow_factor:.4f}"), ("parameters fitted", f"{free}")]
         if adapted.doubts.pulls:
             pulls = [f"{name} {pull:+.1f}" for name, pull in adapted.doubts.pulls.items()]
-            pairs += [("chi-squared, expected", f"{adapted.doubts.chi2:.3g}, {adapted.doubts.freedom}")]
+            pairs += [("chi-squared (expected)", f"{adapted.doubts.chi2:.3g} ({adapted.doubts.freedom})")]
             pairs += [("pulls [spreads]", ", ".join(pulls))]
         print_pairs(pairs, adapted.calibration.study.title)
         head = ["rail pressure", "energising time", "measured", "adapted", "type", "90 % of its parts"]
@@ -118,22 +118,22 @@ def adapt(
         say(f"warning: {doubt}")
     say(f"wrote {out}")
     if strict and doubt:
-        raise StudyError(f"{out} is written, and a warning counts as an error here: {doubt}")
+        raise StudyError(f"{out} is written, but --strict makes the warning an error: {doubt}")
 
 
 def _advise(
     injector_type: Path,
     points: Path | None,
     injector: tuple[str | None, Injector | None],
-    behind: tuple[float, float],
+    pressures: tuple[float, float],
     flow_spread: float,
     threads: int | None,
     json: bool,
 ) -> None:
-    """Print the ranking of reference points, and what to do with them."""
+    """Print the ranking of reference points, and the next steps."""
     from commonrail.plugins.family.adapt import advise, grid, read_candidates
 
-    candidates = grid(*behind) if points is None else read_candidates(points, *behind)
+    candidates = grid(*pressures) if points is None else read_candidates(points, *pressures)
     advice = advise(injector_type, candidates, injector=injector[1], flow_spread=flow_spread, threads=threads)
     if json:
         print_json(_advice_record(advice))
@@ -145,18 +145,16 @@ def _advise(
         texts=0,
     )
     drawn = (
-        f"without a reference: {advice.without * 1e9:.2f} mm³ rms. {advice.draws} parts were drawn from the spreads of "
-        "the type, independently for each parameter; nothing measured on the part was used."
+        f"Without a reference: {advice.without * 1e9:.2f} mm³ rms. {advice.draws} parts were drawn from the spreads of "
+        "the type, independently for each parameter; no measurement of the part was used."
     )
     injector_option = [] if injector[0] is None else ["--injector", injector[0]]
-    cylinder, back = (to_text(pressure, "Pa").replace(" ", "") for pressure in behind)
-    pressures = ["--cylinder-pressure", cylinder, "--return-pressure", back]
-    again = shlex.join(
-        ["commonrail", "adapt", str(injector_type), *injector_option, *pressures, "--from", "points.csv"]
-    )
+    cylinder, back = (to_text(pressure, "Pa").replace(" ", "") for pressure in pressures)
+    options = [*injector_option, "--cylinder-pressure", cylinder, "--return-pressure", back]
+    again = shlex.join(["commonrail", "adapt", str(injector_type), *options, "--from", "points.csv"])
     step = (
-        'next: measure the first of them, write it into points.csv below the line "rail_pressure [MPa],energising_time '
-        '[us],quantity [mm3]", then'
+        'Next: measure at the first point, write it into points.csv below "rail_pressure [MPa],energising_time [us],'
+        'quantity [mm3]", then'
     )
     print_lines([drawn, step])
     click.echo(f"  {again} --out model.toml")
@@ -190,12 +188,12 @@ def _advice_record(advice: Advice) -> dict[str, Any]:
 
 
 def _doubt(adapted: Adapted) -> str:
-    """Sentence on what speaks against a sound part of the type; empty if nothing does."""
+    """Reasons to doubt that the part is sound, as a sentence; empty without any."""
     doubts = adapted.doubts
     if not doubts.sentences:
         return ""
-    change = f" One change of the type explains it best: {doubts.change}." if doubts.change else ""
-    return f"{adapted.points.name}: this is hardly a sound part of the type: {'; '.join(doubts.sentences)}.{change}"
+    change = f" A single change of the type explains it best: {doubts.change}." if doubts.change else ""
+    return f"{adapted.points.name}: probably not a sound part of the type: {'; '.join(doubts.sentences)}.{change}"
 
 
 def _rows(adapted: Adapted) -> list[list[str]]:

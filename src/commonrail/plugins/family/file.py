@@ -1,4 +1,4 @@
-"""A joint fit as one JSON-able record: what its run folder keeps and the report reads."""
+"""Record of a joint fit for JSON: kept in the run folder and read by the report."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TEXTS = {"start": "start values", "best": "best member", "mean": "mean of the me
 
 
 def family_record(fit: FamilyFit) -> dict[str, Any]:
-    """Record of a joint fit: the type's parameters with each part's values, and the data of each part."""
+    """Return the record of a joint fit: parameters of the type with the values of each part, and data of each part."""
     return {
         **fit_record(KIND, fit.family, fit),
         "name": fit.family.name,
@@ -28,7 +28,7 @@ def family_record(fit: FamilyFit) -> dict[str, Any]:
 
 
 def parts_data(fit: FamilyFit) -> dict[str, list[dict[str, Any]]]:
-    """Records of the data sets of each part, with figures of the start, the best member and the mean of the members."""
+    """Return records of each part's data sets, with errors of start, best member and mean of the members."""
     studies = fit.family.parts
     return {
         name: data_records(
@@ -42,7 +42,7 @@ def parts_data(fit: FamilyFit) -> dict[str, list[dict[str, Any]]]:
 
 def _parts(fit: FamilyFit) -> list[dict[str, Any]]:
     data, studies = parts_data(fit), fit.family.parts
-    # effective area of the holes relative to the drawing, where it was fitted
+    # effective area of the holes relative to the drawing, if it was fitted
     factors = {
         name: (fitted_part.best[FLOW] / studies[name].injector.values[FLOW]) ** 2
         for name, fitted_part in fit.parts.items()

@@ -1,4 +1,4 @@
-"""Joint fit of the parts of a family, and the type that comes of it."""
+"""Joint fit of the parts of a family, and the resulting type."""
 
 from __future__ import annotations
 
@@ -17,31 +17,36 @@ from commonrail.calibration.search import Checkpoint, Listeners, Progress, Recor
 from commonrail.data.base import Role, Score
 from commonrail.physics.injector import Injector, Source
 from commonrail.plugins.family.drawn import FLOW
-from commonrail.plugins.family.from_results import FEWEST, PartValues, fixed_values, over_parts, without_prior
+from commonrail.plugins.family.from_results import (
+    FEWEST,
+    PartValues,
+    collect_fixed_values,
+    estimate_over_parts,
+    remove_prior,
+)
 from commonrail.plugins.family.injector_type import InjectorType, TypeParameter, TypePart
 from commonrail.plugins.family.study import OF, Family, FamilyObjective, Share, Shared
 from commonrail.workers.workers import Workers
 
-# Type of injector that a joint fit has taught: values, and the spread of the next part about them.
+# Type of injector from a joint fit: values, and the spread of the next part about them.
 
 
-def learnt_type(family: Family, joint: Mapping[str, float], errors: Mapping[str, float | None]) -> InjectorType:
-    """Type of the joint values [SI]: an effective hole diameter is a part's own, and no property of the type.
+def type_from_fit(family: Family, joint: Mapping[str, float], errors: Mapping[str, float | None]) -> InjectorType:
+    """Return the type with the joint values [SI]; effective hole diameters belong to the parts and are left out.
 
-    `errors` are the standard errors of the joint parameters [SI], None where the data do not hold them.
+    `errors`: standard errors of the joint parameters [SI]; None if the data do not determine a parameter.
     """
     names = dict.fromkeys(name for study in family.parts.values() for name in study.space.names if name != FLOW)
     parameters = []
     for name in names:
-        value, spread, between = _learnt(name, family.shared.get(name, Shared()), family, joint, errors)
+        value, spread, between = _learn_parameter(name, family.shared.get(name, Shared()), family, joint, errors)
         bounds = [p for s in family.parts.values() for p in s.space.parameters if p.name == name]
         lower, upper = min(p.lower for p in bounds), max(p.upper for p in bounds)
         relation = family.shared.get(name, Shared()).share.value
         source = f'joint fit "{family.title}", {relation}'
         scatter = None if between is None else min(between, spread)
-        parameters.append(
-            TypeParameter(name, min(max(value, lower), upper), spread, lower, upper, "F", source, scatter)
-        )
+        value = min(max(value, lower), upper)
+        parameters.append(TypeParameter(name, value, spread, lower, upper, "F", source, scatter))
     values = [PartValues(name, s.injector.values, s.injector.sources, s.fixed) for name, s in family.parts.items()]
     return InjectorType(
         family.name,
@@ -50,14 +55,14 @@ def learnt_type(family: Family, joint: Mapping[str, float], errors: Mapping[str,
         tuple(_provenance(family, name) for name in family.parts),
         next(iter(family.parts.values())).injector,
         synthetic=" ".join(dict.fromkeys(s.synthetic for s in family.parts.values() if s.synthetic)),
-        fixed=fixed_values(values, names),
+        fixed=collect_fixed_values(values, names),
     )
 
 
-def _learnt(
+def _learn_parameter(
     name: str, shared: Shared, family: Family, joint: Mapping[str, float], errors: Mapping[str, float | None]
 ) -> tuple[float, float, float | None]:
-    """Value and spread of a parameter for the next part, and the scatter between parts where that is known."""
+    """Return value and spread of a parameter for the next part, and the scatter between parts if it is known."""
     widest = max(
         (p.upper - p.lower) / math.sqrt(12.0)
         for s in family.parts.values()
@@ -71,16 +76,11 @@ def _learnt(
         if len(part_parameters) == 1:
             return joint[part_parameters[0]], errors[part_parameters[0]] or widest, None
         errors_of = [math.nan if errors[key] is None else float(errors[key] or 0.0) for key in part_parameters]
-        values = [
-            without_prior(joint[key], error, prior) for key, error in zip(part_parameters, errors_of, strict=True)
-        ]
+        values = [remove_prior(joint[key], error, prior) for key, error in zip(part_parameters, errors_of, strict=True)]
         if sum(math.isfinite(error) for _, error in values) < FEWEST:
-            return (
-                float(np.mean([joint[key] for key in part_parameters])),
-                min(prior[1] if prior else widest, widest),
-                None,
-            )
-        estimate = over_parts(*np.array(values).T)
+            mean = float(np.mean([joint[key] for key in part_parameters]))
+            return mean, min(prior[1] if prior else widest, widest), None
+        estimate = estimate_over_parts(*np.array(values).T)
         return estimate.value, min(estimate.spread, widest) or widest, estimate.between
     error = errors[name]
     spread = min(math.hypot(widest if error is None else error, shared.spread), widest) or widest
@@ -95,11 +95,19 @@ def _provenance(family: Family, name: str) -> TypePart:
 
 @dataclass(frozen=True)
 class FittedPart:
-    """Injector of one part, the best values of its free parameters [SI], and the scores of its data sets with these.
+    """One part of a joint fit.
 
-    `start` are the scores with the start values, `members` its injectors by each member of the joint fit, the best
-    first, and `mean` the scores of the mean of what these predict; empty unless all data are maps and there are several
-    members.
+    Attributes
+    ----------
+    injector : Injector
+    best : mapping of str to float
+        Best values of its free parameters [SI].
+    scores, start : tuple of Score
+        Scores of its data sets with the best and with the start values.
+    members : tuple of Injector
+        Injectors of each member of the joint fit, the best first.
+    mean : tuple of Score
+        Scores of the mean prediction of the members; empty unless all data are maps and there are several members.
     """
 
     injector: Injector
@@ -112,10 +120,9 @@ class FittedPart:
 
 @dataclass(frozen=True, kw_only=True)
 class FamilyFit(SearchResult):
-    """Result of a joint fit: of its search (`best` are the joint parameters), and what it makes of the parts.
+    """Result of a joint fit: its search, the fitted parts and the type.
 
-    `injector_type` is what the parts have taught; `members` are the objectives of the optima whose predictions are
-    averaged, the best first.
+    `best`: joint parameters; `members`: objectives of the optima whose predictions are averaged, the best first.
     """
 
     family: Family
@@ -124,8 +131,8 @@ class FamilyFit(SearchResult):
     members: tuple[float, ...]
 
 
-def objective_of_parts(family: Family, threads: int | None = None) -> FamilyObjective:
-    """Objective of a joint fit, on threads of this process."""
+def joint_objective(family: Family, threads: int | None = None) -> FamilyObjective:
+    """Return the objective of a joint fit, on threads of this process."""
     return FamilyObjective(list(family.parts.values()), family.sharing, family.space, threads)
 
 
@@ -138,16 +145,16 @@ def fit_family(
     recorder: Recorder | None = None,
     checkpoint: Checkpoint | None = None,
 ) -> FamilyFit:
-    """Fit the parts of a family together, to the end or until Ctrl-C, which ends it in order with the best so far.
+    """Fit the parts of a family together, to the end or until Ctrl-C, which returns the best result so far.
 
-    The search is that of a calibration; its objective is the sum of the parts' squares and of the squared residuals of
-    the joint priors. Validation data of the parts are scored and not fitted. `family.run.fit_into` does the same and
-    keeps every step in a run folder. Arguments and errors are those of `commonrail.calibrate`.
+    The search works as in a calibration. Its objective is the sum of the parts' squares and of the squared residuals of
+    the joint priors. Validation data of the parts are scored only. `family.run.fit_type` also keeps every step in a
+    run folder. Arguments and errors as in `commonrail.calibrate`.
     """
     instance(family, Family, "family")
     function(progress, "progress")
     threads = thread_count(threads)
-    objective = objective_of_parts(family, threads)
+    objective = joint_objective(family, threads)
     with hold_interrupts() as stop:
         search_result = Search(family, objective, workers, Listeners(progress, recorder, stop), checkpoint).to_end()
         objective.use_threads(threads)  # workers' copies share the simulators
@@ -156,15 +163,17 @@ def fit_family(
         errors = {name: identified[name]["standard_error"] for name in family.space.names}
         return FamilyFit(
             family=family,
-            parts={name: _part(family, k, [end.x for end in ends], threads) for k, name in enumerate(family.parts)},
-            injector_type=learnt_type(family, search_result.best, errors),
+            parts={
+                name: _score_part(family, k, [end.x for end in ends], threads) for k, name in enumerate(family.parts)
+            },
+            injector_type=type_from_fit(family, search_result.best, errors),
             members=tuple(end.cost for end in ends),
             **vars(search_result),
         )
 
 
-def _part(family: Family, index: int, ends: Sequence[Floats], threads: int | None) -> FittedPart:
-    """Result of one part from the joint members, the best first."""
+def _score_part(family: Family, index: int, ends: Sequence[Floats], threads: int | None) -> FittedPart:
+    """Score one part with each joint member, the best first."""
     name, study = list(family.parts.items())[index]
     note = Source("F", f'fitted together with the other parts of "{family.title}"')
     injectors, scores = [], []

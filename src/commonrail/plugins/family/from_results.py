@@ -25,16 +25,13 @@ from commonrail.readers.table_sheet import WrittenTable
 from commonrail.readers.toml import UNSTATED
 from commonrail.runs.folder import RESULT, STUDY, note_stopped, read_record
 
-# Values that the studies of a type's parts fixed, as values of the type.
+# Values fixed in the studies of a type's parts, as values of the type.
 
-OF_PART = ("nozzle.hole_diameter", "nozzle.holes")  # the nozzle is a part's own
+OF_PART = ("nozzle.hole_diameter", "nozzle.holes")  # the nozzle belongs to the part
 
 
 class PartValues(NamedTuple):
-    """Values [SI] with which a part was fitted, the fitted ones being the best, and their sources.
-
-    `stated` names the values that are not the injector file's.
-    """
+    """Values [SI] of a fitted part, with their sources; `stated`: names of the values that its study fits or fixes."""
 
     name: str
     values: Mapping[str, float]
@@ -42,10 +39,10 @@ class PartValues(NamedTuple):
     stated: Collection[str]
 
 
-def fixed_values(parts: Sequence[PartValues], taken: Collection[str]) -> tuple[FixedValue, ...]:
-    """Values of a type that are none of its parameters (`taken`), and that a part had in place of its injector's.
+def collect_fixed_values(parts: Sequence[PartValues], taken: Collection[str]) -> tuple[FixedValue, ...]:
+    """Collect the values that studies of the parts state, except the type's parameters (`taken`).
 
-    Where the parts differ, the type takes the mean, and a note says so; nozzles that differ are the parts' own.
+    If the parts differ, the type has the mean, and a note says so. Different nozzles are left out.
     """
     names = dict.fromkeys(name for part_values in parts for name in part_values.stated if name not in taken)
     fixed = []
@@ -58,32 +55,32 @@ def fixed_values(parts: Sequence[PartValues], taken: Collection[str]) -> tuple[F
             )
             fixed.append(FixedValue(name, values[0], mark, text))  # type: ignore[arg-type]
         elif name not in OF_PART:
-            fixed.append(_mean_of_parts(name, values, [part_values.name for part_values in having]))
+            fixed.append(_mean_value(name, values, [part_values.name for part_values in having]))
     return tuple(fixed)
 
 
-def _mean_of_parts(name: str, values: Sequence[float], parts: Sequence[str]) -> FixedValue:
+def _mean_value(name: str, values: Sequence[float], parts: Sequence[str]) -> FixedValue:
     unit = parameter_quantities()[name].unit
     mean = float(np.mean(values))
     stated_values = ", ".join(f"{to_text(v, unit)} ({part_name})" for v, part_name in zip(values, parts, strict=True))
     note(
-        f"{name} is not the same in all parts: {stated_values}; the type takes the mean, {to_text(mean, unit)}. "
-        'Where it was measured on the next part, give it the mark "M" in that injector\'s file.'
+        f"{name} differs between the parts: {stated_values}; the type has the mean, {to_text(mean, unit)}. "
+        'If it is measured on the next part, give it the mark "M" in the injector\'s file.'
     )
     return FixedValue(name, mean, "F", f"mean of the parts: {stated_values}")
 
 
-# Mean and spread of a parameter over parts whose own values are known with errors (random effects).
+# Mean and spread of a parameter over parts whose values have standard errors (random effects).
 
-FEWEST = 2  # parts that data hold, for a spread
-_FAINT = 0.1  # data that tell less than this share of what the prior does tell nothing
+FEWEST = 2  # parts whose data determine the parameter, needed for a spread
+_FAINT = 0.1  # data with less than this share of the prior's information count as uninformative
 
 
 class Estimate(NamedTuple):
-    """Mean over parts, each weighed by its own error, and the standard deviation of the next part's value about it.
+    """Weighted mean over parts, and the standard deviation of the next part's value about it.
 
-    `between` is the standard deviation between parts beyond what their errors explain, 0 if they explain it all;
-    `spread` is sqrt(between² + error of the mean²).
+    `between`: standard deviation between parts that their errors do not explain; `spread`: sqrt(between² + error of the
+    mean²).
     """
 
     value: float
@@ -91,13 +88,16 @@ class Estimate(NamedTuple):
     between: float
 
 
-def over_parts(values: ArrayLike, errors: ArrayLike) -> Estimate:
-    """Two-step estimate of the distribution of a parameter over parts, at least two of them with a known error.
+def estimate_over_parts(values: ArrayLike, errors: ArrayLike) -> Estimate:
+    """Estimate the distribution of a parameter over parts (Paule and Mandel 1982).
 
-    Each part's value x_i has been fitted by itself, with the standard error e_i by the data alone (see
-    `without_prior`), NaN where not known. The variance between parts, τ², is that for which Σ (x_i − μ)²/(e_i² + τ²)
-    equals n − 1 (Paule and Mandel 1982), with μ the mean weighed by 1/(e_i² + τ²). A part whose error is not known is
-    left out: its data do not hold the parameter.
+    The variance between parts τ² solves
+
+        Σ (x_i − μ)²/(e_i² + τ²) = n − 1
+
+    x_i: value of a part, fitted separately; e_i: its standard error from the data alone (see `remove_prior`), NaN if
+    the data do not determine the parameter: such parts are left out. μ: mean with the weights 1/(e_i² + τ²). At least
+    two parts need an error.
     """
     from scipy.optimize import brentq  # slow to import
 
@@ -110,12 +110,12 @@ def over_parts(values: ArrayLike, errors: ArrayLike) -> Estimate:
     return Estimate(mean, float(np.sqrt(between + error**2)), float(np.sqrt(between)))
 
 
-def without_prior(values: ArrayLike, errors: ArrayLike, prior: tuple[float, float] | None) -> tuple[Floats, Floats]:
-    """Values and errors (n,) that the data alone give, of fits with a prior (value, sigma).
+def remove_prior(values: ArrayLike, errors: ArrayLike, prior: tuple[float, float] | None) -> tuple[Floats, Floats]:
+    """Remove the prior (value, sigma) from fits: values and errors (n,) from the data alone.
 
-    Every part had the same prior: counted once a part, it would draw the parts together and to its value. With the
-    posterior's x and e and the prior's μ and σ, the data's weight is 1/e² − 1/σ². Both are NaN where the data tell less
-    than a tenth of what the prior tells, or where the error is.
+    All parts have the same prior; counted once for each part, it would pull them together. The weight of the data is
+    1/e² − 1/σ², with e of the posterior and σ of the prior. Value and error are NaN if the data have less than a tenth
+    of the prior's information, or the error is NaN.
     """
     x, e = np.asarray(values, float), np.asarray(errors, float)
     if prior is None:
@@ -129,14 +129,14 @@ def without_prior(values: ArrayLike, errors: ArrayLike, prior: tuple[float, floa
 
 def _mean(x: Floats, variance: Floats) -> tuple[float, float]:
     """Weighed mean and its standard error."""
-    if not np.all(variance > 0.0):  # all parts alike, or exact
+    if not np.all(variance > 0.0):  # parts are equal, or exact
         return float(np.mean(x)), 0.0
     weights = 1.0 / variance
     return float(np.sum(weights * x) / np.sum(weights)), float(1.0 / np.sqrt(np.sum(weights)))
 
 
 def _excess(x: Floats, variance: Floats) -> float:
-    """Σ (x − μ)²/variance beyond n − 1."""
+    """Return Σ (x − μ)²/variance − (n − 1)."""
     if not np.all(variance > 0.0):
         return float(np.ptp(x) > 0.0)
     mean, _ = _mean(x, variance)
@@ -150,7 +150,7 @@ ERROR = " standard error"
 
 
 class _Run(NamedTuple):
-    """A calibrated part: record of its result, its injector and data if the study can be read, and fingerprints."""
+    """A calibrated part: record of its result, and its injector unless the study was made in Python."""
 
     folder: Path
     record: Mapping[str, Any]
@@ -165,7 +165,7 @@ class _Run(NamedTuple):
 
     @property
     def values(self) -> PartValues:
-        """Values with which the part was fitted; of a study made in Python only the free ones."""
+        """Values of the fitted part; only the free ones if the study was made in Python."""
         best = {name: p["best"] for name, p in self.parameters.items()}
         fitted = {name: Source("F", f"fitted to {self.record['title']}") for name in best}
         injector = self.injector
@@ -183,35 +183,37 @@ def type_from_runs(folders: Sequence[str | Path], name: str, *, part_spread: flo
     name : str
         Of the type.
     part_spread : float, optional
-        Standard deviation between parts as a share of the value, such as 0.03; of a length no more than its machining
-        tolerance (ISO 286-1, IT7). It is needed for what one part cannot tell, and is marked as an estimate.
+        Assumed relative standard deviation between parts, such as 0.03; for a length at most its machining tolerance
+        (ISO 286-1, IT7). It is used for a type of one part, and marked as an estimate.
 
     Returns
     -------
     InjectorType
-        Of the parameters that are free in every run. From several parts: mean and spread over the parts. From one part:
-        its values; the spread is sqrt(standard error² + between²) if `part_spread` is given, else the prior's of its
-        study, else that of a value anywhere within the bounds, range/√12. What a study fixes, or what is
-        free in some runs only, is a fixed value of the type, see `fixed_values`.
+        Its parameters are free in every run. Several parts give mean and spread. One part gives its values; the spread
+        is sqrt(standard error² + between²) with `part_spread`, else the spread of the prior in its study, else
+        range/√12 of the bounds. Parameters that a study fixes, or that are free in some runs only, are fixed values of
+        the type, see `collect_fixed_values`.
 
     Raises
     ------
     InputError
-        If a folder is no run folder, or no parameter is free in all of them.
+        If a folder is not a run folder, or no parameter is free in all runs.
     ConfigurationError
-        If an argument is of another kind.
+        If an argument has the wrong type.
     """
     name = plain_text(name, "name of a type")
-    runs = [_read(file_path(folder, "folder")) for folder in sequence(folders, "folders", '["runs/a", "runs/b"]')]
+    runs = [_read_run(file_path(folder, "folder")) for folder in sequence(folders, "folders", '["runs/a", "runs/b"]')]
     if part_spread is not None:
         part_spread = number(part_spread, "1", "part_spread")
     if not runs:
-        raise InputError("A type needs at least one calibrated part; name a run folder.")
+        raise InputError("A type needs at least one calibrated part; give a run folder.")
     shared = [key for key in runs[0].parameters if all(key in run.parameters for run in runs)]
     if not shared:
-        raise InputError(f"{runs[0].folder}: no parameter is free in all runs; a type is of what all parts fitted.")
+        raise InputError(f"{runs[0].folder}: no parameter is free in all runs; a type needs a common free parameter.")
     source = f"fitted to {', '.join(run.record['title'] for run in runs)}"
-    parameters = tuple(_over_runs(key, [run.parameters[key] for run in runs], source, part_spread) for key in shared)
+    parameters = tuple(
+        _parameter_over_runs(key, [run.parameters[key] for run in runs], source, part_spread) for key in shared
+    )
     return InjectorType(
         name,
         f"{name}: {len(runs)} calibrated part{'s' if len(runs) > 1 else ''}",
@@ -219,15 +221,15 @@ def type_from_runs(folders: Sequence[str | Path], name: str, *, part_spread: flo
         tuple(run.type_part for run in runs),
         runs[0].injector,
         synthetic=" ".join(dict.fromkeys(run.record["synthetic"] for run in runs if run.record["synthetic"])),
-        fixed=fixed_values([run.values for run in runs], shared),
+        fixed=collect_fixed_values([run.values for run in runs], shared),
     )
 
 
-def _read(folder: Path) -> _Run:
+def _read_run(folder: Path) -> _Run:
     record = read_record(folder / RESULT, "commonrail calibrate")
     note_stopped(folder, record)
     if record.get("kind") != "calibration":
-        raise InputError(f"{folder}: this is no run folder of commonrail calibrate; name one.")
+        raise InputError(f"{folder}: this is not a run folder of commonrail calibrate; give one.")
     result_file = {RESULT: fingerprint(folder / RESULT)}
     sources = "; ".join(dict.fromkeys(d["source"] for d in record["data"] if d["role"] == "fit"))
     if not (folder / STUDY).is_file() or not (folder / STUDY).stat().st_size:
@@ -238,31 +240,33 @@ def _read(folder: Path) -> _Run:
     return _Run(folder, record, study.injector, TypePart(record["title"], sources, files | result_file), study.fixed)
 
 
-def _over_runs(
+def _parameter_over_runs(
     name: str, records: Sequence[Mapping[str, Any]], source: str, part_spread: float | None
 ) -> TypeParameter:
-    """A parameter over the records of parts."""
+    """Estimate a parameter from the records of the parts."""
     lower, upper = min(p["lower"] for p in records), max(p["upper"] for p in records)
     if len(records) == 1:
-        value, spread, why = _of_one(name, records[0], part_spread)
+        value, spread, why = _estimate_from_one_run(name, records[0], part_spread)
         between = None if part_spread is None else min(_part_spread(name, value, part_spread), spread)
         return TypeParameter(name, value, spread, lower, upper, "F", f"{source}; spread: {why}", between)
     errors = [math.nan if p.get("standard_error") is None else p["standard_error"] for p in records]
-    data_estimates = [without_prior(p["best"], e, _prior_of(p)) for p, e in zip(records, errors, strict=True)]
+    data_estimates = [remove_prior(p["best"], e, _prior(p)) for p, e in zip(records, errors, strict=True)]
     sigma = min((p["prior"]["sigma"] for p in records if "prior" in p), default=math.inf)
     best = float(np.mean([p["best"] for p in records]))
-    return _estimated(name, np.array(data_estimates, dtype=float).T, (lower, upper), source, (best, sigma))
+    return _estimate_parameter(name, np.array(data_estimates, dtype=float).T, (lower, upper), source, (best, sigma))
 
 
-def _prior_of(p: Mapping[str, Any]) -> tuple[float, float] | None:
+def _prior(p: Mapping[str, Any]) -> tuple[float, float] | None:
     return (p["prior"]["value"], p["prior"]["sigma"]) if p.get("prior") else None
 
 
 def _part_spread(name: str, value: float, share: float) -> float:
-    """Assumed standard deviation between parts [SI]: a share of the value; of a length its tolerance IT7 where less.
+    """Assumed standard deviation between parts [SI]: a share of the value; for a length at most its tolerance IT7.
 
-    16 i with i = 0.45 D^(1/3) + 0.001 D, both in micrometres, D in mm (ISO 286-1, below 1 mm extrapolated): 12 µm at
-    4.3 mm, 4 µm at 0.19 mm. Bores, lifts and diameters are machined and gauged to that or better.
+        IT7 = 16 i,  i = 0.45 D^(1/3) + 0.001 D
+
+    IT7 and i in µm, D in mm (ISO 286-1, extrapolated below 1 mm): 12 µm at 4.3 mm, 4 µm at 0.19 mm. Bores, lifts and
+    diameters are machined and gauged to IT7 or better.
     """
     spread = share * abs(value)
     if parameter_quantities()[name].unit != "m":
@@ -271,51 +275,50 @@ def _part_spread(name: str, value: float, share: float) -> float:
     return float(min(spread, 16e-6 * (0.45 * np.cbrt(millimetres) + 0.001 * millimetres)))
 
 
-def _of_one(name: str, p: Mapping[str, Any], part_spread: float | None) -> tuple[float, float, str]:
-    """Value and spread of a parameter of one part, and the origin of the spread."""
+def _estimate_from_one_run(name: str, p: Mapping[str, Any], part_spread: float | None) -> tuple[float, float, str]:
+    """Return value and spread of a parameter of one part, and the origin of the spread."""
     value = p["best"]
     error = p.get("standard_error")
     if part_spread is not None:
         between = _part_spread(name, value, part_spread)
-        spread = math.hypot(_widest(p) if error is None else error, between)
+        spread = math.hypot(_sigma_of_bounds(p) if error is None else error, between)
         if spread > 0.0:
             share = f"{100 * part_spread:g} %" if between == part_spread * abs(value) else "tolerance IT7"
             return value, spread, f"standard error and {share} between parts [E, assumed]"
     if "prior" in p:
-        return value, p["prior"]["sigma"], "that of the study's prior"
-    return value, _widest(p), "of a value anywhere within the bounds"
+        return value, p["prior"]["sigma"], "prior of the study"
+    return value, _sigma_of_bounds(p), "uniform within the bounds"
 
 
-def _widest(p: Mapping[str, Any]) -> float:
-    """Standard deviation of a value anywhere within the bounds."""
+def _sigma_of_bounds(p: Mapping[str, Any]) -> float:
+    """Standard deviation of a value uniform within the bounds."""
     return float((p["upper"] - p["lower"]) / math.sqrt(12.0))
 
 
-def _estimated(
+def _estimate_parameter(
     name: str, data_estimates: Floats, bounds: tuple[float, float], source: str, otherwise: tuple[float, float]
 ) -> TypeParameter:
-    """A parameter over parts, from their values and errors (2, parts) by the data alone.
+    """Estimate a parameter from the parts' values and errors (2, parts) by the data alone.
 
-    Where the data of fewer than two parts hold it, value and sigma are those of `otherwise`; sigma is that of a prior,
-    or infinite.
+    `otherwise`: value and sigma (of a prior, or infinite) if the data of fewer than two parts determine the parameter.
     """
     informative_parts, between = int(np.isfinite(data_estimates).all(axis=0).sum()), None
     widest = (bounds[1] - bounds[0]) / math.sqrt(12.0)
     if informative_parts < FEWEST:
         part_count = data_estimates.shape[1]
-        why = f"held by the data of {informative_parts} of {part_count} parts; spread of the prior or the bounds"
+        why = f"determined by the data of {informative_parts} of {part_count} parts; spread of the prior or the bounds"
         value, spread = otherwise[0], min(otherwise[1], widest)
     else:
-        estimate = over_parts(*data_estimates)
+        estimate = estimate_over_parts(*data_estimates)
         why = f"spread over {informative_parts} parts"
-        value, spread = estimate.value, min(estimate.spread or 1e-6 * widest, widest)  # parts may be exactly alike
+        value, spread = estimate.value, min(estimate.spread or 1e-6 * widest, widest)  # 0 if parts are equal
         between = min(estimate.between, spread)
     value = min(max(value, bounds[0]), bounds[1])
     return TypeParameter(name, value, spread, *bounds, "F", f"{source}; {why}", between)
 
 
 def type_from_fleet(folder: str | Path, name: str) -> InjectorType:
-    """Type of injector from the tables that ``commonrail fleet`` leaves.
+    """Type of injector from the tables of ``commonrail fleet``.
 
     Parameters
     ----------
@@ -327,38 +330,30 @@ def type_from_fleet(folder: str | Path, name: str) -> InjectorType:
     Returns
     -------
     InjectorType
-        Mean and spread of every free parameter over the injectors that were calibrated, see `over_parts`, with the
+        Mean and spread of every free parameter over the calibrated injectors, see `estimate_over_parts`, with the
         bounds of their study.
 
     Raises
     ------
     InputError
-        If a table cannot be read, is not the one that was written, or fewer than two injectors are in it.
+        If a table cannot be read or has been changed, or fewer than two injectors are finished.
     ConfigurationError
-        If an argument is of another kind.
+        If an argument has the wrong type.
     """
     folder, name = file_path(folder, "folder"), plain_text(name, "name of a type")
     record = read_record(folder / FLEET, "commonrail fleet")
     check_sum(folder / TABLE)
-    columns, count = _columns(folder / TABLE)
+    columns, count = _read_columns(folder / TABLE)
     source = f"fleet: {record['title']}"
     parameters = []
-    for parameter_record in (
-        p for p in record["parameters"] if p["name"] in columns
-    ):  # those of meters are no injector's
-        values, errors = columns[parameter_record["name"]], columns[parameter_record["name"] + ERROR]
-        calibrated, prior = np.isfinite(values), _prior_of(parameter_record)
+    for p in record["parameters"]:
+        if p["name"] not in columns:  # a parameter of a meter
+            continue
+        values, errors = columns[p["name"]], columns[p["name"] + ERROR]
+        calibrated, prior = np.isfinite(values), _prior(p)
         otherwise = float(np.mean(values[calibrated])), prior[1] if prior else math.inf
-        of_data = np.array(without_prior(values[calibrated], errors[calibrated], prior))
-        parameters.append(
-            _estimated(
-                parameter_record["name"],
-                of_data,
-                (parameter_record["lower"], parameter_record["upper"]),
-                source,
-                otherwise,
-            )
-        )
+        of_data = np.array(remove_prior(values[calibrated], errors[calibrated], prior))
+        parameters.append(_estimate_parameter(p["name"], of_data, (p["lower"], p["upper"]), source, otherwise))
     files = {FLEET: fingerprint(folder / FLEET), TABLE: fingerprint(folder / TABLE)}
     fleet_part = TypePart(record["title"], source, files, count)
     return InjectorType(
@@ -371,26 +366,26 @@ def type_from_fleet(folder: str | Path, name: str) -> InjectorType:
     )
 
 
-def _columns(path: Path) -> tuple[dict[str, Floats], int]:
-    """Columns of parameters, and of their standard errors, of the injectors that are finished; their number."""
+def _read_columns(path: Path) -> tuple[dict[str, Floats], int]:
+    """Read the columns of parameters and standard errors of the finished injectors, and count these."""
     table = WrittenTable(path, most=MOST_ROWS)
     names = [name_and_unit(cell)[0] for cell in table.header]
     if "status" not in names:
-        raise InputError(f"{path}: there is no column status; name the folder of commonrail fleet.")
+        raise InputError(f'{path}: the column "status" is missing; give the folder of a fleet.')
     rows = [[str(cell) for cell in row] for _, row in table.rows if row[names.index("status")] == "finished"]
     if len(rows) < FEWEST_MEMBERS:
         raise InputError(
-            f"{path}: {len(rows)} injectors are finished, and at least {FEWEST_MEMBERS} are needed for a spread; "
-            "make a type of one part from its run folder."
+            f"{path}: {len(rows)} injectors are finished, but a spread needs at least {FEWEST_MEMBERS}; "
+            "for a type of one part give its run folder."
         )
     quantities = parameter_quantities()
     used_columns = {i: name for i, name in enumerate(names) if name.removesuffix(ERROR) in quantities}
-    values_by_name = {name: np.array([_cell(row[i], path) for row in rows]) for i, name in used_columns.items()}
+    values_by_name = {name: np.array([_parse_cell(row[i], path) for row in rows]) for i, name in used_columns.items()}
     return values_by_name, len(rows)
 
 
-def _cell(text: str, path: Path) -> float:
+def _parse_cell(text: str, path: Path) -> float:
     try:
         return float(text) if text.strip() else math.nan
     except ValueError as error:
-        raise InputError(f'{path}: "{text[:40]}" is no number; the table is not the one that was written.') from error
+        raise InputError(f'{path}: "{text[:40]}" is not a number; the table has been changed.') from error

@@ -1,4 +1,4 @@
-"""Type of injector: what its parts share, learnt from calibrated parts and given to the next one; its TOML file."""
+"""Type of injector: values and spreads learnt from calibrated parts for the next part; its TOML file."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from commonrail.readers.location import Place, Reach, locate_errors
 from commonrail.readers.toml import UNSTATED, FileModel, Text, inline_table, read_model, read_toml, value_text
 from commonrail.readers.toml import Mark as MarkField
 
-ROUNDING = 1e-9  # relative, by which a spread may lie below its part
+ROUNDING = 1e-9  # the scatter between parts may exceed the spread by this share
 
 
 @dataclass(frozen=True)
@@ -42,20 +42,20 @@ class TypeParameter:
     Parameters
     ----------
     name : str
-        Part and field, such as ``valve.mass``.
+        Component and field, such as ``valve.mass``.
     value : float
         Expected value of a part of the type, SI.
     spread : float
         Standard deviation of the next part's value about it, SI, greater than zero.
     lower, upper : float
-        Bounds within which the parts were fitted, SI; they enclose the value.
+        Bounds of the fits of the parts, SI; they enclose the value.
     mark : {"M", "C", "F", "E"}
-        Mark of value and spread: F where parts were fitted.
+        Mark of value and spread: F for fitted parts.
     source : str
         Source of both.
     between : float or None
-        Part of the spread that is scatter between parts, SI; the rest is the error of the value. None where the two are
-        not told apart.
+        Scatter between parts, SI, which is included in the spread; the rest is the error of the value. None if the two
+        are not separated.
 
     Raises
     ------
@@ -93,22 +93,22 @@ class TypeParameter:
 
     @property
     def prior(self) -> Prior:
-        """Prior of the next part's value."""
+        """Prior for the next part's value."""
         return Prior(self.value, self.spread, self.source)
 
 
 @dataclass(frozen=True)
 class FixedValue:
-    """A value that the studies of a type's parts fixed, in place of their injectors'.
+    """A value fixed in the studies of a type's parts; it replaces the injectors' value.
 
     Parameters
     ----------
     name : str
-        Part and field, such as ``valve.lift``.
+        Component and field, such as ``valve.lift``.
     value : float
         SI.
     mark : {"M", "C", "F", "E"}
-        Mark of the value for the parts that the type was learnt from.
+        Mark of the value on the parts of the type.
     source : str
 
     Raises
@@ -130,13 +130,16 @@ class FixedValue:
         if not quantities[self.name].domain.admits(self.value):
             raise ConfigurationError(f"{self.name}: a fixed value must be {quantities[self.name].domain.value}.")
 
-    def of_type(self, name: str) -> Source:
-        """Source of the value on another part: what was measured on the parts of the type `name` is derived there."""
+    def source_on_part(self, name: str) -> Source:
+        """Return the source of the value on another part, where a measured value is only derived.
+
+        `name`: of the type.
+        """
         return Source("F" if self.mark == "M" else self.mark, f'type "{name}": {self.source}')
 
 
 class TypePart(NamedTuple):
-    """A part that a type was learnt from, or a fleet of them.
+    """A calibrated part, or a fleet, from which a type was learnt.
 
     Attributes
     ----------
@@ -146,7 +149,7 @@ class TypePart(NamedTuple):
     files : mapping of str to str
         SHA-256 of its files by name: study, data, results.
     injectors : int
-        Number of injectors: 1, or that of a fleet.
+        Number of injectors, 1 for a single part.
     """
 
     name: str
@@ -157,7 +160,7 @@ class TypePart(NamedTuple):
 
 @dataclass(frozen=True)
 class InjectorType:
-    """Values and spreads of the parameters of a type of injector, and the parts that they were learnt from.
+    """Values and spreads of the parameters of a type of injector, and the parts from which they were learnt.
 
     Parameters
     ----------
@@ -166,16 +169,16 @@ class InjectorType:
         At least one, each name once.
     parts : sequence of TypePart
     injector : Injector or None
-        Injector whose other values the parts had; None if it is not known.
+        Injector with the parts' other values; None if unknown.
     synthetic : str
-        What about the parts is not measured; empty if nothing.
+        Note on synthetic data of the parts; empty if all are measured.
     fixed : sequence of FixedValue
-        Values that the parts had in place of their injectors', and with which the parameters were fitted.
+        Values fixed in the fits of the parts.
 
     Raises
     ------
     ConfigurationError
-        If there is no parameter, or one is given twice.
+        If the parameters are missing, or one is given twice.
     """
 
     name: str
@@ -204,21 +207,21 @@ class InjectorType:
         """Parameters by name."""
         return {parameter.name: parameter for parameter in self.parameters}
 
-    def given_to(self, injector: Injector, keep: Collection[str] = ()) -> tuple[TypeParameter, ...]:
-        """Parameters whose values an injector takes from the type: all but those that were measured on it.
+    def parameters_for(self, injector: Injector, keep: Collection[str] = ()) -> tuple[TypeParameter, ...]:
+        """Return the parameters that an injector takes from the type.
 
-        Its values with the mark M are its own, and those that `keep` names.
+        Values measured on the injector (mark M), and values named by `keep`, stay the injector's.
         """
-        excluded = self._measured(injector).union(keep)
+        excluded = self._measured_names(injector).union(keep)
         return tuple(p for p in self.parameters if p.name not in excluded)
 
-    def fixed_for(self, injector: Injector, keep: Collection[str] = ()) -> tuple[FixedValue, ...]:
-        """Fixed values that an injector takes from the type, as `given_to` says."""
-        excluded = self._measured(injector).union(keep)
+    def fixed_values_for(self, injector: Injector, keep: Collection[str] = ()) -> tuple[FixedValue, ...]:
+        """Return the fixed values that an injector takes from the type, as in `parameters_for`."""
+        excluded = self._measured_names(injector).union(keep)
         return tuple(value for value in self.fixed if value.name not in excluded)
 
-    def _measured(self, injector: Injector) -> set[str]:
-        """Names of values that were measured on an injector, and not on the one that the type's parts started from."""
+    def _measured_names(self, injector: Injector) -> set[str]:
+        """Names of values measured on an injector, except values measured on the type's injector."""
         base = self.injector
 
         def of_base(name: str) -> bool:
@@ -230,20 +233,20 @@ class InjectorType:
 
         return {name for name, source in injector.sources.items() if source.mark == "M" and not of_base(name)}
 
-    def applied(self, injector: Injector, keep: Collection[str] = ()) -> Injector:
-        """The injector with the values of the type, as `given_to` says."""
-        type_parameters, fixed = self.given_to(injector, keep), self.fixed_for(injector, keep)
+    def apply_to(self, injector: Injector, keep: Collection[str] = ()) -> Injector:
+        """Return the injector with the values of the type, as in `parameters_for`."""
+        type_parameters, fixed = self.parameters_for(injector, keep), self.fixed_values_for(injector, keep)
         sources = {p.name: Source(p.mark, p.source) for p in type_parameters} | {
-            v.name: v.of_type(self.name) for v in fixed
+            v.name: v.source_on_part(self.name) for v in fixed
         }
         changed = injector.with_values({p.name: p.value for p in type_parameters} | {v.name: v.value for v in fixed})
-        # the type's text starts with that of its injector
+        # the type's text starts with the text of its injector
         texts = (injector.synthetic, self.synthetic.removeprefix(injector.synthetic).strip())
         synthetic = " ".join(text for text in texts if text)
         return replace(changed, sources={**injector.sources, **sources}, synthetic=synthetic)
 
 
-# Types of injectors from TOML and to TOML: values, spreads, bounds, and the parts that they were learnt from.
+# Types of injectors from TOML and to TOML.
 
 FORMAT = "commonrail-type/1"
 MOST_PARTS = 1000
@@ -289,18 +292,18 @@ def load_type(path: str | Path, reach: Reach | None = None) -> InjectorType:
     path : str or Path
         TOML file, as `dump_type` writes it.
     reach : Reach, optional
-        Where the file of its injector may lie; by default in the type's folder or below, unless the type's file says
+        Permitted folder of the injector's file; by default the type's folder and below, unless the type's file has
         ``allow_outside = true``.
 
     Raises
     ------
     InputError
-        If the file cannot be read, or something in it is unknown, missing or of the wrong kind.
+        If the file cannot be read, or a key is unknown, missing or of the wrong type.
     ConfigurationError
-        If `path` is no path, or numbers contradict one another.
+        If `path` is not a path, or values contradict each other.
     """
     file = file_path(path, "path of a type")
-    if file.is_dir() or not (file.suffix or file.exists()):  # a run, or a name of the catalogue
+    if file.is_dir() or not (file.suffix or file.exists()):  # a run, or a catalogue name
         raise InputError(f"{file}: a type file is expected; `commonrail type RUN --out TYPE.toml` makes one of a run.")
     at = Place(str(file))
     model = read_model(_TypeModel, read_toml(file)[0], at)
@@ -330,9 +333,9 @@ def load_type(path: str | Path, reach: Reach | None = None) -> InjectorType:
 
 
 def dump_type(injector_type: InjectorType, path: str | Path) -> None:
-    """Write a type, which `load_type` reads back bit by bit.
+    """Write a type file; `load_type` reads back the same type bit by bit.
 
-    Its injector is named if all values but those in the file are the catalogue's; another one is not kept.
+    The file names the injector if all other values are the catalogue's; any other injector is dropped.
 
     Parameters
     ----------
@@ -344,30 +347,30 @@ def dump_type(injector_type: InjectorType, path: str | Path) -> None:
     OutputError
         If the file cannot be written.
     ConfigurationError
-        If an argument is of another kind.
+        If an argument has the wrong type.
     """
     instance(injector_type, InjectorType, "type")
     write_text(file_path(path, "path of a type"), type_text(injector_type))
 
 
 def type_text(injector_type: InjectorType) -> str:
-    """The file's text."""
+    """Return the text of a type file."""
     head = {"format": FORMAT, "name": injector_type.name, "title": injector_type.title}
     head |= {"synthetic": injector_type.synthetic} if injector_type.synthetic else {}
     if names_injector(injector_type):
         head["injector"] = injector_type.injector.name  # type: ignore[union-attr]
     lines = [f"{key} = {value_text(value)}" for key, value in head.items()]
     for name, items in (
-        ("part", map(_part, injector_type.parts)),
-        ("parameter", map(_parameter, injector_type.parameters)),
-        ("fixed", map(_fixed, injector_type.fixed)),
+        ("part", map(_part_table, injector_type.parts)),
+        ("parameter", map(_parameter_table, injector_type.parameters)),
+        ("fixed", map(_fixed_table, injector_type.fixed)),
     ):
-        lines += [line for item in items for line in _table(name, item)]
+        lines += [line for item in items for line in _table_lines(name, item)]
     return "\n".join([*lines, ""])
 
 
 def names_injector(injector_type: InjectorType) -> bool:
-    """Return whether the file names the type's injector: it is the catalogue's but for the values in the file."""
+    """Return whether the file names the type's injector: a catalogue injector except for the values in the file."""
     injector = injector_type.injector
     if injector is None or not in_catalogue(injector.name):
         return False
@@ -377,8 +380,8 @@ def names_injector(injector_type: InjectorType) -> bool:
     return same and injector.variant == base.variant
 
 
-def _table(name: str, item: dict[str, Any]) -> Iterator[str]:
-    """Lines of a table of a list, with a comment behind its value if it has one."""
+def _table_lines(name: str, item: dict[str, Any]) -> Iterator[str]:
+    """Lines of a table of a list; the item with the empty key becomes a comment after the value."""
     note = item.pop("", "")
     yield from ("", f"[[{name}]]")
     for key, value in item.items():
@@ -386,19 +389,19 @@ def _table(name: str, item: dict[str, Any]) -> Iterator[str]:
         yield f"{key} = {text}" + (f" # {note}" if key == "value" else "")
 
 
-def _part(type_part: TypePart) -> dict[str, Any]:
+def _part_table(type_part: TypePart) -> dict[str, Any]:
     table: dict[str, Any] = {"name": type_part.name, "source": type_part.source}
     table |= {"injectors": type_part.injectors} if type_part.injectors != 1 else {}
     return table | ({"files": dict(type_part.files)} if type_part.files else {})
 
 
-def _fixed(fixed: FixedValue) -> dict[str, Any]:
+def _fixed_table(fixed: FixedValue) -> dict[str, Any]:
     q = parameter_quantities()[fixed.name]
     value = float(fixed.value) if q.unit == "1" else f"{float(fixed.value)!r} {q.unit}"
     return {"name": fixed.name, "value": value, "mark": fixed.mark, "source": fixed.source, "": q.meaning}
 
 
-def _parameter(parameter: TypeParameter) -> dict[str, Any]:
+def _parameter_table(parameter: TypeParameter) -> dict[str, Any]:
     q = parameter_quantities()[parameter.name]
     keys = ("value", "spread", "between", "lower", "upper")
     numbers = {key: getattr(parameter, key) for key in keys if getattr(parameter, key) is not None}
@@ -408,26 +411,28 @@ def _parameter(parameter: TypeParameter) -> dict[str, Any]:
     return {"name": parameter.name, **written, "mark": parameter.mark, "source": parameter.source, "": note}
 
 
-# A study that names a type: start, prior and bounds of its free parameters, values of the others.
+# Study with a type: start, prior and bounds of the free parameters, values of the others.
 
 
 def with_type(model: StudyModel, injector: Injector, reach: Reach, at: Place) -> StudyModel:
-    """The study with what it takes from the type that it names.
+    """Complete a study with the values of its type.
 
     A free parameter of the type has the type's value as start and prior, unless the study states a start, a prior or a
-    reference, and the type's bounds, unless the study states its own. A study without free parameters frees all those
-    of the type. What is not free takes the type's value, fixed values included, unless the study fixes it or it was
-    measured on the injector.
+    reference, and the type's bounds, unless the study states bounds. A study without free parameters frees all
+    parameters of the type. All other values, fixed values included, are the type's, unless the study fixes them or
+    they were measured on the injector.
 
-    `model`: its `type` is the path of the type's file; `injector`: of the study, before any value is changed; `at`: of
-    the study.
+    `model`: its `type` is the path of the type's file; `injector`: of the study, with its original values; `at`:
+    location of the study.
     """
     injector_type = load_type(reach.path(reach.file.parent, str(model.type), at / "type"), reach)
     fixed = {item.name for item in model.fixed}
-    offered = {p.name: p for p in injector_type.given_to(injector, fixed)}
+    offered = {p.name: p for p in injector_type.parameters_for(injector, fixed)}
     free = model.parameter or [ParameterModel(name=name) for name in offered]
     by_name = injector_type.by_name
-    completed_parameters = [_completed(item, by_name[item.name]) if item.name in by_name else item for item in free]
+    completed_parameters = [
+        _complete_parameter(item, by_name[item.name]) if item.name in by_name else item for item in free
+    ]
     free_names = {item.name for item in free}
     unread = unread_parameters(injector.variant)
     offered = {name: p for name, p in offered.items() if name not in unread}
@@ -437,14 +442,14 @@ def with_type(model: StudyModel, injector: Injector, reach: Reach, at: Place) ->
         if name not in free_names
     ]
     values += [
-        _fixed_of_type(v.name, v.value, v.of_type(injector_type.name))
-        for v in injector_type.fixed_for(injector, fixed | free_names | unread)
+        _fixed_of_type(v.name, v.value, v.source_on_part(injector_type.name))
+        for v in injector_type.fixed_values_for(injector, fixed | free_names | unread)
     ]
     return model.model_copy(update={"parameter": completed_parameters, "fixed": [*model.fixed, *values]})
 
 
-def _completed(item: ParameterModel, type_parameter: TypeParameter) -> ParameterModel:
-    """A free parameter with the prior and the bounds that the study does not state."""
+def _complete_parameter(item: ParameterModel, type_parameter: TypeParameter) -> ParameterModel:
+    """Complete a free parameter with prior and bounds that the study does not state."""
     changes: dict[str, Any] = {}
     if item.prior is None and item.reference is None:
         value, sigma = (_text(number, type_parameter.name) for number in (type_parameter.value, type_parameter.spread))
@@ -461,6 +466,6 @@ def _fixed_of_type(name: str, value: float, source: Source) -> FixedModel:
 
 
 def _text(value: float, name: str) -> str | float:
-    """Value as a study states it."""
+    """Write a value as a study states it."""
     unit = parameter_quantities()[name].unit
     return value if unit == "1" else f"{value!r} {unit}"

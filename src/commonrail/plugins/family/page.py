@@ -1,4 +1,4 @@
-"""Page of a joint fit: the type with its spreads, errors of each part, what sets the parts apart."""
+"""Page of a joint fit: the type with its spreads, errors of each part, differences between the parts."""
 
 from __future__ import annotations
 
@@ -23,18 +23,19 @@ from commonrail.report.result_kind import ResultKind
 from commonrail.runs.folder import TRACES
 from commonrail.runs.traces import read_traces
 
-FAR = 2.0  # spreads from the type's value beyond which a part's value is named
+FAR = 2.0  # the page names values of parts farther from the type than this many spreads
 
 
 def _page(record: Record, folder: Path) -> str:
-    """Page of a joint fit, with the curves of its folder."""
+    """Page of a joint fit, with the curves in its folder."""
     data = [
         {**d, "name": f"{part_record['name']}: {d['name']}"}
         for part_record in record["parts"]
         for d in part_record["data"]
     ]
     figures = figures_of(data, TEXTS, read_traces(folder / TRACES))
-    type_figures, fit = list(drawings(family_figures(record), 330)), read_as(FitRecord, record)
+    type_figures = list(drawings(family_figures(record), 330))
+    fit = read_as(FitRecord, record)
     return render(
         "family.html",
         package=__package__,
@@ -61,14 +62,14 @@ RESULT = ResultKind(RECORD, KIND, "type", _page, KEYS)
 
 
 def family_lines(record: Record) -> list[str]:
-    """Sentences on the parts, their errors and baselines, and what lies far from the type."""
+    """Sentences on the parts, their errors and baselines, and values far from the type."""
     names, members = [part_record["name"] for part_record in record["parts"]], record["members"]
     lines = [f"{len(names)} parts were fitted together: {join_words(names)}."]
     if len(members) > 1:
         costs = join_words([significant(cost, 3) for cost in members])
         lines.append(
-            f"{len(members)} searches side by side ended with objectives of {costs}. Between the measured points they "
-            "differ more than at them: the mean of what they predict is in the tables, the type is that of the best."
+            f"{len(members)} parallel searches ended with objectives of {costs}. Between the measured points they "
+            "differ more than at these points: the tables show their mean prediction, the type is from the best."
         )
     for part_record in record["parts"]:
         for line in baseline_lines(part_record["data"]):
@@ -80,7 +81,7 @@ def family_lines(record: Record) -> list[str]:
         if abs(pull) > FAR
     ]
     if far:
-        lines.append(f"Farther than {FAR:g} spreads from the type: {join_words(far)}.")
+        lines.append(f"More than {FAR:g} spreads from the type: {join_words(far)}.")
     return lines
 
 
@@ -94,7 +95,7 @@ def _pulls(p: Record) -> dict[str, float]:
 
 
 def family_tables(record: Record) -> list[Table]:
-    """Parameters of the type beside those of the parts, and the flow of each part."""
+    """Tables of the parameters of type and parts, and of the flow of each part."""
     names = [part_record["name"] for part_record in record["parts"]]
     columns: list[Column] = [
         ("parameter", "name"),
@@ -105,8 +106,8 @@ def family_tables(record: Record) -> list[Table]:
         *((f"part {name}", lambda p, name=name: quantity(p["parts"].get(name), p["unit"])) for name in names),
     ]
     note = (
-        "Spread: standard deviation of the next part's value about the type's, of the error of that value and the "
-        "scatter between parts together. Values are lumped values of the model and stand for no drawing."
+        "Spread: standard deviation of the next part's value about the type's value. It contains the error of the "
+        "type's value and the scatter between parts. Values are lumped parameters of the model, not drawing dimensions."
     )
     tables = [table_from_columns("The type", record["parameters"], columns, note, 2)]
     flows = [part_record for part_record in record["parts"] if part_record["flow_factor"] is not None]
@@ -114,12 +115,12 @@ def family_tables(record: Record) -> list[Table]:
         ("part", "name"),
         ("flow factor", lambda part_record: to_fixed(part_record["flow_factor"], 4)),
     ]
-    text = "Effective area of the nozzle's holes over that of the drawing; it is a part's own, and not the type's."
+    text = "Effective area of the nozzle's holes relative to the drawing. It belongs to the part, not to the type."
     return [*tables, table_from_columns("Flow of the parts", flows, flow, text)] if flows else tables
 
 
 def family_figures(record: Record) -> list[Figure]:
-    """Distances of the parts' values from the type's, where they differ between parts."""
+    """Distances of the parts' values from the type, for parameters that differ between parts."""
     scattering = [p for p in record["parameters"] if len(set(p["parts"].values())) > 1]
     if not scattering:
         return []
@@ -134,8 +135,8 @@ def family_figures(record: Record) -> list[Figure]:
         zero_line=True,
         categories=tuple(short_names([p["name"] for p in scattering]).values()),
     )
-    caption = "Values of the parts less that of the type, in spreads of the next part; common parameters are left out."
-    return [Figure("What sets the parts apart", caption, "parameter", (panel,))]
+    caption = "Value of the part minus value of the type, in spreads of the next part. Common parameters are left out."
+    return [Figure("Differences between the parts", caption, "parameter", (panel,))]
 
 
 def _commands(record: Record, run: str) -> list[tuple[str, str]]:
@@ -143,7 +144,7 @@ def _commands(record: Record, run: str) -> list[tuple[str, str]]:
     return [
         ("Fit again", command("type", advice.study, "--out", "type.toml")),
         (
-            "Reference points that tell most of the next part",
+            "Best reference points for the next part",
             f"commonrail adapt {type_file} --advise --injector PART.toml",
         ),
         (

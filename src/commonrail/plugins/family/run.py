@@ -1,4 +1,4 @@
-"""A joint fit that survives: kept step by step in its run folder, and resumed after whatever stopped it."""
+"""Joint fit in a run folder: every step is kept, and a stopped fit can be resumed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from commonrail.base.output import write_set, writing
 from commonrail.calibration.search import Checkpoint
 from commonrail.data.records import LABELS, MEASURED
 from commonrail.plugins.family.file import family_record
-from commonrail.plugins.family.fit import FamilyFit, fit_family, objective_of_parts
+from commonrail.plugins.family.fit import FamilyFit, fit_family, joint_objective
 from commonrail.plugins.family.injector_type import dump_type
 from commonrail.plugins.family.study import Family, load_family
 from commonrail.readers.injector_writer import dump_injector
@@ -36,8 +36,8 @@ def fit_type(
 ) -> FamilyFit:
     """Fit the parts of a family together, in a new run folder that keeps every step.
 
-    In the end it holds family.toml with all files that it reads, type.toml, family.json, traces.csv, SHA256SUMS,
-    journal.sqlite, and the injector of each part in the folder models. Arguments and errors are those of
+    The folder finally has family.toml with all its input files, type.toml, family.json, traces.csv, SHA256SUMS,
+    journal.sqlite, and the injector of each part in the folder models. Arguments and errors as in
     `commonrail.runs.calibrate_into`.
     """
     path = file_path(folder, "folder")
@@ -55,9 +55,9 @@ def resume_family(
     workers: Workers | None = None,
     listener: Listener = SILENT,
 ) -> FamilyFit:
-    """Resume a joint fit that was stopped; the result is that of one never stopped, bit by bit.
+    """Resume a stopped joint fit; the result equals the result of an uninterrupted fit, bit by bit.
 
-    `family` is given if it was made in Python and not read from a file; other arguments and errors are those of
+    `family`: needed if it was made in Python and not read from a file. Other arguments and errors as in
     `commonrail.resume`.
     """
     path, generations = file_path(folder, "folder"), integer(generations, "generations")
@@ -69,7 +69,7 @@ def _work(listener: Listener, threads: int | None, workers: Workers | None) -> W
     threads = thread_count(threads)
 
     def work(family: Family, journal: Journal, checkpoint: Checkpoint | None) -> FamilyFit:
-        warn_of_targets(journal, family, checkpoint, lambda: objective_of_parts(family, threads), listener)
+        warn_of_targets(journal, family, checkpoint, lambda: joint_objective(family, threads), listener)
         fit = fit_family(
             family,
             threads=threads,
@@ -86,7 +86,7 @@ def _work(listener: Listener, threads: int | None, workers: Workers | None) -> W
 
 
 def _content(family: Family) -> str:
-    """Fingerprint of a family: equal fingerprints mean identical searches but for their length."""
+    """Fingerprint of a family: with equal fingerprints searches differ in length only."""
     evolution = replace(family.method.evolution, generations=0)
     return hash_values(
         family.name,
@@ -101,7 +101,7 @@ def _content(family: Family) -> str:
 
 
 def _write(folder: Path, fit: FamilyFit) -> None:
-    """Write type.toml, family.json, traces.csv, their checksums, and the injectors of the parts."""
+    """Write type.toml, family.json, traces.csv, checksums, and the injectors of the parts."""
     models = folder / MODELS
     with writing(models):
         models.mkdir(exist_ok=True)
@@ -117,7 +117,7 @@ def _write(folder: Path, fit: FamilyFit) -> None:
 
 
 def _curves(fit: FamilyFit) -> Iterator[Curve]:
-    """Injection curves among the data of the parts."""
+    """Injection curves in the data of the parts."""
     for name, fitted_part in fit.parts.items():
         scores = {"start": fitted_part.start, "best": fitted_part.scores}
         for curve in rate_curves(fit.family.parts[name].data, scores):

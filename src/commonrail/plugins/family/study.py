@@ -1,4 +1,4 @@
-"""Families from TOML: the studies of several parts, and what their parameters share."""
+"""Families from TOML: studies of several parts, and the relations between their parameters."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ from commonrail.plugins.family.injector_type import InjectorType, load_type
 from commonrail.readers.location import Place, Reach, locate_errors
 from commonrail.readers.toml import FileModel, Text, Unit, read_model_file
 
-# Parameters of parts that are fitted together: what is common, what is each part's own, what scatters about a mean.
+# Relations of parameters between the parts of a joint fit: common, per part, or around a mean.
 
-OF = " of part "  # between a parameter and the part whose own it is
-WIDEST = 4.0  # standard deviations that a part may lie from the common value
+OF = " of part "  # in the name of a part's parameter
+WIDEST = 4.0  # largest distance of a part from the common value in standard deviations
 
 
 class Share(StrEnum):
@@ -46,14 +46,14 @@ class Share(StrEnum):
     """One value for all parts."""
 
     PER_PART = "per part"
-    """A value for each part, independent of the others'."""
+    """An independent value for each part."""
 
     AROUND = "around"
-    """A value for each part, normally distributed about a common one."""
+    """A value for each part, normally distributed about a common value."""
 
 
 class Shared(NamedTuple):
-    """Relation of a parameter, and the standard deviation between parts, SI, where that is `AROUND`."""
+    """Relation of a parameter; `spread`: standard deviation between parts, SI, for `AROUND`."""
 
     share: Share = Share.COMMON
     spread: float = 0.0
@@ -63,7 +63,8 @@ class Shared(NamedTuple):
 class Sharing:
     """Map from points of the joint space (D,) to points of the parts' spaces.
 
-    A part's point is the joint one times its matrix (d, D), within its own bounds: lower (d,) and upper (d,) [SI].
+    The point of a part is its matrix (d, D) times the joint point, clipped to its bounds: lower (d,) and upper (d,)
+    [SI].
     """
 
     names: tuple[str, ...]
@@ -71,7 +72,7 @@ class Sharing:
     bounds: tuple[tuple[Floats, Floats], ...]
 
     def of_part(self, index: int, x: Floats) -> Floats:
-        """Points (…, d) of a part from joint points (…, D), SI."""
+        """Return points (…, d) of a part from joint points (…, D), SI."""
         low, high = self.bounds[index]
         return np.clip(x @ self.matrices[index].T, low, high)
 
@@ -88,7 +89,7 @@ class _PartsConstraints(Products):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The texts that a person wrote."""
+        """Texts of the constraints as in the studies."""
         return tuple(dict.fromkeys(label for space in self._spaces for label in space.labels))
 
     def shortfall(self, x: Floats) -> Floats:
@@ -98,11 +99,12 @@ class _PartsConstraints(Products):
 
 
 def joint_space(parts: Mapping[str, Space], shared: Mapping[str, Shared]) -> tuple[Space, Sharing]:
-    """Space of the joint parameters, and the map from it to the parts, whose relations are `shared` or else common.
+    """Return the space of the joint parameters, and the map from it to the parts.
 
-    A common parameter has the bounds, start and prior that the first part with it states; one of a part has its part's
-    own. A parameter that scatters is a common value and, for each part, its distance from it in standard deviations,
-    whose prior is the standard normal distribution. `ConfigurationError` if `shared` names what no part has free.
+    `shared`: relation of each parameter, common by default. A common parameter has bounds, start and prior of the first
+    part with it; a parameter per part keeps its study's. An `AROUND` parameter has a common value, and for each part
+    the distance from it in standard deviations with a standard normal prior. Raises `ConfigurationError` if a name in
+    `shared` is not a free parameter of any part.
     """
     free_names = dict.fromkeys(name for space in parts.values() for name in space.names)
     for name in shared:
@@ -118,12 +120,12 @@ def joint_space(parts: Mapping[str, Space], shared: Mapping[str, Shared]) -> tup
                 first = joint_parameters.setdefault(parameter.name, parameter)
                 if max(first.lower, parameter.lower) > min(first.upper, parameter.upper):
                     raise ConfigurationError(
-                        f"The bounds of {parameter.name} in part {part_name} and in one before have no value in "
-                        "common; widen them, or give each part a value of its own."
+                        f"The bounds of {parameter.name} in part {part_name} do not overlap with an earlier part's; "
+                        "widen them, or list the parameter in per_part."
                     )
                 part_entries.append((row, parameter.name, 1.0))
             if share is not Share.COMMON:
-                single = _of_part(parameter, part_name, share)
+                single = _part_parameter(parameter, part_name, share)
                 joint_parameters[single.name] = single
                 part_entries.append((row, single.name, spread if share is Share.AROUND else 1.0))
         entries.append(part_entries)
@@ -145,8 +147,8 @@ def _matrix(entries: Sequence[tuple[int, str, float]], rows: int, names: Sequenc
     return matrix
 
 
-def _of_part(parameter: Parameter, part_name: str, share: Share) -> Parameter:
-    """A part's own value, or its distance from the common one in standard deviations."""
+def _part_parameter(parameter: Parameter, part_name: str, share: Share) -> Parameter:
+    """Return a part's parameter: its value, or its distance from the common value in standard deviations."""
     name = f"{parameter.name}{OF}{part_name}"
     if share is Share.PER_PART:
         return replace(parameter, name=name, signed=True)
@@ -155,19 +157,19 @@ def _of_part(parameter: Parameter, part_name: str, share: Share) -> Parameter:
     return Parameter(name, 0.0, -WIDEST, WIDEST, "1", mark="E", source=source, prior=normal, signed=True)
 
 
-# Objective of several parts that are fitted together.
+# Objective of a joint fit.
 
 
 class FamilyObjective(Objective):
     """Sum of the parts' objectives, and the squared residuals of the priors of the joint parameters.
 
-    Each part simulates its own candidates in its own batches; candidates that are the same for a part, as most are that
-    differ in another part's own parameters alone, are simulated once. `space` is that of the joint parameters.
+    Each part simulates its candidates in batches. Joint candidates that differ only in parameters of other parts are
+    simulated once. `space`: of the joint parameters.
     """
 
     def __init__(self, studies: Sequence[Study], sharing: Sharing, space: Space, threads: int | None = None) -> None:
         self.sharing, self.names = sharing, sharing.names
-        # without priors: those of the joint parameters count once
+        # without priors: the joint priors count once
         self.parts = [objective_of(study, threads, goal_of(study)._replace(priors=Priors())) for study in studies]
         conditions = tuple(condition for study in studies for condition in study.conditions)
         self.goal = Goal(studies[0].loss, Priors.of(space.parameters), conditions, scale=studies[0].loss_scale)
@@ -175,26 +177,26 @@ class FamilyObjective(Objective):
         self.simulator = self.parts[0].simulator
 
     def use_threads(self, threads: int | None) -> None:
-        """Simulate with so many threads; all usable processors if None."""
+        """Set the number of threads; all usable processors if None."""
         for objective in self.parts:
             objective.use_threads(threads)
 
     def costs(self, values: Floats) -> Scores:
-        """Objective of joint candidates (n, names), SI; one that is simulated once for several counts for each."""
+        """Objective of joint candidates (n, names), SI; every joint candidate counts as simulated."""
         total, statuses = self.goal.priors.costs(values), np.zeros(len(values), np.int8)
-        for objective, (part_values, which) in zip(self.parts, self._distinct(values), strict=True):
+        for objective, (part_values, which) in zip(self.parts, self._distinct_candidates(values), strict=True):
             scores = objective.costs(part_values)
             total = total + scores.costs[which]
             statuses = np.where(statuses == 0, scores.statuses[which], statuses).astype(np.int8)
         return Scores(total, statuses, len(values) * self.injections)
 
     def residuals(self, values: Floats) -> Floats:
-        """Residuals (n, those of all parts, then priors)."""
-        return self._together(values, [objective.residuals for objective in self.parts])
+        """Residuals (n, m): of all parts, then of the priors."""
+        return self._joint_residuals(values, [objective.residuals for objective in self.parts])
 
     def screened(self, values: Floats) -> Floats:
         """Residuals as `residuals` returns them, in f32 and at the time step of the screening."""
-        return self._together(values, [objective.screened for objective in self.parts])
+        return self._joint_residuals(values, [objective.screened for objective in self.parts])
 
     def linearised(self, values: Floats) -> Floats:
         """Residuals for derivatives at the first candidate, see `Objective.linearised`."""
@@ -205,14 +207,15 @@ class FamilyObjective(Objective):
         ]
         return np.concatenate([*part_residuals, self.goal.priors.residuals(values)], axis=1)
 
-    def _together(self, values: Floats, of_parts: Sequence[Callable[[Floats], Floats]]) -> Floats:
+    def _joint_residuals(self, values: Floats, of_parts: Sequence[Callable[[Floats], Floats]]) -> Floats:
         part_residuals = [
-            of(part_values)[which] for of, (part_values, which) in zip(of_parts, self._distinct(values), strict=True)
+            of(part_values)[which]
+            for of, (part_values, which) in zip(of_parts, self._distinct_candidates(values), strict=True)
         ]
         return np.concatenate([*part_residuals, self.goal.priors.residuals(values)], axis=1)
 
-    def _distinct(self, values: Floats) -> list[tuple[Floats, IndexArray]]:
-        """For each part its candidates, each once, and which of them belongs to each joint candidate."""
+    def _distinct_candidates(self, values: Floats) -> list[tuple[Floats, IndexArray]]:
+        """For each part its distinct candidates, and the index of the candidate for each joint candidate."""
         candidates = []
         for k in range(len(self.parts)):
             part_values, which = np.unique(self.sharing.of_part(k, values), axis=0, return_inverse=True)
@@ -222,7 +225,7 @@ class FamilyObjective(Objective):
 
 MOST_PARTS = 100
 MOST_AROUND = 1000
-FARTHEST = 4.0  # standard deviations that a flow factor may lie from 1
+FARTHEST = 4.0  # largest distance of a flow factor from 1 in standard deviations
 
 
 class _PartModel(FileModel):
@@ -256,11 +259,27 @@ class _FamilyModel(FileModel):
 
 @dataclass(frozen=True)
 class Family:
-    """Several parts of one type, to be fitted together: the study of each part by its name.
+    """Several parts of one type, to be fitted together.
 
-    The joint parameters lie in `space`, and `sharing` maps from it to the parts; `shared` has the relation of each
-    parameter that is not common. `files` has the SHA-256 of each file that the family was read from, its own first,
-    empty if it was made in Python; `text` is the family file as given, and `as_read` the family as its files state it.
+    Attributes
+    ----------
+    name, title : str
+    parts : mapping of str to Study
+        Study of each part by its name.
+    space : Space
+        Space of the joint parameters.
+    sharing : Sharing
+        Map from the joint space to the parts.
+    shared : mapping of str to Shared
+        Relation of each parameter that is not common.
+    method : Method
+    seed : int
+    files : mapping of Path to str
+        SHA-256 of each file read, the family file first; empty if the family was made in Python.
+    text : str
+        Text of the family file.
+    as_read : Family or None
+        The family as its files state it.
     """
 
     name: str
@@ -280,20 +299,20 @@ class Family:
 
     @property
     def same_bits(self) -> bool:
-        """Return whether the result of all parts is the same, bit for bit, on every x86-64 processor."""
+        """Whether the result of all parts is the same, bit for bit, on every x86-64 processor."""
         return all(study.same_bits for study in self.parts.values())
 
     @property
     def synthetic(self) -> str:
-        """Synthetic parts of the studies, empty if there are none."""
+        """Notes on synthetic data in the studies; empty without any."""
         return " ".join(dict.fromkeys(study.synthetic for study in self.parts.values() if study.synthetic))
 
 
 def load_family(path: str | Path) -> Family:
-    """Read a family with the studies of its parts from a TOML file; the paths in it are relative to its folder.
+    """Read a family with the studies of its parts from a TOML file; paths in it are relative to its folder.
 
-    `InputError` if a file cannot be read, or something in it is unknown, missing or of the wrong kind;
-    `ConfigurationError` if values contradict one another.
+    Raises `InputError` if a file cannot be read, or a key is unknown, missing or of the wrong type, and
+    `ConfigurationError` if values contradict each other.
     """
     file = file_path(path, "path of a family")
     with noting_files() as family_files:
@@ -302,22 +321,35 @@ def load_family(path: str | Path) -> Family:
         injector_type = (
             None if model.type is None else load_type(reach.path(file.parent, model.type, at / "type"), reach)
         )
-    studies = {name: _known(study, injector_type) for name, study in _studies(model, reach, file.parent, at).items()}
-    flow = () if model.flow is None else (FLOW,)  # whose prior has the spread `flow`
-    spreads = _spreads(model.prior, _known_names(studies), at / "prior", flow)
+    studies = {
+        name: _apply_type(study, injector_type) for name, study in _load_studies(model, reach, file.parent, at).items()
+    }
+    flow = () if model.flow is None else (FLOW,)  # its prior has the spread `flow`
+    spreads = _read_spreads(model.prior, _free_names(studies), at / "prior", flow)
     studies = {name: _with_spreads(study, spreads) for name, study in studies.items()}
-    shared = _shared(model, studies, at)
+    shared = _read_relations(model, studies, at)
     with locate_errors(at):
         space, sharing = joint_space({name: study.space for name, study in studies.items()}, shared)
     method = method_of(model.optimiser, space, at / "optimiser")
     files = family_files | of_type
     for study in studies.values():
         files |= study.files
-    family = Family(model.name, model.title, studies, space, sharing, shared, method, model.seed, files, text)
+    family = Family(
+        name=model.name,
+        title=model.title,
+        parts=studies,
+        space=space,
+        sharing=sharing,
+        shared=shared,
+        method=method,
+        seed=model.seed,
+        files=files,
+        text=text,
+    )
     return replace(family, as_read=family)
 
 
-def _studies(model: _FamilyModel, reach: Reach, folder: Path, at: Place) -> dict[str, Study]:
+def _load_studies(model: _FamilyModel, reach: Reach, folder: Path, at: Place) -> dict[str, Study]:
     studies: dict[str, Study] = {}
     for i, part_model in enumerate(model.part):
         place = (at / "part")[i]
@@ -325,21 +357,21 @@ def _studies(model: _FamilyModel, reach: Reach, folder: Path, at: Place) -> dict
             raise (place / "name").error(f'there are two parts "{part_model.name}"; rename one')
         if Path(part_model.name).name != part_model.name or "\\" in part_model.name:
             raise (place / "name").error(
-                f'"{part_model.name}" is no name of a file, and the part\'s model is written to one'
+                f'"{part_model.name}" cannot be a file name, which the model of the part needs; rename the part'
             )
         study = load_study(reach.path(folder, part_model.study, place / "study"))
         if not of_role(study.data, Role.FIT):
             raise (place / "study").error("no data set of this study has role fit")
         if model.flow is not None and not 0.0 < model.flow < 1.0 / FARTHEST:
             raise (at / "flow").error(
-                f'{model.flow:g} is no spread of the hole area; give a share below {100 / FARTHEST:g} %, such as "2 %"'
+                f'{model.flow:g} is not a spread of the hole area; give a share below {100 / FARTHEST:g} %, as "2 %"'
             )
         studies[part_model.name] = _with_flow(study, model.flow)
     return studies
 
 
-def _known(study: Study, injector_type: InjectorType | None) -> Study:
-    """The study with values, spreads and fixed values of a type: starts and priors in place of its own."""
+def _apply_type(study: Study, injector_type: InjectorType | None) -> Study:
+    """Return the study with starts, priors and fixed values of a type."""
     if injector_type is None:
         return study
     free = [
@@ -353,9 +385,9 @@ def _known(study: Study, injector_type: InjectorType | None) -> Study:
         else p
         for p in study.space.parameters
     ]
-    fixed = injector_type.fixed_for(study.injector, {*study.fixed, *study.space.names})
+    fixed = injector_type.fixed_values_for(study.injector, {*study.fixed, *study.space.names})
     values = {p.name: p.reference for p in free if p.name in injector_type.by_name} | {v.name: v.value for v in fixed}
-    sources = {**study.injector.sources} | {v.name: v.of_type(injector_type.name) for v in fixed}
+    sources = {**study.injector.sources} | {v.name: v.source_on_part(injector_type.name) for v in fixed}
     return replace(
         study,
         injector=replace(study.injector.with_values(values), sources=sources),
@@ -365,7 +397,7 @@ def _known(study: Study, injector_type: InjectorType | None) -> Study:
 
 
 def _with_spreads(study: Study, spreads: Mapping[str, float]) -> Study:
-    """The study with other spreads of its priors, about its start where there was no prior."""
+    """Return the study with other spreads of its priors; a new prior is about the start."""
     free = [
         replace(p, prior=replace(p.prior or Prior(p.reference, 1.0, p.source), sigma=spreads[p.name]))
         if p.name in spreads
@@ -376,12 +408,12 @@ def _with_spreads(study: Study, spreads: Mapping[str, float]) -> Study:
 
 
 def _with_flow(study: Study, spread: float | None) -> Study:
-    """The study with an effective hole diameter about that of its own drawing, by a spread of the hole area."""
+    """Return the study with a free effective hole diameter about its drawing; `spread`: relative, of the hole area."""
     if spread is None or FLOW in study.space.names:
         return study
     drawing_diameter = study.injector.values[FLOW]
     sigma = 0.5 * spread * drawing_diameter  # the area is the square of the diameter
-    source = "hole diameter of the part's drawing; the spread is that of the family's flow"
+    source = "hole diameter of the part's drawing; spread by the key flow of the family"
     low, high = drawing_diameter - FARTHEST * sigma, drawing_diameter + FARTHEST * sigma
     prior = Prior(drawing_diameter, sigma, source)
     flow = Parameter(FLOW, drawing_diameter, low, high, "m", mark="E", source=source, prior=prior)
@@ -390,31 +422,31 @@ def _with_flow(study: Study, spread: float | None) -> Study:
     return replace(study, space=Space((*old.parameters, flow), old.constraints, products))
 
 
-def _known_names(studies: Mapping[str, Study]) -> dict[str, None]:
-    """Free parameters of any part."""
+def _free_names(studies: Mapping[str, Study]) -> dict[str, None]:
+    """Names of the free parameters of all parts."""
     return dict.fromkeys(name for study in studies.values() for name in study.space.names)
 
 
-def _shared(model: _FamilyModel, studies: Mapping[str, Study], at: Place) -> dict[str, Shared]:
-    free_names = _known_names(studies)
+def _read_relations(model: _FamilyModel, studies: Mapping[str, Study], at: Place) -> dict[str, Shared]:
+    free_names = _free_names(studies)
     relations: dict[str, Shared] = {} if model.flow is None else {FLOW: Shared(Share.PER_PART)}
     for i, pattern in enumerate(model.per_part):
-        for name in _matching(pattern, free_names, (at / "per_part")[i]):
+        for name in _match_names(pattern, free_names, (at / "per_part")[i]):
             relations[name] = Shared(Share.PER_PART)
-    around = _spreads(model.around, free_names, at / "around", relations)
+    around = _read_spreads(model.around, free_names, at / "around", relations)
     return relations | {name: Shared(Share.AROUND, spread) for name, spread in around.items()}
 
 
-def _spreads(
+def _read_spreads(
     items: Sequence[_SpreadModel], free_names: Mapping[str, None], at: Place, taken: Container[str] = ()
 ) -> dict[str, float]:
-    """Spread [SI] of each free parameter that is named by items at a location.
+    """Read the spread [SI] of each free parameter in a list of the file.
 
-    A name among those `taken`, whose relation is given elsewhere, is refused.
+    Names in `taken`, whose relation is given elsewhere, are refused.
     """
     spreads: dict[str, float] = {}
     for i, item in enumerate(items):
-        for name in _matching(item.name, free_names, at[i] / "name"):
+        for name in _match_names(item.name, free_names, at[i] / "name"):
             if name in spreads or name in taken:
                 raise (at[i] / "name").error(f"{name} is given a second time; keep one of both")
             with locate_errors(at[i] / "spread"):
@@ -424,8 +456,8 @@ def _spreads(
     return spreads
 
 
-def _matching(pattern: str, free_names: Mapping[str, None], at: Place) -> list[str]:
-    """Free parameters that a name, or a pattern with a star, names."""
+def _match_names(pattern: str, free_names: Mapping[str, None], at: Place) -> list[str]:
+    """Return the free parameters that match a name, or a pattern with a star."""
     names = [name for name in free_names if fnmatchcase(name, pattern)]
     if not names:
         raise at.error(f'no part has the free parameter "{pattern}"{nearest(pattern, free_names)}')

@@ -1,4 +1,4 @@
-"""Joint fit of a family in a run folder, and its resumption: progress, result, report."""
+"""commonrail type: type file from calibrated parts, from a fleet, or from a joint fit, which can be resumed."""
 
 from __future__ import annotations
 
@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 
 CORNERS = ((40e6, 160e6), (300e-6, 1000e-6))  # points at which a type's spreads are shown as quantities [Pa, s]
 
-# commonrail type: type file of parts of one type, which were calibrated or are fitted together.
-
 
 @table_verb
 def type_(
@@ -44,18 +42,18 @@ def type_(
         tuple[Path, ...],
         Argument(
             metavar="SOURCE",
-            help="Family file whose parts are fitted together; or run folders of `calibrate`, one for each part; or "
-            "the folder of a fleet.",
+            help="Family file, whose parts are fitted together; run folders of `calibrate`, one for each part; or the "
+            "folder of a fleet.",
         ),
     ],
     *,
     out: Annotated[Path, Option(metavar="TYPE.toml", help="Type file to be written.")],
-    name: Annotated[str | None, Option(help="Name of the type. [default: that of the file]")] = None,
+    name: Annotated[str | None, Option(help="Name of the type. [default: as in the file, or its name]")] = None,
     part_spread: Annotated[
         str | None,
         Option(
-            help="Assumed standard deviation between parts, e.g. 3%, for a type of one part. [default: the priors' of "
-            "its study]"
+            help="Assumed standard deviation between parts, e.g. 3%, for a type of one part. [default: from the "
+            "priors of its study]"
         ),
     ] = None,
     run: Annotated[
@@ -77,7 +75,7 @@ def type_(
 ) -> None:
     """Write a type file from parts of one type.
 
-    A study takes it as start and prior with the key `type`; `commonrail adapt` makes a part's model of it.
+    The key `type` of a study uses it for starts and priors; `commonrail adapt` makes a part's model from it.
     The joint fit of a family file has a run folder: Ctrl-C stops it with the best values so far and exit
     status 130, and `commonrail resume RUN` resumes it.
 
@@ -97,7 +95,7 @@ def type_(
     share = None if part_spread is None else parse(part_spread, "1", "--part-spread")
     joint = [source for source in sources if source.suffix == ".toml"]
     if joint and len(sources) > 1:
-        raise InputError(f"{joint[0]}: a family file is a source by itself; name it alone, or run folders only.")
+        raise InputError(f"{joint[0]}: a family file must be the only source; give it alone, or run folders only.")
     if not joint and any(option is not None for option in (run, models, seed, workers, cluster)):
         raise InputError("--run, --models, --seed, --workers and --cluster: only for a family file; omit them.")
     if share is not None and (joint or any((source / FLEET).is_file() for source in sources)):
@@ -123,7 +121,7 @@ def _from_results(sources: Sequence[Path], name: str, share: float | None) -> In
 
     fleets = [source for source in sources if (source / FLEET).is_file()]
     if fleets and len(sources) > 1:
-        raise InputError(f"{fleets[0]}: a fleet is a source by itself; name it alone, or run folders only.")
+        raise InputError(f"{fleets[0]}: a fleet must be the only source; give it alone, or run folders only.")
     if fleets:
         return type_from_fleet(fleets[0], name)
     _refuse_twice(sources)
@@ -131,7 +129,7 @@ def _from_results(sources: Sequence[Path], name: str, share: float | None) -> In
 
 
 def _refuse_twice(sources: Sequence[Path]) -> None:
-    """Refuse a run that is named twice, or beside its copy: a part that equals another has no spread."""
+    """Refuse a run given twice, or together with its copy: equal parts have no spread."""
     from commonrail.base.input import fingerprint
     from commonrail.runs.folder import RESULT
 
@@ -140,7 +138,7 @@ def _refuse_twice(sources: Sequence[Path]) -> None:
         if (source / RESULT).is_file():
             first = seen.setdefault(fingerprint(source / RESULT), source)
             if first is not source:
-                raise InputError(f"{source}: this is the same run as {first}; name each part once.")
+                raise InputError(f"{source}: this is the same run as {first}; give each part once.")
 
 
 def _fit(
@@ -153,8 +151,8 @@ def _fit(
 ) -> Outcome:
     """Fit the parts of a family file together in a new run folder, with progress on stderr.
 
-    `changes` are name of the type and seed, in place of those of the file; `models` is a new folder for the injectors
-    of the parts. Without `workers` this process simulates.
+    `changes`: name of the type and seed that replace the file's; `models`: new folder for the injectors of the parts.
+    Without `workers` this process simulates.
     """
     from commonrail.base.output import write_text
     from commonrail.plugins.family.run import MODELS, fit_type
@@ -192,7 +190,7 @@ STUDY = StudyKind(_resume)
 
 
 def _print_family(outcome: Outcome, json: bool, out: Path) -> None:
-    """Print the figures of a joint fit, or one record; exit status 130 if it was stopped. `out` is the type file."""
+    """Print the result of a joint fit, or its record; exit status 130 if it was stopped. `out`: type file."""
     from commonrail.plugins.family.file import TEXTS
     from commonrail.plugins.family.injector_type import load_type
     from commonrail.report.fit.tables import tables_of
@@ -227,12 +225,12 @@ def _say_written(injector_type: InjectorType, out: Path) -> None:
     from commonrail.plugins.family.injector_type import names_injector
 
     if not names_injector(injector_type):
-        say(f"{out} names no injector of the catalogue; `commonrail adapt` needs one for it.")
+        say(f"{out} does not name an injector; give `commonrail adapt` the part's injector.")
     say(f"wrote {out}")
 
 
 def _type_record(injector_type: InjectorType, out: Path) -> dict[str, Any]:
-    """Record of a type for ``--json``; `out` is its file."""
+    """Record of a type for ``--json``; `out`: its file."""
     parts = [{"name": p.name, "source": p.source, "injectors": p.injectors} for p in injector_type.parts]
     values = [
         {"name": p.name, "value": p.value, "spread": p.spread, "lower": p.lower, "upper": p.upper, "source": p.source}
@@ -265,19 +263,19 @@ def _print_type(injector_type: InjectorType) -> None:
 
 
 def _print_quantities(injector_type: InjectorType) -> None:
-    """Print what the spreads of a type mean in quantities, where its injector is known."""
+    """Print the spreads of a type as quantities, if its injector is known."""
     import numpy as np
 
     from commonrail.plugins.family.adapt import grid
-    from commonrail.plugins.family.drawn import BAND, drawn_quantities
+    from commonrail.plugins.family.drawn import BAND, draw_quantities
 
     if injector_type.injector is None:
         return
     points = [point for point in grid() if point.pulses[0].duration in CORNERS[1]]
     points = [point for point in points if point.initial_pressures()[0] in CORNERS[0]]
-    part_injector = injector_type.applied(injector_type.injector)
+    part_injector = injector_type.apply_to(injector_type.injector)
     try:
-        drawn = drawn_quantities(injector_type, part_injector, points)
+        drawn = draw_quantities(injector_type, part_injector, points)
     except SimulationError as error:
         say(str(error))
         return
@@ -291,5 +289,5 @@ def _print_quantities(injector_type: InjectorType) -> None:
         ]
         for i, point in enumerate(points)
     ]
-    title = f"what these spreads mean: {len(drawn)} parts drawn, into 5 MPa, with 3 % of flow"
+    title = f"quantities of {len(drawn)} parts drawn with these spreads and 3 % of flow, at 5 MPa cylinder pressure"
     print_rows(["rail pressure", "energising time", "median", "90 % of parts"], rows, title, texts=0)

@@ -1,4 +1,4 @@
-"""A fleet as one JSON-able record: spread of parameters and of fit, the worst injectors, the failures."""
+"""Record of a fleet for JSON, with spreads, worst injectors and failures; tables of results."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from commonrail.plugins.fleet.study import Fleet
 from commonrail.readers.meters import free_names
 from commonrail.runs.folder import write_record
 
-WORST = 10  # injectors that are named as the worst
+WORST = 10  # number of worst injectors listed
 
 Record = dict[str, Any]
 
 
-def units_of(fleet: Fleet) -> dict[str, str]:
+def parameter_units(fleet: Fleet) -> dict[str, str]:
     """Unit of each free parameter, in the order of the template."""
     model = fleet.template.model
     names = [*(p.name for p in model.parameter), *free_names(model.meters)]
@@ -34,11 +34,10 @@ def units_of(fleet: Fleet) -> dict[str, str]:
 
 
 def fleet_record(fleet: Fleet, entries: Sequence[Entry], status: str, clock: Mapping[str, Any]) -> Record:
-    """Record of a fleet; all that depends on the clock is under "clock".
+    """Return the record of a fleet; times are under "clock".
 
-    `entries` are the injectors that are done, in the table's order; the status is "finished", "interrupted" or
-    "failed". The clock has "seconds", "first" (until the first injector was done), "calibrated_now" and "workers" of
-    this run.
+    `entries`: injectors that are done, in the table's order; `status`: "finished", "interrupted" or "failed"; `clock`:
+    "seconds", "first" (seconds until the first injector was done), "calibrated_now" and "workers" of this run.
     """
     finished = [entry for entry in entries if entry.status == FINISHED]
     failed = [entry for entry in entries if entry.status == FAILED]
@@ -57,12 +56,14 @@ def fleet_record(fleet: Fleet, entries: Sequence[Entry], status: str, clock: Map
             FAILED: len(failed),
             "pending": total - len(entries),
         },
-        "J": {key: spread_of([e.record["J"][key] for e in finished]) for key in ("start", "best")},
-        "curve": {key: _sorted([e.record["J"][key] for e in finished]) for key in ("start", "best")},
+        "J": {key: summarise_spread([e.record["J"][key] for e in finished]) for key in ("start", "best")},
+        "curve": {key: _sample_sorted([e.record["J"][key] for e in finished]) for key in ("start", "best")},
         "data": _data(fleet, finished),
         "fixed": finished[0].record["fixed"] if finished else [],
-        "parameters": [_parameter(name, unit, finished) for name, unit in units_of(fleet).items()] if finished else [],
-        **({"population": population_record(finished, list(units_of(fleet)))} if finished else {}),
+        "parameters": [_parameter(name, unit, finished) for name, unit in parameter_units(fleet).items()]
+        if finished
+        else [],
+        **({"population": population_record(finished, list(parameter_units(fleet)))} if finished else {}),
         "estimator": ESTIMATOR,
         "worst": [_worst(entry) for entry in sorted(finished, key=lambda entry: -entry.record["J"]["best"])[:WORST]],
         "warnings": _warnings(finished),
@@ -71,8 +72,8 @@ def fleet_record(fleet: Fleet, entries: Sequence[Entry], status: str, clock: Map
     }
 
 
-def spread_of(values: Sequence[float | None]) -> Record | None:
-    """Minimum, quartiles, maximum and count of what is a number; None if nothing is."""
+def summarise_spread(values: Sequence[float | None]) -> Record | None:
+    """Minimum, quartiles, maximum and count of the numbers among values; None without a number."""
     finite_values = np.array([value for value in values if value is not None])
     if not len(finite_values):
         return None
@@ -80,8 +81,8 @@ def spread_of(values: Sequence[float | None]) -> Record | None:
     return {"minimum": low, "q1": q1, "median": median, "q3": q3, "maximum": high, "count": len(finite_values)}
 
 
-def _sorted(values: Sequence[float | None]) -> list[float]:
-    """At most 400 of the sorted values, evenly spread: a curve of them, for a figure."""
+def _sample_sorted(values: Sequence[float | None]) -> list[float]:
+    """At most 400 of the sorted values at even ranks, for the curve of a figure."""
     ordered = np.sort([value for value in values if value is not None])
     places = np.unique(np.linspace(0, len(ordered) - 1, min(len(ordered), 400)).round().astype(int))
     sample: list[float] = ordered[places].tolist() if len(ordered) else []
@@ -94,7 +95,7 @@ def _data(fleet: Fleet, finished: Sequence[Entry]) -> list[Record]:
         rows = [d for entry in finished for d in entry.record["data"] if d["name"] == data.name]
         if not rows:
             continue
-        spreads = {key: spread_of([row[key] for row in rows]) for key in ("start", "best")}
+        spreads = {key: summarise_spread([row[key] for row in rows]) for key in ("start", "best")}
         common = {key: rows[0][key] for key in ("measure", "unit")}
         records.append({"name": data.name, "role": data.role, **common, **spreads, "injectors": len(rows)})
     return records
@@ -106,8 +107,8 @@ def _parameter(name: str, unit: str, finished: Sequence[Entry]) -> Record:
         "name": name,
         "unit": unit,
         "meaning": known_quantity(name).meaning,
-        "best": spread_of([p["best"] for p in parameter_records]),
-        "position": spread_of([p["position"] for p in parameter_records]),
+        "best": summarise_spread([p["best"] for p in parameter_records]),
+        "position": summarise_spread([p["position"] for p in parameter_records]),
         "at_bound": sum(p["at_bound"] for p in parameter_records),
         "verdicts": dict(sorted(Counter(p["verdict"] for p in parameter_records).items())),
         **{key: parameter_records[0][key] for key in ("lower", "upper", "prior")},
@@ -120,7 +121,7 @@ def _worst(entry: Entry) -> Record:
 
 
 def _warnings(finished: Sequence[Entry]) -> list[Record]:
-    """For each kind of warning how many injectors have it, and the first of them with its sentence."""
+    """For each kind of warning the number of injectors with it, and the first of them with its sentence."""
     by_code: dict[str, list[tuple[str, str]]] = {}
     for entry in finished:
         first = {w["code"]: w["sentence"] for w in reversed(entry.record["warnings"])}
@@ -131,19 +132,20 @@ def _warnings(finished: Sequence[Entry]) -> list[Record]:
 
 
 def _clock(clock: Mapping[str, Any], finished: Sequence[Entry]) -> Record:
-    seconds, later = clock["seconds"], clock["seconds"] - (clock["first"] or 0.0)
+    seconds = clock["seconds"]
+    later = seconds - (clock["first"] or 0.0)
     return {
         **clock,
         "injectors_per_second": clock["calibrated_now"] / seconds if seconds > 0.0 else None,
         "after_the_first": (clock["calibrated_now"] - 1) / later
         if clock["calibrated_now"] > 1 and later > 0.0
         else None,
-        "core_seconds_of_an_injector": spread_of([entry.seconds for entry in finished]),
+        "core_seconds_of_an_injector": summarise_spread([entry.seconds for entry in finished]),
         "core_seconds": sum(entry.seconds for entry in finished),
     }
 
 
-# Files that a fleet leaves: results.csv, results.parquet where pyarrow is installed, and fleet.json.
+# Files of a fleet: results.csv, results.parquet if pyarrow is installed, and fleet.json.
 
 RECORD, RESULTS, RESULTS_PARQUET = "fleet.json", "results.csv", "results.parquet"
 PENDING = "pending"
@@ -161,10 +163,10 @@ def write_results(
     warnings: Sequence[Mapping[str, Any]] = (),
     why: str = "",
 ) -> dict[str, Any]:
-    """Write the files, each whole or not at all; returns what ``fleet.json`` holds.
+    """Write the files, each atomically; return the record in ``fleet.json``.
 
-    As `fleet_record`, with warnings about the fleet as a whole and the reason why injectors that are not done have
-    none.
+    Arguments as in `fleet_record`; `warnings`: about the fleet as a whole; `why`: reason of injectors that are not
+    done.
     """
     record = fleet_record(fleet, entries, status, clock)
     record["warnings"] = [*warnings, *record["warnings"]]
@@ -179,10 +181,10 @@ def write_results(
 
 
 def result_columns(fleet: Fleet, entries: Sequence[Entry], why: str = "") -> dict[str, list[Value]]:
-    """Columns of the table of results, a row for each injector of the fleet; None where there is no number.
+    """Columns of the table of results, with a row for each injector; missing numbers are None.
 
-    Values are SI unless the head gives another unit. Only the last column, the processor time, depends on the clock.
-    `why` is the reason of injectors that are not done.
+    Values are SI unless the header gives another unit. Only the last column, the processor time, depends on the clock.
+    `why`: reason of injectors that are not done.
     """
     by_name = {entry.name: entry for entry in entries}
     rows = [by_name.get(name) for name in fleet.supply.names]
@@ -196,8 +198,8 @@ def result_columns(fleet: Fleet, entries: Sequence[Entry], why: str = "") -> dic
     for data in fleet.template.model.data:
         if data.name not in fleet.template.left_out:
             measure, unit = get_kind(data.kind).error_head
-            columns[f"{measure} {data.name} [{unit}]"] = [_of_data(r, data.name) for r in records]
-    units = units_of(fleet)
+            columns[f"{measure} {data.name} [{unit}]"] = [_data_error(r, data.name) for r in records]
+    units = parameter_units(fleet)
     for name, unit in units.items():
         parameter_records = [r["parameters"][name] if r else {} for r in records]
         head = f" [{unit}]" if unit != "1" else ""
@@ -210,7 +212,7 @@ def result_columns(fleet: Fleet, entries: Sequence[Entry], why: str = "") -> dic
     return columns
 
 
-def _of_data(record: Mapping[str, Any], name: str) -> Value:
+def _data_error(record: Mapping[str, Any], name: str) -> Value:
     values = [data["best"] for data in record.get("data", ()) if data["name"] == name]
     return values[0] if values else None
 
@@ -218,7 +220,7 @@ def _of_data(record: Mapping[str, Any], name: str) -> Value:
 def _text(value: Value) -> str:
     if value is None:
         return ""
-    return value if isinstance(value, str) else repr(value)  # repr: the same float when it is read
+    return value if isinstance(value, str) else repr(value)  # repr: reads back as the same float
 
 
 def _write_parquet(path: Path, columns: Mapping[str, list[Value]], synthetic: str) -> None:

@@ -1,4 +1,4 @@
-"""The journal of a fleet: one SQLite file that keeps every injector as soon as it is done."""
+"""Journal of a fleet: one SQLite file that keeps every injector as soon as it is done."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from typing import Any
 from commonrail.base.errors import StudyError
 from commonrail.base.input import fingerprint, sha256
 from commonrail.compiler.target import package_versions
-from commonrail.plugins.fleet.member import Attempt, shared_files
+from commonrail.plugins.fleet.member import Attempt, list_shared_files
 from commonrail.plugins.fleet.study import MISSING_FILE, Fleet, Supply
 from commonrail.runs.journal import JournalFile, facts, now
 from commonrail.runs.lock import check_trust
 from commonrail.runs.tables import Schema, put
 
-# Fingerprints under which an injector's result is booked: those of what its worker read.
+# Fingerprints of the files that a worker read for an injector's result.
 
 Inputs = Mapping[str, str]
 
 
 class Booking:
-    """Comparison of what the workers of a fleet read with what they were given.
+    """Checks that the workers of a fleet read unchanged files.
 
-    `shared` are the SHA-256 of the files that are the same for all injectors, as they were when the fleet began.
+    `shared`: SHA-256 of the files common to all injectors, at the start of the fleet.
     """
 
     def __init__(self, supply: Supply, shared: Mapping[Path, str]) -> None:
@@ -36,16 +36,16 @@ class Booking:
         self._written: dict[str, Mapping[Path, str]] = {}
 
     def hand_out(self, name: str, study: Path) -> Path:
-        """Note the files that were written for an injector, of which `study` is one; returns that."""
+        """Note the files written for an injector in the folder of `study`; return `study`."""
         folder = study.absolute().parent
         self._written[name] = {path: fingerprint(path) for path in folder.iterdir() if path.is_file()}
         return study
 
     def book(self, name: str, attempt: Attempt, before: Inputs) -> tuple[Attempt, Inputs]:
-        """Attempt and fingerprints of the data to be kept; `before` are those from when the fleet began.
+        """Return the attempt and the fingerprints of its data; `before`: fingerprints at the start of the fleet.
 
-        Data that were changed while the fleet ran are booked as what they were when they were read. Where another file
-        was changed, the attempt has failed, and has no fingerprints: the next run repeats it.
+        Data changed during the fleet get the fingerprint of the version that was read. If another file has changed,
+        the attempt has failed without fingerprints, and the next run repeats it.
         """
         written = self._written.pop(name, {})
         if not attempt.files:
@@ -56,7 +56,7 @@ class Booking:
             if path in written or digest not in data:
                 expected = written.get(path) or self._seen.setdefault(path, digest)
                 if expected != digest:
-                    reason = f"{path}: the file was changed while the fleet ran; run the fleet again."
+                    reason = f"{path}: the file has changed during the fleet; run the fleet again."
                     return Attempt({}, reason, attempt.seconds), {}
         return attempt, inputs
 
@@ -85,9 +85,10 @@ CREATE TABLE injector (
 
 @dataclass(frozen=True)
 class Entry:
-    """Outcome of an injector: "finished" or "failed" for a reason, attempts, fingerprint of each of its data files.
+    """Outcome of an injector.
 
-    `record` is what `calibrate_study` returned, empty if it failed; the processor time is in s.
+    `status`: "finished" or "failed", with `reason`; `inputs`: fingerprint of each data file; `record`: returned by
+    `calibrate_study`, empty after a failure; `seconds`: processor time.
     """
 
     name: str
@@ -100,12 +101,12 @@ class Entry:
 
 
 class Journal(JournalFile):
-    """The journal of a fleet, a `JournalFile`: what was written survives a killed process, and a power cut too."""
+    """Journal of a fleet; its content survives a killed process and a power cut."""
 
     NAME, LOCK, SCHEMA, DURABLE = JOURNAL, LOCK, FLEET, True
 
     def inputs(self) -> dict[str, str]:
-        """Fingerprints of what is common to all injectors, by name; empty for a new journal."""
+        """Fingerprints of the inputs common to all injectors, by name; empty for a new journal."""
         with check_trust(self.path):
             return {str(name): str(fingerprint) for name, fingerprint in self._table("input")}
 
@@ -116,23 +117,23 @@ class Journal(JournalFile):
 
     @property
     def targets(self) -> list[dict[str, str]]:
-        """Versions, and the processor that was compiled for, of the processes that have calibrated; the latest last."""
+        """Versions and target processors of the calibrating processes, the latest last."""
         with check_trust(self.path):
             targets = json.loads(dict(self._table("about")).get("targets", "[]"))
             return [{str(name): str(text) for name, text in target.items()} for target in targets]
 
     def note_target(self, target: Mapping[str, str]) -> None:
-        """Keep the target of this process as the latest, if it is not that already."""
+        """Append the target of this process unless it is the latest already."""
         if self.targets[-1:] != [target]:
             self._write(*facts([("targets", json.dumps([*self.targets, target]))]))
 
     def entries(self) -> dict[str, Entry]:
-        """All injectors that are done, by name."""
+        """Injectors that are done, by name."""
         with check_trust(self.path):
             return {str(row[0]): _entry(row) for row in self._table("injector")}
 
     def write(self, entry: Entry) -> None:
-        """Keep an injector; one that is there is replaced."""
+        """Keep an injector, or replace it."""
         texts = [json.dumps(content, sort_keys=True, allow_nan=False) for content in (entry.inputs, entry.record)]
         self._write(
             put("injector", entry.name, entry.status, entry.reason, entry.attempts, *texts, entry.seconds, now())
@@ -147,23 +148,23 @@ def _entry(row: tuple[Any, ...]) -> Entry:
     return Entry(str(name), status, str(reason), int(attempts), fingerprints, dict(json.loads(record)), float(seconds))
 
 
-# Injectors that an earlier run has calibrated: taken over if they are this fleet's, to these data, and undamaged.
+# Injectors calibrated by an earlier run: reused if fleet and data are the same and the journal is undamaged.
 
-_CURE = "bring it back as it was, or take another folder."
+_CURE = "restore it, or use another folder."
 
 
-def entries_of(
+def load_entries(
     fleet: Fleet, inputs: Mapping[str, Mapping[str, str]], journal: Journal, shared: Mapping[Path, str]
 ) -> dict[str, Entry]:
-    """Injectors of a fleet that are done; to a journal without any, the fleet is made known.
+    """Load the injectors of a fleet that are done; an empty journal stores the fingerprints of the fleet.
 
-    `inputs` are the fingerprints of the data files of each injector. `StudyError` if another fleet was begun there, or
-    an injector was calibrated to other data; some may have been added.
+    `inputs`: fingerprints of the data files of each injector. Raises `StudyError` if the folder has another fleet, or
+    an injector was calibrated to other data. Injectors may have been added.
     """
     folder, entries = journal.path.parent, journal.entries()
     now, before = _common(fleet, shared), journal.inputs()
     if entries and not before:
-        raise StudyError(f"{journal.path}: the journal is damaged: it does not tell which fleet it is of; {_CURE}")
+        raise StudyError(f"{journal.path}: the journal is damaged: the fingerprints of the fleet are missing; {_CURE}")
     changed = next((name for name in {**before, **now} if before.get(name) != now.get(name)), "")
     if entries and changed.startswith("file "):
         raise StudyError(f"{folder} was begun with another {changed.removeprefix('file ')}; {_CURE}")
@@ -172,12 +173,12 @@ def entries_of(
             f'{folder} was begun with {changed} "{before.get(changed, "")}", and it is "{now.get(changed, "")}" now; '
             f"{_CURE}"
         )
-    journal.write_inputs(now)  # while nothing is calibrated, a fault of the template may be mended
+    journal.write_inputs(now)  # until an injector is calibrated, the template may be corrected
     for name, entry in entries.items():
         if entry.status == FAILED:
             continue
         if name not in inputs:
-            raise StudyError(f'{folder} has injector "{name}", which {fleet.supply.path} has no more; {_CURE}')
+            raise StudyError(f'{folder} has injector "{name}", which is missing in {fleet.supply.path}; {_CURE}')
         current_inputs = inputs[name]
         if current_inputs != entry.inputs:
             changed = next(
@@ -191,10 +192,10 @@ def entries_of(
 
 
 def _common(fleet: Fleet, shared: Mapping[Path, str]) -> dict[str, str]:
-    """Inputs that determine the result of every injector, by name: texts where readable, fingerprints of files."""
+    """Inputs common to all injectors, by name: readable texts, or fingerprints of files."""
     template = fleet.template
     fingerprints = {"seed": str(fleet.seed), "leave_out": ", ".join(template.left_out)}
     fingerprints |= {f"version of {name}": version for name, version in package_versions().items()}
     fingerprints[f"file {template.path.name}"] = sha256(template.text.encode())
-    names = {Path(os.path.abspath(path)): name for name, path in shared_files(template).items()}
+    names = {Path(os.path.abspath(path)): name for name, path in list_shared_files(template).items()}
     return fingerprints | {f"file {names.get(path, path.name)}": digest for path, digest in shared.items()}

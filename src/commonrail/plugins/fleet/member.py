@@ -1,4 +1,4 @@
-"""The study of one injector, made from the template: its own data files, title and seed; all paths absolute."""
+"""Study of one injector of a fleet: written from the template with its data, title and seed, and calibrated."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ from commonrail.plugins.fleet.study import DEAD_TIMES, Fleet, Template
 from commonrail.readers.injector import load_injector
 from commonrail.readers.location import ALLOW, Place, Reach, locate_errors
 
-_COURSES = ("rail_pressure", "cylinder_pressure", "return_pressure", "drive")  # of a curve; tables if they are measured
+_COURSES = ("rail_pressure", "cylinder_pressure", "return_pressure", "drive")  # of a curve; a table if measured
 _LONGEST = 80  # characters of a folder's name
 
 
-def seed_of(seed: int, name: str) -> int:
-    """Seed of an injector's search, from the fleet's seed and its name; its place in the table plays no part."""
-    return int(sha256(f"{seed}\n{name}".encode())[:15], 16)  # 60 bits: a whole number of TOML has 63
+def derive_seed(seed: int, name: str) -> int:
+    """Derive the seed of an injector's search from the fleet's seed and the injector's name."""
+    return int(sha256(f"{seed}\n{name}".encode())[:15], 16)  # 60 bits: an integer of TOML has 63
 
 
-def folders_of(names: Sequence[str]) -> dict[str, str]:
-    """Folder for each injector: its name, if that makes a folder's name of its own, else with some digits added."""
+def name_folders(names: Sequence[str]) -> dict[str, str]:
+    """Name a folder for each injector: its name, with digits added if it is not a valid and unique folder name."""
     plain = {name: re.sub(r"[^A-Za-z0-9._-]", "_", name)[:_LONGEST] for name in names}
-    counts = Counter(folder.lower() for folder in plain.values())  # some systems do not tell A from a
+    counts = Counter(folder.lower() for folder in plain.values())  # some file systems ignore case
     return {
         name: folder
         if folder == name and counts[folder.lower()] == 1 and folder.strip(".")
@@ -49,9 +49,9 @@ def folders_of(names: Sequence[str]) -> dict[str, str]:
 
 
 def write_study(fleet: Fleet, name: str, folder: Path) -> Path:
-    """Write the study of an injector, and its data if they are rows of a table; returns the study's path.
+    """Write the study of an injector, and its data if they are rows of a table; return the study's path.
 
-    It can be run by itself, with the same result: ``commonrail calibrate FOLDER/study.toml``.
+    ``commonrail calibrate FOLDER/study.toml`` gives the same result.
     """
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -66,9 +66,9 @@ def _text(fleet: Fleet, name: str, files: Mapping[str, Path]) -> str:
 
     template = fleet.template
     base = template.path.parent
-    tables = {ALLOW: True} | dict(template.document)  # the paths are absolute, and lead out of the member's folder
+    tables = {ALLOW: True} | dict(template.document)  # the paths are absolute, outside the member's folder
     tables["title"] = f"{template.model.title}: injector {name}"
-    tables["seed"] = seed_of(fleet.seed, name)
+    tables["seed"] = derive_seed(fleet.seed, name)
     tables["injector"] = _absolute(base, tables["injector"]) if _is_file(tables["injector"]) else tables["injector"]
     if "type" in tables:
         tables["type"] = _absolute(base, tables["type"])
@@ -98,8 +98,8 @@ def _data(data: Mapping[str, Any], files: Mapping[str, Path], base: Path) -> dic
     return member_data
 
 
-def shared_files(template: Template) -> dict[str, Path]:
-    """Files that are the same for all injectors, by the names that the template gives them."""
+def list_shared_files(template: Template) -> dict[str, Path]:
+    """List the files common to all injectors, by their names in the template."""
     names = [template.model.injector] if _is_file(template.model.injector) else []
     names += [template.model.type] if template.model.type else []
     for data in template.document["data"]:
@@ -108,13 +108,13 @@ def shared_files(template: Template) -> dict[str, Path]:
     return {name: template.path.parent / name for name in names}
 
 
-def read_shared(template: Template) -> dict[Path, str]:
-    """SHA-256 of those files, and of the files that the injector's file names in turn.
+def hash_shared_files(template: Template) -> dict[Path, str]:
+    """Return SHA-256 of the shared files, and of the files named in the injector's file.
 
-    `InputError` if one cannot be read.
+    Raises `InputError` if one cannot be read.
     """
     with noting_files() as noted, locate_errors(Place(str(template.path))):
-        for name, path in shared_files(template).items():
+        for name, path in list_shared_files(template).items():
             if name == template.model.injector:
                 load_injector(path, Reach(template.path, outside=True, announced=True))
             elif name == template.model.type:
@@ -131,13 +131,13 @@ def _absolute(base: Path, file: str) -> str:
     return str((base / file).absolute())
 
 
-# Calibration of one injector on a worker, and the record that is kept of it.
+# Calibration of one injector on a worker, and its record.
 
 
 class Attempt(NamedTuple):
     """Outcome of an injector on its worker: its record, or the sentence of an error; processor time [s].
 
-    `files` has the SHA-256 of each file as it was read.
+    `files`: SHA-256 of each file as it was read.
     """
 
     record: Mapping[str, Any]
@@ -146,34 +146,34 @@ class Attempt(NamedTuple):
     files: Mapping[Path, str] = {}
 
 
-def failed(error: CommonrailError, seconds: float = 0.0) -> Attempt:
-    """Attempt that ended with an error."""
+def record_failure(error: CommonrailError, seconds: float = 0.0) -> Attempt:
+    """Return the attempt that ended with an error."""
     return Attempt({}, " ".join(str(error).split()), seconds)
 
 
 class Calibrations:
-    """Calibrations of the injectors of a fleet, the work of its workers; `first` is one to try a worker with."""
+    """Work of a fleet's workers: calibrate an injector; `first`: study to test a worker."""
 
     def __init__(self, first: Study | None) -> None:
         self.first = first
 
     def __call__(self, source: Study | Path) -> Attempt:
-        """Attempt at a study, which may be its file."""
-        start = time.thread_time()  # on a busy machine too it says what the work costs
+        """Calibrate a study, or the study in a file."""
+        start = time.thread_time()  # does not depend on the load of the machine
         try:
             study = load_study(source) if isinstance(source, Path) else source
             record = calibrate_study(study)
         except CommonrailError as error:
-            return failed(error, time.thread_time() - start)
+            return record_failure(error, time.thread_time() - start)
         return Attempt(record, "", time.thread_time() - start, dict(study.files))
 
     @property
     def same_bits(self) -> bool:
-        """As the studies have it, but for least squares, which end on the workers."""
+        """Whether all workers must give the same bits: as in the studies, but not for least squares."""
         return self.first is not None and self.first.same_bits and self.first.method.is_evolution
 
     def probe(self) -> bytes:
-        """Figures of the first study's start values; what every study needs is loaded then."""
+        """Return errors of the first study's start values; this also loads everything that a study needs."""
         if self.first is None:
             return b""
         scores = scores_of(self.first, self.first.injector, 1)["best"]
@@ -181,9 +181,9 @@ class Calibrations:
 
 
 def calibrate_study(study: Study) -> dict[str, Any]:
-    """Calibrate the study of an injector on one thread, and record what a fleet keeps of it.
+    """Calibrate the study of an injector on one thread, and return its record for the fleet.
 
-    `CommonrailError` if the study cannot be run, or no candidate can be simulated.
+    Raises `CommonrailError` if the study cannot be run, or no candidate can be simulated.
     """
     calibration = calibrate(study, threads=1)
     if calibration.status != "finished":
@@ -200,13 +200,13 @@ def calibrate_study(study: Study) -> dict[str, Any]:
             _data_record(d, calibration.scores["start"][i], calibration.scores["best"][i])
             for i, d in enumerate(study.data)
         ],
-        "fixed": [_fixed(study.injector, name) for name in study.fixed],
+        "fixed": [_fixed_record(study.injector, name) for name in study.fixed],
         "parameters": _parameters(calibration, certify_near(study, calibration.best, 1)),
         "warnings": to_record(calibration.warnings),
     }
 
 
-def _fixed(injector: Injector, name: str) -> dict[str, Any]:
+def _fixed_record(injector: Injector, name: str) -> dict[str, Any]:
     mark, source = injector.sources[name]
     return {"name": name, "value": injector.values[name], "mark": mark, "source": source}
 

@@ -1,4 +1,4 @@
-"""The page of a fleet: how the fit and the parameters spread, the worst injectors, the failures."""
+"""Page of a fleet: spread of fit and parameters, worst injectors, failures."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from commonrail.base.table import Column, Table, table_from_columns
 from commonrail.base.text import count_noun, duration, join_words, number, percent, quantity, significant, to_fixed
 from commonrail.data.records import Record
 from commonrail.plugins.fleet.file import RECORD
-from commonrail.plugins.fleet.population import correlation_map, each_injector, histograms, outlier_table
+from commonrail.plugins.fleet.population import correlation_map, histograms, injector_values, outlier_table
 from commonrail.report.figure import drawings, figure_html, small_drawings
 from commonrail.report.fit.record import short_names
 from commonrail.report.fit.rules import BAD, CARE, GOOD, Tile
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
 
-SHOWN = 100  # failures that the page lists
-ERRORS = 3  # data sets whose error is on the first screen
-# Keys of a spread, and what a table calls them.
+SHOWN = 100  # failures on the page
+ERRORS = 3  # data sets with their error on the first screen
+# Keys of a spread, and their names in tables.
 _QUARTILES = {
     "minimum": "least",
     "q1": "lower quartile",
@@ -34,7 +34,7 @@ _QUARTILES = {
 
 
 def _page(record: Record, folder: Path) -> str:
-    """Refuse: the page names the file of the fleet, which the folder does not hold."""
+    """Refuse: the page names the file of the fleet, which is not in the folder."""
     again = f"commonrail fleet FLEET --out {shlex.quote(str(folder))}"
     raise InputError(f"{folder}: this is the folder of a fleet; `{again}` makes its report.")
 
@@ -43,14 +43,14 @@ RESULT = ResultKind(RECORD, "fleet", "fleet", _page)
 
 
 def write_fleet_report(folder: Path, record: Record, command: str) -> Path:
-    """Write ``report.html`` of a fleet; `command` is the line that continues or repeats it."""
+    """Write ``report.html`` of a fleet; `command`: command line that continues or repeats the fleet."""
     path = folder / "report.html"
     write_text(path, fleet_html(record, command))
     return path
 
 
 def fleet_html(record: Record, command: str) -> str:
-    """The page of a fleet."""
+    """Return the page of a fleet."""
     heat = correlation_map(record, _names(record))
     figures = list(drawings(fleet_figures(record), 330))
     return render(
@@ -67,28 +67,29 @@ def fleet_html(record: Record, command: str) -> str:
         figures=figures[1:],
         heat=heat and (heat, figure_html(heat, "correlations")),
         classes=small_drawings(histograms(record, _names(record)), "class"),
-        each=each_injector(record),
-        commands=[("Go on with this fleet, or write its results again", command)],
+        each=injector_values(record),
+        commands=[("Resume this fleet, or write its results again", command)],
         facts=_facts(record),
     )
 
 
 def fleet_lines(record: Record) -> list[str]:
     """Sentences on the number of calibrated injectors, their errors, and the parameters that the data determine."""
-    counts, best, start = record["counts"], record["J"]["best"], record["J"]["start"]
+    counts = record["counts"]
+    best, start = record["J"]["best"], record["J"]["start"]
     total = count_noun(counts["injectors"], "injector")
     lines = [f"{counts['finished']} of {total} calibrated, {counts['failed']} failed."]
     if counts["pending"]:
-        lines.append(f"{count_noun(counts['pending'], 'injector')} not done yet: the same command goes on.")
+        lines.append(f"{count_noun(counts['pending'], 'injector')} not done yet: repeat the command to resume.")
     if best and start:
         lines.append(
             f"J of the fitted data fell from {significant(start['median'])} to {significant(best['median'])} "
-            f"(medians); of half the injectors it lies between {significant(best['q1'])} and {significant(best['q3'])}."
+            f"(medians); interquartile range {significant(best['q1'])} to {significant(best['q3'])}."
         )
     bounded = [p["name"] for p in record["parameters"] if p["at_bound"] > 0.05 * counts["finished"]]
     if bounded:
         lines.append(
-            f"At a bound in more than 5 % of the injectors: {join_words(bounded)}; widen it if the part allows it."
+            f"At a bound in more than 5 % of the injectors: {join_words(bounded)}; widen the bounds if possible."
         )
     return lines
 
@@ -117,7 +118,7 @@ def _unit(d: Record) -> str:
 
 
 def fleet_warnings(record: Record) -> list[str]:
-    """For each kind of warning, how many injectors have it, and the sentence of the first."""
+    """For each kind of warning the number of injectors with it, and the sentence of the first."""
     total = record["counts"]["finished"]
     return [
         f"{w['injectors']:,} of {count_noun(total, 'injector')}: {w['code']}. The first, {w['first']}: {w['sentence']}"
@@ -126,7 +127,7 @@ def fleet_warnings(record: Record) -> list[str]:
 
 
 def fleet_tables(record: Record) -> list[Table]:
-    """Fit of the data sets, parameters, what the data determine, worst injectors and failures."""
+    """Tables: errors of the data sets, parameters, verdicts, worst injectors, outliers and failures."""
     tables = [_data_table(record), _parameter_table(record), _verdict_table(record), _worst_table(record)]
     return [table for table in (*tables, outlier_table(record), _failure_table(record)) if table.rows]
 
@@ -144,22 +145,22 @@ def _data_table(record: Record) -> Table:
         ("start, median", lambda d: significant((d["start"] or {}).get("median"), 4)),
         *((head, lambda d, key=key: significant((d["best"] or {}).get(key), 4)) for key, head in _QUARTILES.items()),
     ]
-    note = "Errors of the calibrated injectors; those of the start values in one column."
+    note = "Errors of the calibrated injectors, and the median error of the start values."
     return table_from_columns("Error of each data set over the fleet", record["data"], columns, note, 3)
 
 
 def _parameter_table(record: Record) -> Table:
-    def apart(p: Record) -> str:
+    def quartile_distance(p: Record) -> str:
         spread, median = p["best"], p["best"]["median"]
         return percent((spread["q3"] - spread["q1"]) / abs(median) if median else None)
 
     columns: list[Column] = [
         ("parameter", "name"),
         *((head, lambda p, key=key: quantity(p["best"][key], p["unit"])) for key, head in _QUARTILES.items()),
-        ("between quartiles, %", apart),
+        ("between quartiles, %", quartile_distance),
         ("at a bound", "at_bound"),
     ]
-    note = "The share is that of the distance between the quartiles in the median; “at a bound” counts injectors."
+    note = "Distance between the quartiles in percent of the median; “at a bound” counts injectors."
     return table_from_columns("Calibrated parameters over the fleet", record["parameters"], columns, note)
 
 
@@ -172,7 +173,7 @@ def _verdict_table(record: Record) -> Table:
         *((v, lambda p, v=v: str(p["verdicts"].get(v, 0))) for v, _ in total.most_common()),
     ]
     note = (
-        "Number of injectors. What is not determined must not be read as a measurement of the part. Intervals: "
+        "Number of injectors. A parameter that is not determined is not a measurement of the part. Intervals: "
         f"{record['estimator']}."
     )
     return table_from_columns("What the data determine", record["parameters"], columns, note)
@@ -192,7 +193,7 @@ def _worst_table(record: Record) -> Table:
         ("times the median", times),
         ("parameters at a bound", lambda w: join_words(w["at_bound"]) or "none"),
     ]
-    note = "Each has a study of its own in the folder “injectors”, which commonrail calibrate runs to the same result."
+    note = "The folder “injectors” has the study of each; commonrail calibrate runs it to the same result."
     return table_from_columns("Worst fits", record["worst"], columns, note)
 
 
@@ -205,24 +206,24 @@ def _failure_table(record: Record) -> Table:
 
 
 def fleet_figures(record: Record) -> list[Figure]:
-    """J over the share of the fleet, and where between their bounds the parameters lie."""
+    """Figures: J over the share of the fleet, and the parameters between their bounds."""
     return [_cost_figure(record), _position_figure(record)] if record["parameters"] else []
 
 
 def _cost_figure(record: Record) -> Figure:
     texts = {"start": "start values", "best": "calibrated"}
-    series = [_sorted_series(text, look, record["curve"][look]) for look, text in texts.items()]
+    series = [_cumulative_series(text, look, record["curve"][look]) for look, text in texts.items()]
     values = [v for look in texts for v in record["curve"][look]]
     wide = min(values) > 0.0 and max(values) > 20.0 * min(values)
     return Figure(
         "Objective over the fleet",
-        "Injectors sorted by J, for start and calibrated values apart: nine of ten are below the J at 90 %.",
+        "Injectors sorted by J, separately for start and calibrated values: 90 % are below the J at 90 %.",
         "share of the injectors, %",
         (Panel("J of the fitted data", tuple(series), logarithmic=wide),),
     )
 
 
-def _sorted_series(text: str, look: str, values: Sequence[float]) -> Series:
+def _cumulative_series(text: str, look: str, values: Sequence[float]) -> Series:
     last = max(len(values) - 1, 1)
     x = tuple(100.0 * i / last for i in range(len(values)))
     return Series(text, look, x, tuple(values), "lines" if len(values) > 1 else "markers")
@@ -232,14 +233,14 @@ def _position_figure(record: Record) -> Figure:
     parameters = record["parameters"]
     boxes = tuple(_box(p["position"]) for p in parameters)
     panel = Panel(
-        "place between the bounds, %",
+        "position between the bounds, %",
         (),
         boxes=(Boxes("calibrated", "best", boxes),),
         categories=tuple(short_names([p["name"] for p in parameters]).values()),
     )
     return Figure(
         "Calibrated parameters between their bounds",
-        "Least, quartiles and greatest over the fleet; 0 % is the lower bound and 100 % the upper one.",
+        "Minimum, quartiles and maximum over the fleet; 0 % is the lower bound, 100 % the upper bound.",
         "parameter",
         (panel,),
     )
@@ -252,12 +253,12 @@ def _box(position: Record) -> tuple[float, float, float, float, float]:
 
 def _facts(record: Record) -> list[tuple[str, str]]:
     clock = record["clock"]
-    each = (clock["core_seconds_of_an_injector"] or {}).get("median")
+    median_time = (clock["core_seconds_of_an_injector"] or {}).get("median")
     return [
         ("Study", f"{record['study']['title']} ({record['study']['file']})"),
         ("Table", record["table"]),
         ("Seed", str(record["seed"])),
-        ("Processor time of an injector", f"{duration(each)} (median)"),
+        ("Processor time of an injector", f"{duration(median_time)} (median)"),
         ("Processor time of all injectors", duration(clock["core_seconds"])),
         ("Last run", _last_run(clock)),
         ("Software", ", ".join(f"{name} {version}" for name, version in record["software"].items())),

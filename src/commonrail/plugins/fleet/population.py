@@ -1,4 +1,4 @@
-"""Calibrated injectors of a fleet beside one another: classes, correlations, outliers, and each one's values."""
+"""Distribution of the calibrated injectors of a fleet: histograms, correlations, outliers, values of each injector."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from commonrail.plugins.fleet.journal import Entry
 BINS = 20  # classes of a histogram
 FAR = 3.5  # robust standard deviations from the median beyond which a value is an outlier
 MOST_OUTLIERS = 200
-MOST_NUMBERS = 60_000  # values of single injectors that the page holds
-FEWEST = 4  # injectors from which a correlation or an outlier is told
+MOST_NUMBERS = 60_000  # values of single injectors on the page
+FEWEST = 4  # injectors needed for a correlation or an outlier
 _TO_SIGMA = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 
 
 def population_record(finished: Sequence[Entry], names: Sequence[str]) -> dict[str, Any]:
-    """Histograms, correlations, outliers and values of the injectors that are calibrated, by free parameters' names.
+    """Return histograms, correlations, outliers and values of the calibrated injectors; `names`: free parameters.
 
-    "histograms" of the places between the bounds have "edges" and "counts"; "correlations", Pearson's, are of the
-    parameters and J, None where something does not vary; "outliers", the farthest first; "each", injectors with their J
-    and values, and whether there are "more".
+    "histograms": "edges" and "counts" of the positions between the bounds; "correlations": Pearson's, of the parameters
+    and J, None without variation; "outliers": the farthest first; "each": injectors with J and values; "more": number
+    of injectors left out of "each".
     """
     values = np.array([[e.record["parameters"][name]["best"] for name in names] for e in finished], float)
     places = np.array([[e.record["parameters"][name]["position"] for name in names] for e in finished], float)
@@ -38,7 +38,7 @@ def population_record(finished: Sequence[Entry], names: Sequence[str]) -> dict[s
         "histograms": {name: _histogram(places[:, i]) for i, name in enumerate(names)},
         "correlations": _correlations(np.column_stack([places, costs])),
         "outliers": _outliers(finished, ["J", *names], np.column_stack([costs, values])),
-        **_each(finished, values, costs),
+        **_list_injectors(finished, values, costs),
     }
 
 
@@ -48,7 +48,7 @@ def _histogram(places: Floats) -> Mapping[str, Any]:
 
 
 def _correlations(columns: Floats) -> list[list[float | None]]:
-    """Matrix (d, d) of the columns of (n, d)."""
+    """Correlation matrix (d, d) of the columns of (n, d)."""
     if len(columns) < FEWEST:
         return []
     deviations = columns - columns.mean(axis=0)
@@ -61,7 +61,7 @@ def _correlations(columns: Floats) -> list[list[float | None]]:
 
 
 def _outliers(finished: Sequence[Entry], names: Sequence[str], columns: Floats) -> list[dict[str, Any]]:
-    """Values far from the median of the fleet, by the median absolute deviation."""
+    """Values far from the median of the fleet, in units of the scaled median absolute deviation."""
     if len(finished) < FEWEST:
         return []
     median = np.median(columns, axis=0)
@@ -82,8 +82,8 @@ def _outliers(finished: Sequence[Entry], names: Sequence[str], columns: Floats) 
     ]
 
 
-def _each(finished: Sequence[Entry], values: Floats, costs: Floats) -> dict[str, Any]:
-    """Values of single injectors; of many the worst."""
+def _list_injectors(finished: Sequence[Entry], values: Floats, costs: Floats) -> dict[str, Any]:
+    """Values of single injectors; only the worst if there are many."""
     most = max(MOST_NUMBERS // max(values.shape[1] + 2, 1), 1)
     shown = np.sort(np.argsort(-costs, kind="stable")[:most])
     each = [
@@ -97,11 +97,11 @@ def _each(finished: Sequence[Entry], values: Floats, costs: Floats) -> dict[str,
     return {"each": each, "more": len(finished) - len(each)}
 
 
-# Injectors of a fleet beside one another: classes, correlations, outliers, and each one's values.
+# Figures and tables of the distribution.
 
 
 def histograms(record: Record, names: dict[str, str]) -> list[Figure]:
-    """Histogram of each parameter between its bounds; `names` are short names of the parameters."""
+    """Histogram of each parameter between its bounds; `names`: short names of the parameters."""
     histogram_records = record.get("population", {}).get("histograms", {})
     return [_population_histogram(names.get(name, name), histogram) for name, histogram in histogram_records.items()]
 
@@ -111,21 +111,19 @@ def _population_histogram(name: str, histogram: Record) -> Figure:
     x = points(100.0 * edge for edge in edges for _ in (0, 1))
     y = (0.0, *(float(count) for count in counts for _ in (0, 1)), 0.0)
     panel = Panel("injectors", (Series("", "solid", x, y, family=0),))
-    return Figure(
-        name, "Number of injectors in each class of 5 % of the range.", "place between the bounds, %", (panel,)
-    )
+    return Figure(name, "Number of injectors in each 5 % of the range.", "position between the bounds, %", (panel,))
 
 
 def correlation_map(record: Record, names: dict[str, str]) -> HeatMap | None:
-    """Correlations of the parameters with one another and with J; None where there are none."""
+    """Correlations of the parameters and J; None if the record has no correlations."""
     matrix = record.get("population", {}).get("correlations", [])
     if not matrix:
         return None
     labels = (*names.values(), "J")
     return HeatMap(
         "Correlations",
-        "Pearson's correlation over the fleet of the places between the bounds, and of J. Near ±1 two parameters "
-        "compensate each other, or the parts vary together.",
+        "Pearson's correlation over the fleet, of the positions between the bounds and of J. Near ±1 two parameters "
+        "compensate each other, or vary together between the parts.",
         "",
         "",
         labels,
@@ -139,7 +137,7 @@ def correlation_map(record: Record, names: dict[str, str]) -> HeatMap | None:
 
 
 def outlier_table(record: Record) -> Table:
-    """Values far from those of the fleet."""
+    """Table of the values far from the median of the fleet."""
     units = {p["name"]: p["unit"] for p in record["parameters"]} | {"J": ""}
 
     def amount(row: Record, key: str) -> str:
@@ -151,18 +149,18 @@ def outlier_table(record: Record) -> Table:
         record.get("population", {}).get("outliers", []),
         [
             ("injector", "injector"),
-            ("of", "name"),
+            ("quantity", "name"),
             ("value", lambda row: amount(row, "value")),
             ("median of the fleet", lambda row: amount(row, "median")),
             ("standard deviations", lambda row: to_signed(row["deviations"], 1)),
         ],
-        "Beyond 3.5 standard deviations from the median, by the median absolute deviation.",
+        "Values beyond 3.5 standard deviations from the median, estimated from the median absolute deviation.",
         2,
     )
 
 
-def each_injector(record: Record) -> dict[str, Any]:
-    """Names, units and values that the page shows of an injector on demand; empty if none is calibrated."""
+def injector_values(record: Record) -> dict[str, Any]:
+    """Names, units and values of the injectors that the page shows on demand; empty if no injector is calibrated."""
     population = record.get("population")
     if not population or not population["each"]:
         return {}

@@ -1,4 +1,4 @@
-"""Run a fleet: hand every injector that is not done yet to a worker, and keep what comes back."""
+"""Run a fleet: give every pending injector to a worker, and keep the results."""
 
 from __future__ import annotations
 
@@ -19,8 +19,15 @@ from commonrail.calibration.study_file import load_study
 from commonrail.compiler.target import describe
 from commonrail.engine.threads import usable_threads
 from commonrail.plugins.fleet.file import write_results
-from commonrail.plugins.fleet.journal import FAILED, FINISHED, JOURNAL, LOCK, Booking, Entry, Journal, entries_of
-from commonrail.plugins.fleet.member import Attempt, Calibrations, failed, folders_of, read_shared, write_study
+from commonrail.plugins.fleet.journal import FAILED, FINISHED, JOURNAL, LOCK, Booking, Entry, Journal, load_entries
+from commonrail.plugins.fleet.member import (
+    Attempt,
+    Calibrations,
+    hash_shared_files,
+    name_folders,
+    record_failure,
+    write_study,
+)
 from commonrail.plugins.fleet.study import Fleet
 from commonrail.runs.fingerprint import TARGET, differing, other_bits
 from commonrail.runs.folder import create_run_folder
@@ -28,16 +35,16 @@ from commonrail.workers.pool import Limits, check_count
 from commonrail.workers.task import Lost, Outcome, Package, Task, pack
 from commonrail.workers.workers import Workers
 
-# Targets that a fleet was computed on: its table need not be that of one target alone.
+# Processors and versions that computed a fleet: mixed targets may change the table.
 
 Warnings = list[dict[str, Any]]
 
 
 def target_warnings(journal: Journal, entries: Sequence[Entry], study_of: Callable[[str], Study] | None) -> Warnings:
-    """Warning, in the form of those of a fleet's record, that injectors were calibrated on different targets.
+    """Warn, in the form of a fleet's record, that injectors were calibrated on different targets.
 
-    The first finished injector is simulated again and compared bit for bit. `study_of` gives the study of an injector
-    by its name; None if this process calibrates nothing, so that its bits do not matter.
+    The first finished injector is simulated again and compared bit for bit. `study_of`: returns the study of an
+    injector; None if this process calibrates nothing.
     """
     finished = [entry for entry in entries if entry.status == FINISHED]
     if not finished:
@@ -47,14 +54,12 @@ def target_warnings(journal: Journal, entries: Sequence[Entry], study_of: Callab
     text = other_bits(differing(journal.targets), f"the best values of {first.name}", *again)
     if not text:
         return []
-    sentence = (
-        f"{text}: the table need not be that of a fleet that was never stopped; take a new folder for one target."
-    )
+    sentence = f"{text}: the table may differ from an uninterrupted fleet's; use a new folder to have a single target."
     return [{"code": TARGET, "injectors": len(finished), "first": first.name, "sentence": sentence}]
 
 
 def _again(entry: Entry, study_of: Callable[[str], Study]) -> tuple[float, float]:
-    """Objective of an injector's best values in the journal and here; equal if it cannot be simulated here."""
+    """Objective of an injector's best values in the journal and on this machine; (0, 0) if it cannot be simulated."""
     with suppress(CommonrailError):
         study = study_of(entry.name)
         best = np.array([[entry.record["parameters"][name]["best"] for name in study.space.names]])
@@ -63,13 +68,13 @@ def _again(entry: Entry, study_of: Callable[[str], Study]) -> tuple[float, float
 
 
 INJECTORS = "injectors"  # folder with a study for each
-TRIED = 3  # injectors that are read before the workers start
+TRIED = 3  # injectors read before the workers start
 
 
 class FleetProgress(NamedTuple):
     """Progress of a fleet.
 
-    Injectors done, failed among them, in all, done since the start, seconds since then, and the one done last.
+    `done`, `failed`, `total`: numbers of injectors; `now`: done since the start, in `seconds`; `last`: done last.
     """
 
     done: int
@@ -82,7 +87,7 @@ class FleetProgress(NamedTuple):
 
 @dataclass(frozen=True)
 class FleetRun:
-    """A run of a fleet: its folder, what ``fleet.json`` holds, and the injectors that are done, in table order."""
+    """A run of a fleet: its folder, the record in ``fleet.json``, and the injectors that are done, in table order."""
 
     folder: Path
     record: dict[str, Any]
@@ -90,7 +95,7 @@ class FleetRun:
 
     @property
     def interrupted(self) -> bool:
-        """Return whether the user stopped it."""
+        """Whether the user stopped the run."""
         return bool(self.record["status"] == "interrupted")
 
 
@@ -103,19 +108,36 @@ def fleet(
     retry: bool = False,
     progress: Callable[[FleetProgress], None] | None = None,
 ) -> FleetRun:
-    """Calibrate the injectors of a fleet into a folder, or go on where an earlier run in that folder stopped.
+    """Calibrate the injectors of a fleet into a folder, or resume an earlier run in that folder.
 
-    The result does not depend on the number of workers, on the order of the table, or on how often the run was stopped;
-    injectors may have been added to the table. In a script, call it below ``if __name__ == "__main__":``.
+    The result does not depend on the number of workers, on the order of the table, or on stops. Injectors may be added
+    to the table between runs. In a script, call this function below ``if __name__ == "__main__":``.
 
-    Processes, or workers of a "local" cluster, are all usable processors by default; `cluster` is the address of the
-    scheduler of a Dask cluster, "tcp://host:port", or "local" for one on this machine. With `retry` failed injectors
-    are tried again, else only those whose data have changed. `progress` is called after every injector.
+    Parameters
+    ----------
+    fleet : Fleet
+    folder : path
+        New folder, or folder of an earlier run.
+    workers : int, optional
+        Number of processes, or workers of a "local" cluster; all usable processors by default.
+    cluster : str, optional
+        Address of the scheduler of a Dask cluster, "tcp://host:port", or "local" for a cluster on this machine.
+    retry : bool
+        Repeat all failed injectors, not only those with changed data.
+    progress : function of FleetProgress, optional
+        Called after every injector.
 
-    `ConfigurationError` for a wrong argument or too many workers, and `InputError` for a folder that holds something
-    else, before anything is written. `StudyError` if another process is at work in the folder, what was begun there
-    differs from this fleet, or not one of the first injectors can be read; also if workers do not start or a cluster
-    has gone: the tables are written then. `OutputError` if the disk is full; finished injectors are kept.
+    Raises
+    ------
+    ConfigurationError
+        If an argument has the wrong type, or there are too many workers; nothing is written.
+    InputError
+        If the folder has other content; nothing is written.
+    StudyError
+        If another process works in the folder, the folder has another fleet, or none of the first injectors can be
+        read. Also if workers do not start or a cluster is lost; the tables are written then.
+    OutputError
+        If the disk is full; finished injectors are kept.
     """
     instance(fleet, Fleet, "fleet")
     folder = file_path(folder, "folder")
@@ -125,7 +147,7 @@ def fleet(
     function(progress, "progress")
     existing = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
     if not (folder / JOURNAL).is_file() and existing not in ({LOCK}, {LOCK, f"{LOCK}-journal"}):
-        create_run_folder(folder)  # but not over the lock of a fleet that was killed before its journal was there
+        create_run_folder(folder)  # not if a killed fleet left its lock without a journal
     with Journal(folder) as journal, hold_interrupts() as stop:
         run = _Run(fleet, folder, journal, retry, progress)
         warnings = run.check_target()
@@ -134,7 +156,7 @@ def fleet(
             run.calibrate(usable_threads() if workers is None else workers, cluster, stop.check)
         except KeyboardInterrupt:
             status = "interrupted"
-        except StudyError as error:  # workers that do not start, a cluster that has gone
+        except StudyError as error:  # workers do not start, or the cluster is lost
             if not run.begun:
                 raise
             status, fault = FAILED, error
@@ -159,12 +181,13 @@ class _Run:
         retry: bool,
         progress: Callable[[FleetProgress], None] | None,
     ) -> None:
-        self.fleet, self.folder, self.journal, self.progress = fleet, folder, journal, progress
-        self.folders = folders_of(fleet.supply.names)
+        self.fleet, self.folder = fleet, folder
+        self.journal, self.progress = journal, progress
+        self.folders = name_folders(fleet.supply.names)
         self.inputs = {name: fleet.supply.fingerprints(name) for name in fleet.supply.names}
-        shared = read_shared(fleet.template)
+        shared = hash_shared_files(fleet.template)
         self.booking = Booking(fleet.supply, shared)
-        self.entries = entries_of(fleet, self.inputs, journal, shared)
+        self.entries = load_entries(fleet, self.inputs, journal, shared)
         self.pending = [name for name in fleet.supply.names if self._is_pending(name, retry)]
         for name in self.pending:
             self.entries.pop(name, None)
@@ -175,7 +198,7 @@ class _Run:
 
     @property
     def seconds(self) -> float:
-        """Since the workers were started, or were about to be."""
+        """Time since the start of the workers."""
         return time.perf_counter() - self.start
 
     def in_order(self) -> tuple[Entry, ...]:
@@ -183,7 +206,7 @@ class _Run:
         return tuple(self.entries[name] for name in self.fleet.supply.names if name in self.entries)
 
     def calibrate(self, count: int, cluster: str | None, check_stop: Callable[[], None]) -> None:
-        """Calibrate what is pending."""
+        """Calibrate the pending injectors."""
         if not self.pending:
             return
         package = self._package()
@@ -197,13 +220,13 @@ class _Run:
                 self._keep(str(task.name), *_attempt(task, outcome))
 
     def _tasks(self, names: Sequence[str], package: Package, shared: bool) -> Iterator[Task]:
-        """Task of each injector, made when its turn comes; what workers cannot read themselves is read here."""
+        """Yield the task of each injector; studies are loaded here if workers cannot read the files."""
         for name in names:
             path = self._study(name)
             try:
                 study_source = path if shared else load_study(path)
             except CommonrailError as error:
-                self._keep(name, failed(error), 1)
+                self._keep(name, record_failure(error), 1)
             else:
                 yield Task(name, package, study_source, self.fleet.time_limit)
 
@@ -236,7 +259,7 @@ class _Run:
         return entry.status == FAILED and (retry or entry.inputs != self.inputs[name])
 
     def check_target(self) -> list[dict[str, Any]]:
-        """Note the target of this process if it will calibrate; a warning if injectors have another one."""
+        """Note the target of this process if it will calibrate; warn if injectors have another target."""
         if self.pending:
             self.journal.note_target(describe().record)
         study_of = (lambda name: load_study(self._study(name))) if self.pending else None
@@ -246,7 +269,7 @@ class _Run:
         return warnings
 
     def _package(self) -> Package:
-        """Try the first studies, so that a fault of all is told at once, and compile what the workers will load."""
+        """Load the first studies to report a common fault at once, and compile the kernels for the workers."""
         faults: list[CommonrailError] = []
         for name in self.pending[:TRIED]:
             try:
@@ -254,12 +277,12 @@ class _Run:
             except CommonrailError as error:
                 faults.append(error)
         if not self.entries:
-            raise type(faults[0])(f"Not one of the first {len(faults)} injectors can be read; the first: {faults[0]}")
+            raise type(faults[0])(f"None of the first {len(faults)} injectors can be read; the first: {faults[0]}")
         return pack(Calibrations(None))
 
 
 def _attempt(task: Task, outcome: Outcome) -> tuple[Attempt, int]:
-    """Attempt at an injector as its journal keeps it, and the number of attempts."""
+    """Return the attempt for the journal, and the number of attempts."""
     if isinstance(outcome, Lost):
         reason = f"Each of {task.losses} attempts was lost; the last time the worker {outcome.reason}."
         return Attempt({}, reason, 0.0), task.losses

@@ -1,4 +1,4 @@
-"""Sources of each injector's data: files that a table names, or rows of one table for all."""
+"""Fleets from TOML, and the data of each injector: files named in a table, or rows of a common table."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from commonrail.readers.table_sheet import TableSheet
 from commonrail.readers.text import read_number
 from commonrail.readers.toml import FileModel, Text, Unit, read_model, read_toml
 
-# A table of a fleet, CSV or Parquet, held whole: its header, and its rows by what stands in some of its columns.
+# Table of a fleet, CSV or Parquet, in memory.
 
 LARGEST_FLEET = 1_000_000_000  # [bytes] of the file
 
@@ -37,26 +37,26 @@ LARGEST_FLEET = 1_000_000_000  # [bytes] of the file
 def read_table(path: Path) -> Table:
     """Read a table: Parquet, a text or a workbook.
 
-    `InputError` if the file cannot be read, or is Parquet and pyarrow is not installed.
+    Raises `InputError` if the file cannot be read, or is Parquet and pyarrow is not installed.
     """
     return ParquetFile(path, largest=LARGEST_FLEET) if find_format(path) == "parquet" else _Cells.of(path)
 
 
-def names_of(table: Table) -> list[str]:
-    """Names of the columns, without their units."""
+def header_names(table: Table) -> list[str]:
+    """Names of the columns, without units."""
     return [sheet.name_and_unit(cell)[0] for cell in table.header]
 
 
 def find_column(table: Table, name: str, what: str) -> int:
-    """Index of a column in the header, also by a usual heading; see `commonrail.readers.columns.find_column`."""
-    names = names_of(table)
+    """Find the index of a column, also by a usual heading; see `commonrail.readers.columns.find_column`."""
+    names = header_names(table)
     usual = [] if name in names else [heading for heading in names if sheet.is_heading(heading, name)]
     return sheet.find_column(table.path, names, usual[0] if len(usual) == 1 else name, what)
 
 
 @dataclass(frozen=True)
 class _Cells:
-    """Cells of a text or a workbook, held whole."""
+    """Cells of a text or a workbook, in memory."""
 
     path: Path
     header: list[str]
@@ -67,15 +67,16 @@ class _Cells:
     @classmethod
     def of(cls, path: Path) -> _Cells:
         table = TableSheet(read_grid(path), most=MOST_ROWS)
-        comma, width, rows, lines = table.grid.comma, len(table.header), list[list[str]](), list[int]()
+        rows: list[list[str]] = []
+        lines: list[int] = []
         for line, row in table.rows:
-            cells = [_text(cell, comma) for cell in row]
-            rows.append(cells + [""] * (width - len(cells)))
+            cells = [_text(cell, table.grid.comma) for cell in row]
+            rows.append(cells + [""] * (len(table.header) - len(cells)))
             lines.append(line)
         return cls(path, table.header, rows, lines, table.grid.word)
 
     def groups(self, columns: Sequence[int]) -> Groups:
-        """Rows, in their order, by the texts in columns; the groups are in the order of their first rows."""
+        """Group rows by the texts in columns; groups are in the order of their first rows."""
         rows_by_key: dict[tuple[str, ...], list[int]] = {}
         for i, row in enumerate(self.rows):
             rows_by_key.setdefault(tuple(row[column] for column in columns), []).append(i)
@@ -92,24 +93,24 @@ Table = _Cells | ParquetFile
 
 
 def _text(cell: str | float, comma: bool) -> str:
-    """Cell as a CSV file with decimal points has it."""
+    """Write a cell as in a CSV file with decimal points."""
     if isinstance(cell, str) and comma and isinstance(read_number(cell, comma), float):
         return cell.replace(",", ".")
     return cell if isinstance(cell, str) else repr(int(cell) if cell.is_integer() else cell)
 
 
 INJECTOR = "injector"
-DEAD_TIMES = " dead times"  # behind the name of a data set: its second file
+DEAD_TIMES = " dead times"  # suffix of a data set's name: its second file
 
 MISSING_FILE = "missing"
 FORMULA = "=+-@"
 
 
 class Layout(NamedTuple):
-    """Columns asked of a table: those of the template's data sets `data`, without those `left_out`.
+    """Columns that a table must have.
 
-    `columns` says what columns are called in the table, by the names that the study knows; `at` and `study`, the
-    locations of fleet and template, are for messages.
+    `data`: data sets of the template in use; `left_out`: names of the others; `columns`: names of columns in the table
+    by their names in the study; `at`, `study`: locations of fleet and template, for messages.
     """
 
     data: tuple[DataModel, ...]
@@ -129,14 +130,14 @@ class Layout(NamedTuple):
 
     @property
     def sources(self) -> list[str]:
-        """Names of all files that an injector may have."""
+        """Names of all possible files of an injector."""
         return [*(d.name for d in self.data), *(name + DEAD_TIMES for name in self.with_dead_times)]
 
 
 class FileSupply:
-    """A table with a row for each injector, and for each data set a column with the name of a file.
+    """A table with a row for each injector, and a column of file names for each data set.
 
-    `InputError` if it cannot be read, a column is missing or unknown, or an injector has no name or stands in it twice.
+    Raises `InputError` if it cannot be read, a column is missing or unknown, or an injector has no name or two rows.
     """
 
     def __init__(self, path: Path, layout: Layout) -> None:
@@ -149,15 +150,13 @@ class FileSupply:
         for (name,), rows in table.groups([key]).items():
             check_name(name, table, int(rows[0]))
             if len(rows) > 1:
-                raise InputError(
-                    f'{table.place(int(rows[1]))}: injector "{name}" stands in the table twice; keep one row.'
-                )
+                raise InputError(f'{table.place(int(rows[1]))}: injector "{name}" has a second row; keep one.')
             cells = table.cells(rows)[0]
             self._files[name] = {s: path.parent / cells[i] for s, i in places.items() if cells[i]}
-        self.names = checked_names(self._files, path)
+        self.names = check_names(self._files, path)
 
     def deliver(self, name: str, folder: Path) -> dict[str, Path]:
-        """Path of each file that an injector has, by the names in `Layout.sources`; nothing is copied."""
+        """Return the path of each file of an injector, by the names in `Layout.sources`; nothing is copied."""
         return self._files[name]
 
     def fingerprints(self, name: str) -> dict[str, str]:
@@ -171,35 +170,36 @@ class FileSupply:
 
 
 def check_name(name: str, table: Table, row: int) -> None:
-    """Refuse (`InputError`) a row whose injector's name is empty, or begins like a formula."""
+    """Refuse (`InputError`) a row with an empty injector's name, or a name that begins like a formula."""
     if not name:
         raise InputError(f"{table.place(row)}: the name of the injector is missing; write it or remove the row.")
     if name[0] in FORMULA:
         raise InputError(
             f'{table.place(row)}: the name of the injector, "{name}", begins like a formula, which a spreadsheet would '
-            "compute when it opens the results; begin it with a letter or a digit."
+            "evaluate in the results; begin it with a letter or a digit."
         )
 
 
-def checked_names(names: Collection[str], path: Path) -> tuple[str, ...]:
-    """Names of the injectors of a table; `InputError` if it has none."""
+def check_names(names: Collection[str], path: Path) -> tuple[str, ...]:
+    """Return the names of a table's injectors; raises `InputError` without any."""
     if not names:
         raise InputError(f"{path}: the table has no injectors; a row below the header is expected.")
     return tuple(names)
 
 
-# One table for a whole fleet: every row belongs to an injector and, with a column "data", to one data set of it.
+# One table for all injectors: each row belongs to an injector and, with a column "data", to a data set.
 
 DATA = "data"
-AT_A_TIME = 10_000  # rows that are texts at a time
+AT_A_TIME = 10_000  # rows converted to text at a time
 
 Parts = dict[str, dict[str, "_Part"]]
 
 
 class RowSupply:
-    """Injectors and data from a table of samples, and a second such table for the rows of dead times.
+    """Injectors and data from a table of samples, and a second table for dead times.
 
-    `InputError` if a table cannot be read, a column is missing, or a row names no injector or an unknown data set.
+    Raises `InputError` if a table cannot be read, a column is missing, an injector's name is missing, or a data set is
+    unknown.
     """
 
     def __init__(self, path: Path, layout: Layout, dead_times: Path | None) -> None:
@@ -208,14 +208,14 @@ class RowSupply:
         table = read_table(path)
         second = None if dead_times is None else read_table(dead_times)
         _check_columns(table, second, layout)
-        self._parts = _parts(table, layout, [d.name for d in layout.data])
-        self.names = checked_names(self._parts, path)
-        for name, parts in _parts(second, layout, layout.with_dead_times).items() if second else ():
+        self._parts = _split_table(table, layout, [d.name for d in layout.data])
+        self.names = check_names(self._parts, path)
+        for name, parts in _split_table(second, layout, layout.with_dead_times).items() if second else ():
             if name in self._parts:
                 self._parts[name] |= {data + DEAD_TIMES: table_part for data, table_part in parts.items()}
 
     def deliver(self, name: str, folder: Path) -> dict[str, Path]:
-        """Write an injector's rows to files of its own, one for each part of the table."""
+        """Write an injector's rows to files, one for each part of the table."""
         parts = self._parts[name]
         files = {
             table_part: folder / f"rows-{i}.csv" for i, table_part in enumerate(dict.fromkeys(parts.values()), start=1)
@@ -229,7 +229,7 @@ class RowSupply:
         return {source: sha256(table_part.text().encode()) for source, table_part in self._parts[name].items()}
 
     def fingerprints_read(self, name: str, read: Mapping[Path, str]) -> dict[str, str]:
-        """SHA-256 of the rows: the table is in memory, and the files written from it are compared as they are read."""
+        """SHA-256 of the rows in memory; the files written from them are checked when they are read."""
         return self.fingerprints(name)
 
 
@@ -237,7 +237,7 @@ Supply = FileSupply | RowSupply  # injectors and their data
 
 
 class _Form(NamedTuple):
-    """Columns that go to an injector's file, and what they are called there."""
+    """Columns of an injector's file: indices in the table, and headings in the file."""
 
     columns: tuple[int, ...]
     header: tuple[str, ...]
@@ -259,8 +259,8 @@ class _Part:
             writer.writerows([row[i] for i in self.form.columns] for row in cells)
             if start + len(cells) > LONGEST_TABLE or stream.tell() > LARGEST_FILE:
                 raise InputError(
-                    f"{self.table.place(int(self.rows[0]))}: the rows of this injector are more than the "
-                    f"{LONGEST_TABLE} or the {LARGEST_FILE / 1e6:g} MB that are read; keep only what is needed."
+                    f"{self.table.place(int(self.rows[0]))}: this injector has more than {LONGEST_TABLE} rows or "
+                    f"{LARGEST_FILE / 1e6:g} MB, the limits; remove rows that are not needed."
                 )
         return stream.getvalue()
 
@@ -270,15 +270,15 @@ def _check_dead_times(layout: Layout, path: Path | None) -> None:
     if layout.with_dead_times and path is None:
         raise at.error(
             f'this key is missing: "{layout.with_dead_times[0]}" of {layout.study} has dead times, and the key must '
-            "name the table with those of the injectors"
+            "name their table"
         )
     if path is not None and not layout.with_dead_times:
         raise at.error(f"no data set of {layout.study} that is used has dead_times; remove this key")
 
 
 def _check_columns(table: Table, second: Table | None, layout: Layout) -> None:
-    """Refuse a name in [columns] that no table has, and one table for several curves without the column "data"."""
-    column_names = [name for file in (table, second) if file for name in names_of(file)]
+    """Refuse a name in [columns] that is in no table, and a table for several curves without the column "data"."""
+    column_names = [name for file in (table, second) if file for name in header_names(file)]
     for key, column in layout.columns.items():
         if column not in column_names:
             find_column(table, column, f"which {layout.at / 'columns'} gives for {key}")
@@ -286,9 +286,9 @@ def _check_columns(table: Table, second: Table | None, layout: Layout) -> None:
         find_column(table, layout.column(DATA), f"which says to which data set of {layout.study} a row belongs")
 
 
-def _parts(table: Table, layout: Layout, data: Sequence[str]) -> Parts:
+def _split_table(table: Table, layout: Layout, data: Sequence[str]) -> Parts:
     keys = [find_column(table, layout.column(INJECTOR), "the names of the injectors")]
-    if layout.column(DATA) in names_of(table):
+    if layout.column(DATA) in header_names(table):
         keys.append(find_column(table, layout.column(DATA), "the names of the data sets"))
     form = _form(table, keys, layout)
     parts_by_injector: Parts = {}
@@ -299,7 +299,7 @@ def _parts(table: Table, layout: Layout, data: Sequence[str]) -> Parts:
             continue
         if data_name and data_name[0] not in data:
             raise InputError(
-                f'{table.place(int(rows[0]))}: {layout.study} has no such data set "{data_name[0]}"'
+                f'{table.place(int(rows[0]))}: {layout.study} has no data set "{data_name[0]}"'
                 f"{nearest(data_name[0], data)}; correct or remove the row."
             )
         table_part = _Part(table, form, rows)
@@ -308,17 +308,17 @@ def _parts(table: Table, layout: Layout, data: Sequence[str]) -> Parts:
 
 
 def _form(table: Table, keys: Sequence[int], layout: Layout) -> _Form:
-    """All columns but the keys, called as the study knows them."""
-    studys = {column: name for name, column in layout.columns.items()}
+    """All columns except the keys, with the study's names."""
+    study_names = {column: name for name, column in layout.columns.items()}
     columns = tuple(i for i in range(len(table.header)) if i not in keys)
-    header, names = [], names_of(table)
+    header, names = [], header_names(table)
     for i in columns:
         cell, name = table.header[i], names[i]
-        header.append(studys[name] + cell[len(name) :] if name in studys else cell)
+        header.append(study_names[name] + cell[len(name) :] if name in study_names else cell)
     return _Form(columns, tuple(header))
 
 
-# Fleets from TOML: a study that serves as template, and the table of the injectors with their data.
+# Fleets from TOML: a template study, and the table of the injectors.
 
 
 class _FleetModel(FileModel):
@@ -338,10 +338,7 @@ class _FleetModel(FileModel):
 
 @dataclass(frozen=True)
 class Template:
-    """The study from which each injector's own is made: its file, its tables as they stand and checked.
-
-    `left_out` are the data sets that are not used.
-    """
+    """Template of all studies: file, text, TOML tables and checked model; `left_out`: data sets that are not used."""
 
     path: Path
     text: str
@@ -354,8 +351,8 @@ class Template:
 class Fleet:
     """Many injectors, each to be calibrated to its own data.
 
-    The seed gives with an injector's name that of its search. An injector whose worker dies or hangs is tried as often
-    as `attempts`; a worker hangs after the time limit [s].
+    `seed`: gives, with an injector's name, the seed of its search; `attempts`: tries of an injector whose worker dies
+    or exceeds `time_limit` [s].
     """
 
     path: Path
@@ -369,11 +366,11 @@ class Fleet:
 
 
 def load_fleet(path: str | Path) -> Fleet:
-    """Read a fleet with its template and its table; the injectors' own files are read later, one by one.
+    """Read a fleet with its template and its table; the data files of the injectors are read later.
 
-    Paths in the TOML file are relative to its folder, those in its table to the table's. `InputError` if a file cannot
-    be read, a key or column is unknown, missing or of the wrong kind, an injector stands twice in the table, or a data
-    set of the template has no source.
+    Paths in the TOML file are relative to its folder, paths in the table to the folder of the table. Raises
+    `InputError` if a file cannot be read, a key or column is unknown, missing or of the wrong type, an injector has two
+    rows, or a data set of the template has no source.
     """
     file = Path(path)
     at = Place(str(file))
@@ -411,8 +408,8 @@ def _template(path: Path, left_out: Sequence[str], at: Place) -> Template:
 def _supply(folder: Path, template: Template, model: _FleetModel, at: Place) -> Supply:
     if (model.files is None) == (model.rows is None):
         raise at.error(
-            'give either files = "injectors.csv", a row for each injector with the names of its files, or '
-            'rows = "measurements.csv", in which every row is a sample and names its injector'
+            'give either files = "injectors.csv", a table with the file names of each injector, or '
+            'rows = "measurements.csv", a table with the samples of all injectors'
         )
     used = [data for data in template.model.data if data.name not in template.left_out]
     layout = Layout(tuple(used), template.left_out, model.columns, at, template.path)

@@ -51,7 +51,7 @@ def fleet(
 
     check_workers(workers, cluster)
     loaded = load_fleet(file)
-    # a file that is called fleet says less than its folder
+    # the folder's name says more than a file name "fleet"
     folder = out or Path("runs") / (file.absolute().parent.name if file.stem == "fleet" else file.stem)
     with Bar(f"{loaded.title}: {len(loaded.supply.names):,} injectors") as bar:
         run = run_fleet(loaded, folder, workers=workers, cluster=cluster, retry=retry, progress=lambda p: _show(bar, p))

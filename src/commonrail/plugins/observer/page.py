@@ -279,7 +279,7 @@ def _compensation_table(record: Record) -> Table:
         ("met", lambda row: "yes" if row["met"] else f"no: {each('quantities', MM3, 2)(row)} mm³"),
     ]
     note = "Energising times by the states after the last shot; without: times of single injections by the model alone."
-    return table_from_columns("Compensated energising times", _trains(record), columns, note)
+    return table_from_columns("Compensated energising times", _trains(record), columns, note, inputs=("wanted, mm³",))
 
 
 def _quantities(record: Record) -> Figure:

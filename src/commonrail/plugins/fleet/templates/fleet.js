@@ -19,7 +19,7 @@
   function show() {
     var one = data.each.find(function (found) { return found.injector === field.value; });
     table.textContent = "";
-    told.textContent = one ? "J fell from " + short(one.J[0]) + " to " + short(one.J[1]) + "." : field.value ? "No injector of this name is held by the page." : "";
+    told.textContent = one ? "J fell from " + short(one.J[0]) + " to " + short(one.J[1]) + "." : field.value ? "This page has no injector of this name." : "";
     if (!one) return;
     data.parameters.forEach(function (p, i) {
       var row = table.insertRow(), value = one.values[i];
