@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from commonrail.plugins.export.library import Library, write_library
-from commonrail.plugins.export.object_files import compiler_for, find_target, own_platform, vectors_of
+from commonrail.plugins.export.object_files import compiler_for, find_target, list_vectors, own_platform
 from commonrail.plugins.export.sources import insert_model_name
 from commonrail.readers.injector import load_injector
 
@@ -68,7 +68,7 @@ def main(rounds: int) -> None:
         print(f"load before: {os.getloadavg()[0]:.1f}")
         print("| injectors | lanes at once | step, us | ns per step | ticks per step | times real time | error, % |")
         print("| --- | --- | --- | --- | --- | --- | --- |")
-        widths = [0, 1, *(WIDTHS[one] for one in vectors_of(find_target(own_platform()[0])))]
+        widths = [0, 1, *(WIDTHS[one] for one in list_vectors(find_target(own_platform()[0])))]
         found = {(width, step): timing(program, step, width, rounds) for width in widths for step in STEPS}
         for (width, step), one in found.items():
             each, error = one.whole / one.steps, 100.0 * (one.mass / finest - 1.0)

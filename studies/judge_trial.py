@@ -117,9 +117,10 @@ def row_of(
     curves = {d["name"]: 100.0 * (d["J_relative"]["best"] or np.nan) for d in record["data"] if d["kind"] == "rate"}
     points = tuple((1e5 * rail, 1e-6 * time) for rail, time in unseen)
     measured = np.array(list(unseen.values()))
-    start = cr.load_study(run / "study.toml").injector
+    study = cr.load_study(run / "study.toml")
+    start, step_time = study.injector, study.time_step  # stiff values bear a short step alone
     fitted = cr.load_injector(str(run / "calibrated.toml"))
-    error = percent_rms(measured, MM3 * quantities(fitted, points, STEP))
+    error = percent_rms(measured, MM3 * quantities(fitted, points, step_time))
     table = np.array([row["measured"] for row in maps["rows"]]) * MM3
     start_map = np.array([row["start"] for row in maps["rows"]], float) * MM3
     gain = float(table @ start_map / (start_map @ start_map))
@@ -139,7 +140,7 @@ def row_of(
         "warnings": [w["code"] for w in record["warnings"]],
         "scaled": {
             "map": percent_rms(table, gain * start_map),
-            "unseen": percent_rms(measured, gain * MM3 * quantities(start, points, STEP)),
+            "unseen": percent_rms(measured, gain * MM3 * quantities(start, points, step_time)),
         },
         "interpolated": {"unseen": percent_rms(measured, grid(np.array(list(unseen), float)))},
     }, steps

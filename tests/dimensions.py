@@ -71,6 +71,7 @@ FIELDS: dict[type, str] = {
     fuel_kernel.FuelCoefficients: "kg/m3, m3/kg" + 7 * ", Pa" + 4 * ", 1" + 6 * ", s/m2" + 3 * ", 1" + ", Pa",
     fuel_kernel.PressureAndStiffness: "Pa, Pa m3/kg",
     contact.Contact: "N, N s/m",
+    contact.Overlap: "m, 1",
     flow.Restriction: "m4 Pa, m4",
     flow.Flow: "kg/s, kg/(s Pa)",
     flow.Guide: "m3, 1/Pa",

@@ -38,11 +38,11 @@ def distribution(folder: Path, modules: Mapping[str, str], parts: str, name: str
     (info / "entry_points.txt").write_text(parts, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(folder)
-        registry.installed.cache_clear()
+        registry.find_installed.cache_clear()
         yield
     for module in modules:
         sys.modules.pop(module, None)
-    registry.installed.cache_clear()
+    registry.find_installed.cache_clear()
 
 
 @contextmanager
@@ -60,14 +60,14 @@ def package(root: Path, info: Path) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(root / "src")
         patch.syspath_prepend(info)
-        registry.installed.cache_clear()
+        registry.find_installed.cache_clear()
         try:
             yield
         finally:  # the next test may install another package of the name
             tops = {path.stem for path in (root / "src").iterdir()}
             for module in [module for module in sys.modules if module.partition(".")[0] in tops]:
                 sys.modules.pop(module)
-            registry.installed.cache_clear()
+            registry.find_installed.cache_clear()
 
 
 def run_tests(root: Path, info: Path) -> None:

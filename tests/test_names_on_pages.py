@@ -21,6 +21,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.cli.grammar import cli
+from tests.every import check_every
 from tests.test_pages import ROOT, VERBS
 from tools.reference_pages import GENERATED
 
@@ -226,9 +227,11 @@ def tokens(text: str) -> list[str]:
     return re.findall(r"(?<!`)`([^`\n]+)`(?!`)", text)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_every_name_on_a_page_exists(page: Path) -> None:
-    assert {token: names for token in tokens(prose(page)) if (names := unknown(token, page))} == {}
+def test_every_name_on_a_page_exists() -> None:
+    def check(page: Path) -> None:
+        assert {token: names for token in tokens(prose(page)) if (names := unknown(token, page))} == {}
+
+    check_every(PAGES, check)
 
 
 def misplaced(text: str) -> list[str]:
@@ -244,15 +247,15 @@ def misplaced(text: str) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_a_name_stands_in_the_file_that_a_page_gives_for_it(page: Path) -> None:
-    assert misplaced(prose(page)) == []
+def test_a_name_stands_in_the_file_that_a_page_gives_for_it() -> None:
+    assert {page: names for page in PAGES if (names := misplaced(prose(page)))} == {}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_every_status_in_the_text_exists(page: Path) -> None:
-    named = set(re.findall(r"\b[A-Z]{3,}(?:_[A-Z]{2,})+\b", re.sub(r"`[^`]*`", "", prose(page))))
-    assert named - {status.name for status in cr.Status} == set()
+def test_every_status_in_the_text_exists() -> None:
+    statuses = {status.name for status in cr.Status}
+    for page in PAGES:
+        named = set(re.findall(r"\b[A-Z]{3,}(?:_[A-Z]{2,})+\b", re.sub(r"`[^`]*`", "", prose(page))))
+        assert named - statuses == set(), page
 
 
 def anchors(page: Path) -> set[str]:
@@ -261,8 +264,11 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_every_link_leads_to_a_file_and_its_heading(page: Path) -> None:
+def test_every_link_leads_to_a_file_and_its_heading() -> None:
+    check_every(PAGES, check_links)
+
+
+def check_links(page: Path) -> None:
     for target, anchor in re.findall(r"\]\(([^)#\s]*)(?:#([^)]*))?\)", prose(page)):
         if "://" in target:
             continue

@@ -71,8 +71,8 @@ def test_without_locks_of_folders_the_journal_locks_a_run(tmp_path: Path, monkey
 STOPPED = """
 import signal
 signal.SIGBREAK = signal.SIGUSR1
-from commonrail.base.hooks import held_interrupts
-with held_interrupts() as stop:
+from commonrail.base.hooks import hold_interrupts
+with hold_interrupts() as stop:
     signal.raise_signal(signal.SIGBREAK)
     print(stop.asked, stop.pressed)
 """

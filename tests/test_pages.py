@@ -10,11 +10,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import click
-import pytest
 
 import commonrail as cr
 from commonrail.cli.grammar import cli
 from commonrail.plugins import SHIPPED
+from tests.every import check_every
 
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
@@ -64,8 +64,11 @@ def is_sketch(words: list[str]) -> bool:
     return len(words) < 3 or any(re.search(r"[\[\]…]|^[A-Z]{2,}$|^\.\.\.$", word) for word in words[2:])
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_every_command_line_of_a_page_is_accepted(page: Path) -> None:
+def test_every_command_line_of_a_page_is_accepted() -> None:
+    check_every(PAGES, check_command_lines)
+
+
+def check_command_lines(page: Path) -> None:
     for words in commands(page, "commonrail"):
         if words[1:2] and words[1].startswith("-"):
             continue  # --help and --version of the command itself
@@ -128,11 +131,12 @@ def test_the_readmes_python_names_what_there_is() -> None:
         assert not looks_like_a_file(text) or (ROOT / text).exists(), text
 
 
-@pytest.mark.parametrize("page", [README, *sorted((ROOT / "docs").rglob("*.md"))], ids=lambda page: page.name)
-def test_every_link_of_a_page_leads_to_a_file(page: Path) -> None:
+def test_every_link_of_a_page_leads_to_a_file() -> None:
     """Pages that are made for the site alone are not among them: the links would be dead where the source is read."""
-    for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
-        assert "://" in target or target.startswith("mailto:") or (page.parent / target).exists(), target
+    for page in [README, *sorted((ROOT / "docs").rglob("*.md"))]:
+        for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+            there = "://" in target or target.startswith("mailto:") or (page.parent / target).exists()
+            assert there, f"{page.name}: {target}"
 
 
 def test_the_pairs_of_plug_ins_are_those_that_the_decision_lists() -> None:

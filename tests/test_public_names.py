@@ -15,24 +15,27 @@ import pytest
 
 import commonrail
 from commonrail.base import registry
-from commonrail.base.public import places, stated, stub_of
+from commonrail.base.public import find_stub, places, read_stub
+from tests.every import check_every
 
 HEAVY = ["click", "jinja2", "numba", "numpy", "matplotlib", "pydantic", "rich", "scipy", "tomlkit"]
 
 
 PLACES = places()
-NAMESPACES = [name for name, home in stated(stub_of("")).items() if home == "."]
+NAMESPACES = [name for name, home in read_stub(find_stub("")).items() if home == "."]
 
 
-@pytest.mark.parametrize(("name", "place"), PLACES.items())
-def test_every_public_name_can_be_had(name: str, place: str) -> None:
-    module = import_module(place)
-    assert getattr(module, name) is not None
-    assert name in dir(module)
+def test_every_public_name_can_be_had() -> None:
+    def check(of_place: tuple[str, str]) -> None:
+        name, module = of_place[0], import_module(of_place[1])
+        assert getattr(module, name) is not None
+        assert name in dir(module)
+
+    check_every(PLACES.items(), check)
 
 
 def test_a_name_has_one_place_and_is_no_builtin() -> None:
-    names = [name for space in ["", *NAMESPACES] for name in stated(stub_of(space))]
+    names = [name for space in ["", *NAMESPACES] for name in read_stub(find_stub(space))]
     assert sorted(names) == sorted(set(names))
     assert set(names) & set(dir(builtins)) == set()
 
@@ -40,9 +43,9 @@ def test_a_name_has_one_place_and_is_no_builtin() -> None:
 def test_a_stub_states_every_name_of_its_module() -> None:
     """A line that the pattern does not read would be a name for the type checker alone."""
     for space in ["", *NAMESPACES]:
-        tree = ast.parse(stub_of(space).read_text(encoding="utf-8"))
+        tree = ast.parse(find_stub(space).read_text(encoding="utf-8"))
         names = {a.asname for node in tree.body if isinstance(node, ast.ImportFrom) for a in node.names}
-        assert names == set(stated(stub_of(space)))
+        assert names == set(read_stub(find_stub(space)))
 
 
 VERBS = [verb for verb in registry.entries("verbs") if verb != "lab"]  # which is the group of its verbs
@@ -59,7 +62,9 @@ def test_every_verb_has_its_function(verb: str) -> None:
 
 
 PACKAGE = Path(commonrail.__file__).parent
-HOMES = {name: home.removeprefix("commonrail.") for s in ["", *NAMESPACES] for name, home in stated(stub_of(s)).items()}
+HOMES = {
+    name: home.removeprefix("commonrail.") for s in ["", *NAMESPACES] for name, home in read_stub(find_stub(s)).items()
+}
 OTHER_PLUGINS = [
     ["plugins", path.name]
     for path in (PACKAGE / "plugins").iterdir()

@@ -14,7 +14,7 @@ from commonrail.base.output import writing
 from commonrail.cli.console import print_lines, print_table, say
 from commonrail.cli.fit import Outcome, make_live, run_study
 from commonrail.cli.grammar import Option, verb
-from commonrail.cli.guard import INTERRUPTED, guarded
+from commonrail.cli.guard import INTERRUPTED, end_on_errors
 from commonrail.cli.options import Threads
 from commonrail.plugins.paper import TRUTH
 from commonrail.plugins.paper.verb import QUICK_SEEDS, run_reproduction
@@ -27,7 +27,7 @@ MARKER = ".commonrail-demo"
 
 
 @verb
-@guarded()
+@end_on_errors()
 def demo(
     *,
     out: Annotated[Path, Option(help="Folder of the demo; an earlier demo in it is replaced.")],

@@ -19,7 +19,7 @@ from typing import Any, get_args
 import click
 from pydantic import BaseModel
 
-from commonrail.base.public import stated, stub_of
+from commonrail.base.public import find_stub, read_stub
 
 # Symbols of the paper (Lino, Maione, Saponaro, Li 2016) and its equations, by path.
 SYMBOLS = {
@@ -282,7 +282,7 @@ def python(space: str = "") -> str:
             for name in NAMESPACES
         ]
         parts.append(table(("namespace", "content"), rows))
-    homes = stated(stub_of(space))
+    homes = read_stub(find_stub(space))
     for name in sorted(names, key=str.lower):
         parts.append(f"::: {homes[name]}.{name}\n    options:\n      heading: {name}\n      toc_label: {name}\n")
         parts += _settings(getattr(module, name))
@@ -291,9 +291,9 @@ def python(space: str = "") -> str:
 
 def _settings(kind: Any) -> list[str]:
     """Table of the declared settings of a class; empty if it is another object."""
-    from commonrail.base.declare import declared_fields
+    from commonrail.base.declare import read_declarations
 
-    if not (inspect.isclass(kind) and dataclasses.is_dataclass(kind)) or not (declared := declared_fields(kind)):
+    if not (inspect.isclass(kind) and dataclasses.is_dataclass(kind)) or not (declared := read_declarations(kind)):
         return []
     rows = [
         (f"`{name}`", declaration.accepted, declaration.default_text, declaration.meaning)
@@ -302,7 +302,7 @@ def _settings(kind: Any) -> list[str]:
     return [table(("setting", "value", "default", "meaning"), rows)]
 
 
-NAMESPACES = tuple(name for name, home in stated(stub_of("")).items() if home == ".")
+NAMESPACES = tuple(name for name, home in read_stub(find_stub("")).items() if home == ".")
 GENERATED: dict[str, Callable[[], str]] = {
     "commands": commands,
     "parameters": parameters,

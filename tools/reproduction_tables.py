@@ -4,8 +4,8 @@
     commonrail lab reproduce --seeds 20 --truth virtual-lino-2016-ideal --out runs/ideal
     python -m tools.reproduction_tables runs/paper-study runs/ideal
 
-Everything between ``<!-- NAME -->`` and ``<!-- end -->`` in the page is replaced. The text around it holds no figure of
-a run, but speaks of what came out: read it against the new tables.
+Everything between ``<!-- NAME -->`` and ``<!-- end -->`` in the page is replaced. The text around it states results of
+a run: compare it with the new tables.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from commonrail.base.table import Table
-from commonrail.base.text import duration, fixed, percent, signed
+from commonrail.base.text import duration, percent, to_fixed, to_signed
 from commonrail.plugins.paper import page as tables
 from commonrail.plugins.paper import study
 from commonrail.plugins.paper.bench import Bench, Friction, Scatter, Sensor, Truth
 from commonrail.plugins.paper.bench_file import load_truth
-from commonrail.plugins.paper.page import RESULT, verdicts
+from commonrail.plugins.paper.page import RESULT, SIGNS, verdicts
 from commonrail.plugins.paper.run import measure, search
 from commonrail.readers.injector import load_injector
 
@@ -36,32 +36,40 @@ Record = dict[str, Any]
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "reproduction.md"
 TRUTH, TIME_STEP = "virtual-lino-2016", 1e-6
 FRICTION_SEEDS = range(1, 9)
+# columns of Table 1 that only the run's report has
+IN_THE_REPORT = ("paper's change, %", "our change, %", "what the curve at 160 MPa says, in seeds")
 
 
-def grid(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def format_grid(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table in Markdown."""
     lines = [columns, ["---"] * len(columns), *rows]
     return "\n".join(f"| {' | '.join(cell.replace('|', '/') for cell in line)} |" for line in lines)
 
 
-def markdown(table: Table) -> str:
-    """A table of the report in Markdown."""
-    return grid(table.columns, [[cell.plain.replace("\N{NO-BREAK SPACE}", " ") for cell in row] for row in table.rows])
+def format_table(table: Table, without: Sequence[str] = (), medians_only: bool = False) -> str:
+    """A table of the report in Markdown.
+
+    `without`: columns that the page omits; `medians_only`: omit quartiles, which follow a median in brackets.
+    """
+    shown = [i for i, column in enumerate(table.columns) if column not in without]
+    rows = [[row[i].plain.replace("\N{NO-BREAK SPACE}", " ") for i in shown] for row in table.rows]
+    if medians_only:
+        rows = [[row[0], *(re.sub(r" \([^()]*\)$", "", cell) for cell in row[1:])] for row in rows]
+    return format_grid([table.columns[i] for i in shown], rows)
 
 
-def claims(record: Record) -> str:
-    """Claims, measures and verdicts."""
-    columns = ("claim, in our words", "measure", "what came out", "at random", "true in", "verdict")
-    rows = []
-    for c in record["claims"]:
-        low, high = c["interval"]
-        share = f"{c['true_in']} of {c['of']} ({percent(low, 0)}–{percent(high, 0)} %)"
-        chance = "" if c["chance"] is None else f"{percent(c['chance'], 1)} %"
-        rows.append((c["claim"], c["measure"], c["figure"], chance, share, f"**{c['verdict']}**"))
-    return f"{verdicts(record)}\n\n{grid(columns, rows)}"
+def list_claims(record: Record) -> str:
+    """Claims by verdict, each with the seeds in which it is true."""
+    parts = [verdicts(record)]
+    for verdict in SIGNS:
+        claims = [c for c in record["claims"] if c["verdict"] == verdict]
+        if claims:
+            parts.append(f"**{verdict[0].upper()}{verdict[1:]}**")
+            parts.append("\n".join(f"- {c['claim']} ({c['true_in']} of {c['of']})" for c in claims))
+    return "\n\n".join(parts)
 
 
-def run_facts(record: Record) -> str:
+def describe_run(record: Record) -> str:
     """Source of the figures."""
     software = ", ".join(f"{name} {number}" for name, number in record["software"].items())
     return (
@@ -70,42 +78,20 @@ def run_facts(record: Record) -> str:
     )
 
 
-def further(record: Record) -> str:
-    """Figures that no table of the report holds."""
-    worst = max(max(c["J"]["80 MPa"]) for c in record["table3"])
-    count = len(record["table3"]) * len(record["seeds"])
-    k7 = record["table1"][-1]
-    treatments = {t["name"]: t for t in record["treatments"]}
-    k6 = next(c for c in record["claims"] if c["id"] == "k6-at-maximum")
-    return "\n".join(
-        (
-            f"- Greatest J at 80 MPa of the {count} searches of Table 3: {fixed(worst, 0)}; the paper's (60, 30) has "
-            f"{study.TABLE3[study.Configuration(60, 30)][2]}.",
-            f"- k7: {fixed(k7['median'], 1, 1e-6)} N/µm, and {fixed(k7['truth'], 1, 1e-6)} N/µm in truth, which "
-            f"{k7['covered']} of {k7['intervals']} intervals of 95 % hold (standard error "
-            f"{fixed(k7['standard_error'], 1, 1e-6)} N/µm, median): the meter's delay is in none of them.",
-            f"- k6 near its maximum: {k6['figure']}. {k6['comment']}",
-            f"- Least J of a search that starts from the theoretical stiffness, of one that does not: "
-            f"{fixed(treatments['reference']['median'], 1)} and {fixed(treatments['repair']['median'], 1)} (medians).",
-        )
-    )
-
-
-def ideal(record: Record) -> str:
-    """Median J against theory's at 160 MPa, and k6, where the model contains the truth."""
+def describe_ideal(record: Record) -> str:
+    """Median J relative to the theoretical model's at 160 MPa, and k6, if the model contains the truth."""
     j = record["J_spread"]["160 MPa"]
     share = j["optimised"]["median"] / j["theoretical"]["median"]
     k6 = record["table1"][5]
     return (
-        f"{markdown(tables.j_table(record))}\n\n"
         f"Median J after the search is {percent(share, 2)} % of the theoretical model's at 160 MPa; k6 ends "
-        f"{signed(100.0 * k6['change']['median'], 0)} % from theory (median), and the truth is "
-        f"{signed(100.0 * k6['paper_change'], 0)} %."
+        f"{to_signed(100.0 * k6['change']['median'], 0)} % from theory (median), and the truth is "
+        f"{to_signed(100.0 * k6['paper_change'], 0)} %."
     )
 
 
 def friction_truths() -> dict[str, Truth]:
-    """Truths of theoretical stiffness without noise, that differ in friction or meter."""
+    """Truths of theoretical stiffness without noise, which differ in friction or meter."""
     bench = load_truth(TRUTH)
     rest = {name: value for name, value in bench.values.items() if name not in study.NAMES}
     plain = replace(
@@ -122,8 +108,8 @@ def friction_truths() -> dict[str, Truth]:
     }
 
 
-def friction() -> str:
-    """Changes of k1…k7 that searches make up where the theoretical stiffness is the truth."""
+def tabulate_friction() -> str:
+    """Changes of k1…k7 that searches end with although the theoretical stiffness is the truth."""
     rows = []
     for text, truth in friction_truths().items():
         bench = Bench(truth, load_injector(truth.injector), TIME_STEP)
@@ -132,39 +118,39 @@ def friction() -> str:
         theory = study.space(bench.injector).reference
         change = np.median([f.x / theory - 1.0 for f in searches], axis=0)
         cost = float(np.median([f.cost for f in searches]))
-        rows.append((text, *(signed(100.0 * value, 0) for value in change), fixed(cost, 1)))
-    return grid(("truth", *(f"k{i}, %" for i in range(1, 8)), "J"), rows)
+        rows.append((text, *(to_signed(100.0 * value, 0) for value in change), to_fixed(cost, 1)))
+    return format_grid(("truth", *(f"k{i}, %" for i in range(1, 8)), "J"), rows)
 
 
-def blocks(record: Record, perfect: Record) -> dict[str, str]:
-    """Every block of the page by name."""
+def make_blocks(record: Record, ideal: Record) -> dict[str, str]:
+    """Every block of the page by name.
+
+    `record`: of the study; `ideal`: of the study without friction, noise, scatter and meter.
+    """
     return {
-        "run": run_facts(record),
-        "claims": claims(record),
-        "further": further(record),
-        "table1": markdown(tables.table1(record)),
-        "table3": markdown(tables.table3(record)),
-        "models": markdown(tables.j_table(record)),
-        "rigid": markdown(tables.rigid_table(record)),
-        "edges": markdown(tables.edges_table(record)),
-        "phases": markdown(tables.phases_table(record)),
-        "overfitting": markdown(tables.overfitting_table(record)),
-        "meter": markdown(tables.meter_table(record)),
-        "treatments": markdown(tables.treatments_table(record)),
-        "ideal": ideal(perfect),
-        "friction": friction(),
+        "run": describe_run(record),
+        "claims": list_claims(record),
+        "table1": format_table(tables.table1(record), IN_THE_REPORT),
+        "table3": format_table(tables.table3(record), medians_only=True),
+        "models": format_table(tables.j_table(record), medians_only=True),
+        "overfitting": format_table(tables.overfitting_table(record), medians_only=True),
+        "meter": format_table(tables.meter_table(record), medians_only=True),
+        "treatments": format_table(tables.treatments_table(record), ("slots",), medians_only=True),
+        "ideal": describe_ideal(ideal),
+        "friction": tabulate_friction(),
     }
 
 
-def filled(page: str, texts: dict[str, str]) -> str:
-    """The page with its blocks replaced; SystemExit if it lacks a block, or has one that nothing fills."""
+def fill_page(page: str, texts: dict[str, str]) -> str:
+    """The page with its blocks replaced; SystemExit if it lacks a block or has one without a text."""
     blocks = re.findall(r"^<!-- (\w+) -->$", page, re.M)
     blocks = [name for name in blocks if name != "end"]
     if sorted(blocks) != sorted(texts):
         raise SystemExit(f"{PAGE}: its blocks are {blocks}, and these are filled: {list(texts)}")
     for name, text in texts.items():
         block = re.compile(rf"(^<!-- {name} -->$\n).*?(^<!-- end -->$)", re.S | re.M)
-        page = block.sub(lambda m, text=text: f"{m[1]}{text}\n{m[2]}", page)  # type: ignore[misc]
+        # the site needs the empty line: a table does not begin within the paragraph of a comment
+        page = block.sub(lambda m, text=text: f"{m[1]}\n{text}\n{m[2]}", page)  # type: ignore[misc]
     return page
 
 
@@ -175,7 +161,9 @@ def main() -> None:
     parser.add_argument("ideal", type=Path, help="folder of the same with --truth virtual-lino-2016-ideal")
     args = parser.parse_args()
     records = [RESULT.read(folder) for folder in (args.run, args.ideal)]
-    PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), blocks(*map(dict, records))), encoding="utf-8")
+    study_record, ideal_record = map(dict, records)
+    blocks = make_blocks(study_record, ideal_record)
+    PAGE.write_text(fill_page(PAGE.read_text(encoding="utf-8"), blocks), encoding="utf-8")
     print(PAGE)
 
 

@@ -9,6 +9,7 @@ import posixpath
 import re
 import sys
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
@@ -22,6 +23,8 @@ from tools.site_math import insert_equations, mark_equations  # noqa: E402
 
 CASES = [f"cases/{path.parent.name}/README.md" for path in sorted(ROOT.glob("cases/*/README.md"))]
 EQUATIONS: dict[str, dict[str, str]] = {}  # MathML by page and by the word that holds its place
+SHIM = "assets/iframe-worker-shim.js"
+SHIM_ON_THE_NETWORK = "https://unpkg.com/iframe-worker/shim"  # which the theme names
 TAKEN_IN = ["CHANGELOG.md", "CONTRIBUTING.md", *CASES]
 
 
@@ -66,5 +69,10 @@ def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -
 
 def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
     """Load what the search needs without a server from the site, not from the network."""
-    here = posixpath.relpath("assets/iframe-worker-shim.js", posixpath.dirname(page.file.dest_uri) or ".")
-    return output.replace("https://unpkg.com/iframe-worker/shim", here)
+    return output.replace(SHIM_ON_THE_NETWORK, posixpath.relpath(SHIM, posixpath.dirname(page.file.dest_uri) or "."))
+
+
+def on_post_template(output_content: str, template_name: str, config: MkDocsConfig) -> str:
+    """Do the same for pages of the theme, such as 404.html, which is shown at any address: from the site's root."""
+    root = urlsplit(config.site_url or "").path or "/"
+    return output_content.replace(SHIM_ON_THE_NETWORK, posixpath.join(root, SHIM))

@@ -15,7 +15,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.base import hooks
-from commonrail.base.hooks import compiled_words, compiling, lasting, naming, note, quiet, telling_of_compiling
+from commonrail.base.hooks import compiling, describe_compiling, lasting, listen_to_compiling, naming, note, quiet
 from commonrail.engine import plan
 from tests.compiler.doubled import fresh_cache, value
 from tests.waiting import PATIENCE
@@ -32,7 +32,7 @@ def test_the_first_use_alone_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     fresh_cache()
-    with telling_of_compiling(told):
+    with listen_to_compiling(told):
         for _ in range(2):  # as two processes: kernels of their own, and one folder
             said += [value(1.0), value(2.0)]
     fresh_cache()
@@ -51,9 +51,9 @@ def test_a_compilation_that_needs_another_counts_once(monkeypatch: pytest.Monkey
 def test_what_is_compiled_is_named_from_the_outside_in() -> None:
     with naming("model 1 of 2"):
         with naming("rigid body"):
-            assert compiled_words().startswith(": model 1 of 2, rigid body (")
-        assert compiled_words().startswith(": model 1 of 2 (")
-    assert compiled_words().startswith(" (")
+            assert describe_compiling().startswith(": model 1 of 2, rigid body (")
+        assert describe_compiling().startswith(": model 1 of 2 (")
+    assert describe_compiling().startswith(" (")
 
 
 @pytest.fixture
@@ -98,13 +98,13 @@ def interleave(first: Block, second: Block) -> None:
 
 
 def test_threads_whose_blocks_overlap_leave_nothing_behind(notes: list[str]) -> None:
-    words = compiled_words()
+    words = describe_compiling()
     interleave(quiet, quiet)
     interleave(lambda: lasting("an hour"), lambda: lasting("a day"))
-    interleave(lambda: telling_of_compiling(unused), lambda: telling_of_compiling(unused))
+    interleave(lambda: listen_to_compiling(unused), lambda: listen_to_compiling(unused))
     note("said")
     assert notes == ["said"]
-    assert compiled_words() == words
+    assert describe_compiling() == words
     with compiling():
         pass
 

@@ -18,8 +18,8 @@ from commonrail.base.declare import (
     Number,
     OptionalNumber,
     Setting,
-    declared_fields,
-    facts_of,
+    list_facts,
+    read_declarations,
     setting,
     settings,
 )
@@ -104,13 +104,13 @@ def test_a_command_has_an_option_for_each_setting() -> None:
 
 
 def test_facts_and_docstring_follow_from_the_declaration() -> None:
-    assert facts_of(Search(step="2 us"), ("kind", "share", "step")) == [
+    assert list_facts(Search(step="2 us"), ("kind", "share", "step")) == [
         ("Kind of search", "fast"),
         ("Share", "10 %"),
         ("Time step", "2 us"),
     ]
-    assert facts_of(Search(), ("step",)) == []
-    assert declared_fields(Search)["step"].accepted == "quantity [s], 1 ns to 100 us"
+    assert list_facts(Search(), ("step",)) == []
+    assert read_declarations(Search)["step"].accepted == "quantity [s], 1 ns to 100 us"
     assert "share : number, 0 to 0.5; 10 % by default" in (Search.__doc__ or "")
 
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from commonrail.base.csv_output import comment_line, neutralised, restored, restored_note, write_csv
+from commonrail.base.csv_output import comment_line, neutralise, restore, restore_note, write_csv
 from commonrail.plugins.cfd import Course, _dat_lines, _foam_lines
 from commonrail.readers.columns import Column
 from commonrail.readers.table_sheet import WrittenTable
@@ -26,23 +26,23 @@ texts = st.text(alphabet="=+-@' \"\t,;.e1a＝\u00a0", max_size=8)
 
 @pytest.mark.parametrize("text", COMPUTED)
 def test_a_text_that_would_be_computed_begins_as_a_text(text: str) -> None:
-    assert neutralised(text) == "'" + text
+    assert neutralise(text) == "'" + text
 
 
 @pytest.mark.parametrize("text", HARMLESS)
 def test_numbers_and_plain_texts_stay_as_they_are(text: str) -> None:
-    assert neutralised(text) == text == restored(text)
+    assert neutralise(text) == text == restore(text)
 
 
 @given(texts)
 def test_the_same_text_comes_back(text: str) -> None:
-    assert restored(neutralised(text)) == text
-    assert restored_note(comment_line(text).removeprefix("# ")) == text
+    assert restore(neutralise(text)) == text
+    assert restore_note(comment_line(text).removeprefix("# ")) == text
 
 
 @given(texts)
 def test_no_cell_begins_as_a_formula(text: str) -> None:
-    cell = neutralised(text).strip()
+    cell = neutralise(text).strip()
     assert cell[:1] not in "=@＝" or not cell
     assert cell[:1] not in "+-" or not cell or float(cell) == float(cell)
 

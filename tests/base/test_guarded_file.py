@@ -22,7 +22,7 @@ from commonrail.base.input import (
     check_sum,
     fingerprint,
     noting_files,
-    opened,
+    open_plain,
     read_arrays,
     read_plain,
     sha256,
@@ -159,7 +159,7 @@ def test_a_pipe_that_takes_the_place_of_a_file_is_not_waited_for(
     (tmp_path / "file").write_text("x")
     plain = (tmp_path / "file").stat()
     monkeypatch.setattr(Path, "stat", lambda *_, **__: plain)  # a file when it was examined
-    with pytest.raises(InputError, match="this is a pipe"), opened(tmp_path / "pipe"):
+    with pytest.raises(InputError, match="this is a pipe"), open_plain(tmp_path / "pipe"):
         pass
 
 

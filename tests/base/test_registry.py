@@ -78,8 +78,8 @@ def test_a_part_that_another_one_displaces_is_named(tmp_path: Path) -> None:
             found = registry.find("readers", "tpc")
         assert found is not None
         assert (found.distribution, found.load()) == ("one-one", 1)
-        assert registry.find("verbs", "simulate") == registry.shipped("verbs")["simulate"]
-        first, second = sorted(entry.distribution for entry in registry.unused("verbs"))
+        assert registry.find("verbs", "simulate") == registry.find_shipped("verbs")["simulate"]
+        first, second = sorted(entry.distribution for entry in registry.find_unused("verbs"))
         assert (first, second) == ("one-one", "one-two")
         broken = {plugin.distribution: " ".join(plugin.broken) for plugin in installed_plugins()}
         assert '"tpc" of commonrail.readers is not used, because one-one' in broken["one-two"]
@@ -103,9 +103,9 @@ def test_a_plug_in_folder_needs_no_entry(tmp_path: Path, monkeypatch: pytest.Mon
     (folder / "verb.py").write_text(text, encoding="utf-8")
     (folder / "page.py").write_text("RESULT = 'kind'\n", encoding="utf-8")
     monkeypatch.setattr(plugins, "__path__", [str(tmp_path), *plugins.__path__])
-    registry.shipped.cache_clear()
+    registry.find_shipped.cache_clear()
     try:
         assert run_command("two-words").out == "said\n"
-        assert registry.shipped("results")["two-words.json"].load() == "kind"
+        assert registry.find_shipped("results")["two-words.json"].load() == "kind"
     finally:
-        registry.shipped.cache_clear()
+        registry.find_shipped.cache_clear()

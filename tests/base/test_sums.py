@@ -13,7 +13,7 @@ import pytest
 
 from commonrail.base.errors import InputError, OutputError
 from commonrail.base.input import SUMS, check_sum
-from commonrail.base.output import summed
+from commonrail.base.output import write_set
 from commonrail.cli.model_name import read_model_name
 from commonrail.readers.injector import load_injector
 from commonrail.readers.injector_writer import dump_injector
@@ -28,7 +28,7 @@ def run(tmp_path: Path) -> Path:
     """Result files with their checksums."""
     folder = tmp_path / "run"
     folder.mkdir()
-    with summed(folder):
+    with write_set(folder):
         write_record(folder / "result.json", {"best": 0.000257})
         dump_injector(load_injector("virtual-lino-2016"), folder / "calibrated.toml")
         write_traces(folder / "traces.csv", [], ("measured",), [])
@@ -102,21 +102,21 @@ def test_checksums_that_were_cut_are_refused(run: Path) -> None:
 
 
 def test_a_process_killed_while_it_writes_leaves_the_former_files(run: Path) -> None:
-    writing = summed(run)
+    writing = write_set(run)
     writing.__enter__()
     write_record(run / "result.json", {"best": 0.1})  # and nothing after it
     assert read_run(run)[0] == {"best": 0.000257}
 
 
 def test_a_block_that_fails_leaves_the_former_files_alone(run: Path) -> None:
-    with pytest.raises(TypeError), summed(run, "traces.csv"):
+    with pytest.raises(TypeError), write_set(run, "traces.csv"):
         write_record(run / "result.json", {"best": object()})
     assert read_run(run)[0] == {"best": 0.000257}
     assert sorted(path.name for path in run.iterdir()) == sorted((*FILES, SUMS))
 
 
 def _write_another(run: Path) -> None:
-    with summed(run):
+    with write_set(run):
         write_record(run / "result.json", {"best": 0.1})
         dump_injector(load_injector("virtual-lino-2016").with_values({"nozzle.holes": 9}), run / "calibrated.toml")
 
@@ -139,7 +139,7 @@ def test_a_folder_with_files_of_two_results_is_refused(run: Path, monkeypatch: p
 
 
 def test_files_of_the_former_set_are_removed_with_their_checksums(run: Path) -> None:
-    with summed(run, "traces.csv"), summed(run, "calibrated.toml"):
+    with write_set(run, "traces.csv"), write_set(run, "calibrated.toml"):
         write_record(run / "result.json", {"best": 0.1})
     assert sorted(path.name for path in run.iterdir()) == [SUMS, "result.json"]
     assert read_record(run / "result.json", "") == {"best": 0.1}
@@ -148,5 +148,5 @@ def test_files_of_the_former_set_are_removed_with_their_checksums(run: Path) -> 
 def test_a_link_in_place_of_the_checksums_is_not_followed(run: Path, tmp_path: Path) -> None:
     (run / SUMS).unlink()
     (run / SUMS).symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(OutputError, match="symbolic link"), summed(run):
+    with pytest.raises(OutputError, match="symbolic link"), write_set(run):
         raise AssertionError

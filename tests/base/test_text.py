@@ -12,13 +12,13 @@ from commonrail.base.text import MISSING
 
 @pytest.mark.parametrize("nothing", [None, math.nan, math.inf, "171", True])
 def test_what_is_no_finite_number_is_a_dash(nothing: object) -> None:
-    written = [text.fixed(nothing, 1), text.signed(nothing, 1), text.quantity(nothing, "m")]
+    written = [text.to_fixed(nothing, 1), text.to_signed(nothing, 1), text.quantity(nothing, "m")]
     assert [*written, text.significant(nothing), text.duration(nothing)] == [MISSING] * 5
 
 
 @pytest.mark.parametrize(("value", "shown"), [(2.345, "+2.3"), (-2.345, "−2.3"), (0.0, "0.0"), (-0.04, "0.0")])
 def test_a_signed_number_has_a_true_minus_and_no_sign_at_zero(value: float, shown: str) -> None:
-    assert text.signed(value, 1) == shown
+    assert text.to_signed(value, 1) == shown
 
 
 @pytest.mark.parametrize(
@@ -50,4 +50,4 @@ def test_a_duration_is_written_for_a_person(seconds: float, shown: str) -> None:
     ("words", "shown"), [([], ""), (["a"], "a"), (["a", "b"], "a and b"), (["a", "b", "c"], "a, b and c")]
 )
 def test_words_are_listed(words: list[str], shown: str) -> None:
-    assert text.listed(words) == shown
+    assert text.join_words(words) == shown

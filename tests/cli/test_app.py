@@ -34,6 +34,35 @@ def test_every_verb_has_an_example_and_json(command: Command, verb: str) -> None
     assert "--json" in done.out
 
 
+RUNS_HELP = """\
+Usage: commonrail runs [OPTIONS] [DIR]
+
+  List runs with state, best objective and age.
+
+  "stopped" means killed. `commonrail resume` resumes runs that are stopped,
+  interrupted or failed.
+
+  Example:
+    commonrail runs runs
+    commonrail runs runs --html runs.html
+
+Arguments:
+  [DIR]  Folder with run folders in it. [default: runs]
+
+Options:
+  --html FILE.html  Page to be written: runs in a table, their parameters,
+                    curves and studies.
+  --full            Print all rows, columns and tables, in place of 10 lines.
+  --json            Print the result as one JSON object in SI units on stdout.
+  -h, --help        Show this message and exit.
+"""
+
+
+def test_the_help_of_a_verb_reads_so(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert command("runs", "--help").out == RUNS_HELP
+
+
 def test_a_shell_completes_verbs_options_and_their_values() -> None:
     complete = ShellComplete(cli, {}, "commonrail", "_COMMONRAIL_COMPLETE")
 

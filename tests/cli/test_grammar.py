@@ -139,9 +139,9 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
         encoding="utf-8",
     )
     monkeypatch.syspath_prepend(tmp_path)
-    registry.installed.cache_clear()
+    registry.find_installed.cache_clear()
     yield
-    registry.installed.cache_clear()
+    registry.find_installed.cache_clear()
 
 
 @pytest.mark.usefixtures("installed")

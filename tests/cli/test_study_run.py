@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 
 from commonrail.base import hooks
@@ -100,7 +101,9 @@ def test_a_terminal_ends_in_the_verdict_and_what_to_do(
     record: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     be_narrow(monkeypatch)
-    fit.print_outcome(fit.Outcome(Path("runs/a"), Path("runs/a/report.html"), record), json=False)
+    with click.Context(click.Command("calibrate")) as context:
+        context.meta[progress.SHORT] = progress.ShortForm()
+        fit.print_outcome(fit.Outcome(Path("runs/a"), Path("runs/a/report.html"), record), json=False)
     lines = re.sub(r"\x1b\[\d*m", "", capsys.readouterr().out).splitlines()
     assert len(lines) <= 25  # a screen of a terminal
     assert lines[-1] == "report: runs/a/report.html"

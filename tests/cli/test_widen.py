@@ -11,7 +11,7 @@ from commonrail.calibration.record import CalibrationRecord, read_as
 from commonrail.physics.injector import parameter_quantities
 from commonrail.report.fit.verdict import verdict
 from commonrail.runs.folder import read_result
-from commonrail.runs.study_edits import widen_bound
+from commonrail.runs.study_edits import can_widen, widen_bound
 from tests.cli.conftest import run_command
 from tests.plugins.update.conftest import FREE, STUDY, TRUTH, write_map
 
@@ -37,6 +37,20 @@ def test_a_bound_moves_by_the_range_within_the_domain(given: dict[str, object], 
     moved = widen_bound(given, "log" in given)
     assert moved.after == pytest.approx(after)
     assert moved.side == ("upper" if given["position"] == 0.999 else "lower")
+
+
+@pytest.mark.parametrize(
+    ("name", "lower", "upper", "side", "can"),
+    [
+        ("nozzle.discharge_maximum", 0.7, 1.0, "upper", False),  # the end of the domain
+        ("valve.mass", 0.1e-3, 9e-3, "lower", False),  # the end of what is built
+        ("valve.mass", 0.2e-3, 9e-3, "lower", True),
+    ],
+)
+def test_widening_is_advised_where_it_changes_something(
+    name: str, lower: float, upper: float, side: str, can: bool
+) -> None:
+    assert can_widen(record(name, lower, upper, side)) is can
 
 
 @pytest.mark.parametrize("side", ["lower", "upper"])

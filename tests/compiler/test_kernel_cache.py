@@ -170,7 +170,7 @@ from commonrail.compiler.load import load, object_of
 from commonrail.compiler.table import address, fill
 from commonrail.compiler.target import own_processor
 from tests.compiler import doubled
-from commonrail.base.hooks import tell_of_compiling
+from commonrail.base.hooks import set_compiling_listener
 
 @contextmanager
 def told():
@@ -178,7 +178,7 @@ def told():
         subprocess.run([sys.executable, __file__], env=os.environ | {"OTHER": "1"}, check=True)
     yield
 
-tell_of_compiling(told)
+set_compiling_listener(told)
 
 made = object_of(doubled.source(), {"double": "double"}, own_processor())[1]
 print("OTHER" in os.environ, int(not made), flush=True)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from commonrail.base.registry import shipped
+from commonrail.base.registry import find_shipped
 from commonrail.data.base import DataSet
 from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
@@ -19,7 +19,7 @@ from commonrail.report.data.view import view_of
 from tests.data import contract
 from tests.data.samples import SAMPLES
 
-KINDS = {name: kind_of(name) for name in shipped("data")}
+KINDS = {name: kind_of(name) for name in find_shipped("data")}
 Clause = Callable[[type[DataSet], Injector, Path], None]
 
 

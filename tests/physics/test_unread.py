@@ -23,7 +23,7 @@ from commonrail.physics.variants import (
     unread_parameters,
 )
 
-DT, STEPS, CHANGED = 1e-6, 400, 100
+DT, STEPS, CHANGED = 2e-6, 200, 50
 ON, OFF = 20e-6, 280e-6  # of the energising, or of the measured drive [s]
 DRIVEN = 14.0  # measured voltage [V] or current [A]
 FACTOR = 1.03
@@ -77,13 +77,19 @@ def marched(variant: Variant, factors: Mapping[str, float] = {}, changed: tuple[
     return state._replace(rail=None) if ideal else state
 
 
+@functools.cache
+def unchanged(variant: Variant) -> object:
+    """State at the end with the injector's own parameters and inputs."""
+    return marched(variant)
+
+
 def _other(name: str, value: float) -> float:
     return value + 30e-6 if name.startswith("since") else FACTOR * value
 
 
 @VARIANTS
 def test_an_input_changes_the_result_or_is_unread(variant: Variant) -> None:
-    expected = marched(variant)
+    expected = unchanged(variant)
     without_effect = {name for name, fields in FIELDS.items() if marched(variant, changed=fields) == expected}
     assert without_effect == set(unread_inputs(variant))
 
@@ -91,7 +97,7 @@ def test_an_input_changes_the_result_or_is_unread(variant: Variant) -> None:
 @VARIANTS
 def test_unread_parameters_change_nothing(variant: Variant) -> None:
     factors = dict.fromkeys(unread_parameters(variant), FACTOR)
-    assert marched(variant, factors) == marched(variant)
+    assert marched(variant, factors) == unchanged(variant)
 
 
 @pytest.mark.parametrize("drive", list(Drive), ids=lambda d: d.value)
@@ -100,7 +106,7 @@ def test_the_other_parameters_of_rail_drive_and_chain_change_the_result(
     body: Body, rail: Boundary, drive: Drive
 ) -> None:
     variant = Variant(body, rail, drive)
-    expected, unread = marched(variant), unread_parameters(variant)
+    expected, unread = unchanged(variant), unread_parameters(variant)
     chain = [f"plunger_needle.{name}" for name in ("k1", "k4", "k7", "joint_stiffness", "damping_ratio")]
     names = [name for name in base(Actuation.SERVO).values if name.startswith(("rail.", "drive."))] + chain
     assert {name for name in names if marched(variant, {name: FACTOR}) == expected} == unread.intersection(names)

@@ -48,12 +48,12 @@ def test_without_certainty_a_fit_keeps_its_effects_and_has_a_report(
     fit: Calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(SHIPPED, "after_fit", {})
-    registry.shipped.cache_clear()
+    registry.find_shipped.cache_clear()
     try:
         found = identify(fit, 1)
     finally:
         monkeypatch.undo()
-        registry.shipped.cache_clear()
+        registry.find_shipped.cache_clear()
     write_run(tmp_path, fit, found)
     record, _ = read_run(tmp_path)
     assert "certainty" not in record

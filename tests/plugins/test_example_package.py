@@ -44,7 +44,7 @@ def example(tmp_path: Path) -> Iterator[None]:
 
 
 def test_all_its_parts_are_found() -> None:
-    found = {entry.distribution for group in registry.GROUPS for entry in registry.installed(group).values()}
+    found = {entry.distribution for group in registry.GROUPS for entry in registry.find_installed(group).values()}
     assert "commonrail-example" in found
 
 
@@ -192,7 +192,9 @@ def test_its_meter_is_of_the_catalogue() -> None:
 
 def test_its_page_is_written_beside_the_report(study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     calibrate_into(tmp_path / "run", load_study(study), threads=1)
-    monkeypatch.setattr("commonrail.cli.verbs.report.registry.entries", registry.installed)  # bench.html takes long
+    monkeypatch.setattr(
+        "commonrail.cli.verbs.report.registry.entries", registry.find_installed
+    )  # bench.html takes long
     made = run_command("report", tmp_path / "run", "--page", "--json").record
     assert made["pages"] == [str(tmp_path / "run" / "summary.html")]
     assert "<h1>" in (tmp_path / "run" / "summary.html").read_text(encoding="utf-8")

@@ -4,7 +4,7 @@ import re
 from itertools import combinations
 from pathlib import Path
 
-from commonrail.base.table import tabulated
+from commonrail.base.table import table_from_columns
 from commonrail.plugins.foreign_fmu.page import fmu_figures, fmu_lines
 from commonrail.report import html
 from commonrail.report.html import breakable, print_size, unbroken
@@ -64,8 +64,8 @@ def test_a_number_stays_on_a_line_with_its_unit_and_a_range_is_broken_at_its_to(
 
 def test_letters_in_print_are_small_enough_for_what_is_not_broken() -> None:
     cells = [("parameter", "name"), *((f"c{i}", "range") for i in range(12))]
-    wide = tabulated("", [{"name": "a", "range": "-137.76 N/µm to 281.33 N/µm"}], cells)
-    narrow = tabulated("", [{"name": "a", "range": "1 to 2"}], cells)
+    wide = table_from_columns("", [{"name": "a", "range": "-137.76 N/µm to 281.33 N/µm"}], cells)
+    narrow = table_from_columns("", [{"name": "a", "range": "1 to 2"}], cells)
     assert float(print_size(wide)[:-2]) < float(print_size(narrow)[:-2])
 
 

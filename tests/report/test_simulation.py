@@ -12,7 +12,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Solution
 from commonrail.engine.status import Status
-from commonrail.plugins.features.anatomy import anatomy_figure, section_of
+from commonrail.plugins.features.anatomy import anatomy_figure, make_section
 from commonrail.plugins.features.run import find_features
 from commonrail.report.simulation import course_figure, simulation_figure
 
@@ -95,7 +95,7 @@ def test_bars_show_energising_delays_and_ramps_and_the_rest_is_cut() -> None:
 
 
 def test_the_section_stands_at_the_largest_needle_lift_and_tells_what_moves_it() -> None:
-    section = section_of(trapezium(), ())
+    section = make_section(trapezium(), ())
     assert 500.0 <= section.values["time"][section.still] <= 800.0
     assert section.is_direct  # no valve lift
     assert "translate(0 -14.00)" in section.move("needle_lift", 14.0)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from commonrail.base.errors import InputError
-from commonrail.base.hooks import requested_stops
+from commonrail.base.hooks import catch_stops
 from commonrail.report.analysis import run_into
 from commonrail.runs.folder import final_text, new_folder, refuse_used
 
@@ -64,7 +64,7 @@ def test_an_analysis_that_has_lost_a_stop_writes_nothing(place: Path) -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
     existed = place.exists()
-    with requested_stops(), pytest.raises(KeyboardInterrupt):
+    with catch_stops(), pytest.raises(KeyboardInterrupt):
         run_into(place, "x.csv", lambda: _Result(run()))
     assert [*place.parent.rglob("*")] == [place] * existed
 

@@ -9,13 +9,13 @@ import sys
 
 import pytest
 
-from commonrail.base.hooks import held_interrupts
+from commonrail.base.hooks import hold_interrupts
 from tests.waiting import PATIENCE
 
 
 def test_a_signal_is_a_wish_that_is_heeded_when_asked() -> None:
     reached = False
-    with held_interrupts() as stop:
+    with hold_interrupts() as stop:
         os.kill(os.getpid(), signal.SIGINT)
         os.kill(os.getpid(), signal.SIGTERM)
         os.kill(os.getpid(), signal.SIGTERM)
@@ -31,7 +31,7 @@ def test_in_a_library_a_second_ctrl_c_interrupts_at_once() -> None:
     reached = []
 
     def press_twice() -> None:
-        with held_interrupts():
+        with hold_interrupts():
             for number in (1, 2):
                 os.kill(os.getpid(), signal.SIGINT)
                 reached.append(number)
@@ -46,9 +46,9 @@ def test_in_a_library_a_second_ctrl_c_interrupts_at_once() -> None:
 COMMAND = """
 import ctypes, os, signal, sys
 from commonrail.cli.console import say_of_ending
-from commonrail.base.hooks import end_at_second, held_interrupts
+from commonrail.base.hooks import end_at_second, hold_interrupts
 end_at_second(say_of_ending)
-with held_interrupts() as stop:
+with hold_interrupts() as stop:
     os.kill(os.getpid(), signal.SIGINT)
     print(stop.asked, flush=True)
     mutex = ctypes.create_string_buffer(128)
@@ -78,8 +78,8 @@ def test_in_a_command_a_second_ctrl_c_ends_at_once() -> None:
 
 def test_an_inner_block_shares_the_outer_wish_and_leaves_its_handler() -> None:
     before = signal.getsignal(signal.SIGINT)
-    with held_interrupts() as outer:
-        with held_interrupts() as inner:
+    with hold_interrupts() as outer:
+        with hold_interrupts() as inner:
             os.kill(os.getpid(), signal.SIGTERM)
             assert inner is outer
         assert outer.asked
@@ -88,16 +88,16 @@ def test_an_inner_block_shares_the_outer_wish_and_leaves_its_handler() -> None:
 
 
 def test_a_new_block_begins_without_a_wish() -> None:
-    with held_interrupts():
+    with hold_interrupts():
         os.kill(os.getpid(), signal.SIGINT)
-    with held_interrupts() as stop:
+    with hold_interrupts() as stop:
         stop.check()
 
 
 def test_a_signal_that_was_ignored_stays_ignored() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
     try:
-        with held_interrupts() as stop:
+        with hold_interrupts() as stop:
             signal.raise_signal(signal.SIGHUP)
             assert not stop.asked
             signal.raise_signal(signal.SIGTERM)

@@ -21,7 +21,7 @@ SPACE = Space([Parameter("valve.lift", 50e-6, 40e-6, 60e-6, "m", mark="E", sourc
 
 
 def test_all_parts_can_be_loaded() -> None:
-    own = [entry for group in registry.GROUPS for entry in registry.installed(group).values()]
+    own = [entry for group in registry.GROUPS for entry in registry.find_installed(group).values()]
     assert {entry.name for entry in own if entry.load() is not None} >= {"random search", "jsonl", "spread"}
 
 

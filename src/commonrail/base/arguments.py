@@ -94,9 +94,9 @@ def number(value: object, unit: str, what: str) -> float:
             raise ConfigurationError(f"{error}") from error
     result = _real(value)
     if result is None:
-        raise _refused(what, _wanted(unit), value)
+        raise _refusal(what, _describe_number(unit), value)
     if not math.isfinite(result):
-        raise _refused(what, f"finite, {_wanted(unit)}", value)
+        raise _refusal(what, f"finite, {_describe_number(unit)}", value)
     return result
 
 
@@ -202,7 +202,7 @@ def integer(value: object, what: str, low: int = 0, high: int = LARGEST_WHOLE) -
         if low <= exact <= high:
             return exact
     if high == LARGEST_WHOLE:
-        raise _refused(what, f"a whole number, {low} or greater", value)
+        raise _refusal(what, f"a whole number, {low} or greater", value)
     raise ConfigurationError(f"The {what} must lie between {low} and {high} as a whole number, not {shown(value)}.")
 
 
@@ -222,7 +222,7 @@ def flag(value: object, what: str) -> bool:
     """Read True or False."""
     value = _plain(value)
     if not isinstance(value, bool):
-        raise _refused(what, "True or False", value)
+        raise _refusal(what, "True or False", value)
     return value
 
 
@@ -244,14 +244,14 @@ def enum_member(value: object, kind: type[_Choice], what: str) -> _Choice:
 def plain_text(value: object, what: str) -> str:
     """Read a text."""
     if not isinstance(value, str):
-        raise _refused(what, "a text", value)
+        raise _refusal(what, "a text", value)
     return value
 
 
 def function(value: _Kind | None, what: str) -> _Kind | None:
     """Refuse what is neither a function nor None."""
     if value is not None and not callable(value):
-        raise _refused(what, "a function or None", value)
+        raise _refusal(what, "a function or None", value)
     return value
 
 
@@ -261,13 +261,13 @@ def file_path(value: object, what: str) -> Path:
     Raises `ConfigurationError` if it is neither a text nor a path, is empty, or no system can have it.
     """
     if not isinstance(value, str | os.PathLike) or isinstance(path := os.fspath(value), bytes):
-        raise _refused(what, "a path as text or as pathlib.Path", value)
+        raise _refusal(what, "a path as text or as pathlib.Path", value)
     if not path or "\0" in path:
-        raise _refused(what, "a path that is not empty and has no null character", value)
+        raise _refusal(what, "a path that is not empty and has no null character", value)
     return Path(path)
 
 
-def source_of(value: object, what: str) -> str | Path:
+def read_source(value: object, what: str) -> str | Path:
     """Read a name of the catalogue as text, or the path of a .toml file as Path."""
     return value if isinstance(value, str) and not value.endswith(".toml") else file_path(value, what)
 
@@ -287,7 +287,7 @@ def instance(value: object, kind: Any, what: str) -> Any:
     names = [accepted.__name__ for accepted in get_args(kind) or (kind,)]
     name = names[0]
     source = f"{value}" if isinstance(value, str | os.PathLike) else _EXAMPLES.get(name, "")
-    cure = f"; {_CURES[name].format(_quoted(source))}" if name in _CURES else ""
+    cure = f"; {_CURES[name].format(_quote(source))}" if name in _CURES else ""
     article = "an" if name[0] in "AEIOU" else "a"
     raise ConfigurationError(f"The {what} must be {article} {' or '.join(names)}, not {shown(value)}{cure}.")
 
@@ -302,7 +302,7 @@ def sequence(value: object, what: str, of: str) -> Sequence[Any]:
     if isinstance(value, np.ndarray) and value.ndim:
         return list(value)
     if not isinstance(value, Sequence) or isinstance(value, str | bytes):
-        raise _refused(what, f"a list, such as {of}", value)
+        raise _refusal(what, f"a list, such as {of}", value)
     return value
 
 
@@ -322,7 +322,7 @@ def instances(value: object, kind: Any, what: str) -> tuple[Any, ...]:
 def mapping(value: object, what: str, example: str) -> Mapping[str, Any]:
     """Refuse what is no mapping with texts as keys."""
     if not isinstance(value, Mapping):
-        raise _refused(what, f"a mapping, such as {example}", value)
+        raise _refusal(what, f"a mapping, such as {example}", value)
     for key in value:
         if not isinstance(key, str):
             raise ConfigurationError(
@@ -383,7 +383,7 @@ def shown(value: object) -> str:
     """One short line for any object."""
     value = _plain(value)
     if isinstance(value, str):
-        return _quoted(value)
+        return _quote(value)
     line = " ".join(reprlib.repr(value).split())
     return line if len(line) <= 60 else f"{line[:57]}..."
 
@@ -406,17 +406,17 @@ def _real(value: object) -> float | None:
         return math.inf
 
 
-def _wanted(unit: str) -> str:
+def _describe_number(unit: str) -> str:
     if unit == "1":
         return "a plain number, such as 0.8"
     name, example = NAMES.get(unit, (f"a quantity in {unit}", f"3 {unit}"))
     return f'{name} as a number in {unit} or as text with its unit, such as "{example}"'
 
 
-def _quoted(text: str) -> str:
+def _quote(text: str) -> str:
     line = " ".join(text.split())
     return f'"{line if len(line) <= 120 else line[:117] + "..."}"'
 
 
-def _refused(what: str, expected: str, value: object) -> ConfigurationError:
+def _refusal(what: str, expected: str, value: object) -> ConfigurationError:
     return ConfigurationError(f"The {what} must be {expected}, not {shown(value)}.")

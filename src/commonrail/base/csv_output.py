@@ -12,7 +12,7 @@ from commonrail.base.output import line_text, replacing
 # Texts in tables that a spreadsheet would compute: neutralised where tables are written, restored where they are read.
 #
 # A text that would be taken for a formula gets an apostrophe in front, which makes it a text for every spreadsheet.
-# The same text comes back: `restored(neutralised(text)) == text`, and texts that nobody would compute stay as they
+# The same text comes back: `restore(neutralise(text)) == text`, and texts that nobody would compute stay as they
 # are.
 
 MARK = "'"
@@ -23,24 +23,24 @@ _NUMBER = re.compile(r"[\s'\"]*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
 _SEPARATORS = re.compile(r"([,;\t])")
 
 
-def neutralised(text: str) -> str:
+def neutralise(text: str) -> str:
     """Cell of a table, which no spreadsheet computes; numbers stay numbers."""
     return MARK + text if _is_computed(text) else text
 
 
-def restored(cell: str) -> str:
-    """Text of a cell that `neutralised` gave."""
+def restore(cell: str) -> str:
+    """Text of a cell that `neutralise` gave."""
     return cell[1:] if cell.startswith(MARK) and _is_computed(cell[1:]) else cell
 
 
 def comment_line(text: str) -> str:
     """Comment line of a text; a spreadsheet divides it into cells at each separator."""
-    return f"# {_behind_separators(line_text(text), neutralised)}"
+    return f"# {_behind_separators(line_text(text), neutralise)}"
 
 
-def restored_note(line: str) -> str:
+def restore_note(line: str) -> str:
     """Text of a line that `comment_line` gave, without its sign."""
-    return _behind_separators(line, restored)
+    return _behind_separators(line, restore)
 
 
 def _behind_separators(line: str, change: Callable[[str], str]) -> str:
@@ -70,4 +70,4 @@ def write_csv(path: Path, notes: Iterable[str], header: Sequence[str], rows: Ite
 
 
 def _cell(text: str) -> str:
-    return neutralised(line_text(text))
+    return neutralise(line_text(text))

@@ -222,14 +222,14 @@ def _settings(cls: Any, kw_only: bool, frame: types.FrameType) -> Any:
 
     def read(self: Any) -> None:
         settle(
-            self, **{name: field.value_of(getattr(self, name)) for name, field in declared_fields(type(self)).items()}
+            self, **{name: field.value_of(getattr(self, name)) for name, field in read_declarations(type(self)).items()}
         )
         if check is not None:
             check(self)
 
     cls.__post_init__ = read
     new_class = dataclasses.dataclass(frozen=True, kw_only=kw_only)(cls)
-    declared = dict(declared_fields(new_class))
+    declared = dict(read_declarations(new_class))
     annotations: dict[str, Any] = inspect.get_annotations(cls)
     for name, kind in annotations.items():
         field = new_class.__dataclass_fields__.get(name)
@@ -245,21 +245,21 @@ def _settings(cls: Any, kw_only: bool, frame: types.FrameType) -> Any:
 
 def _parameters(cls: type) -> str:
     lines = []
-    for name, field in declared_fields(cls).items():
+    for name, field in read_declarations(cls).items():
         default = f"; {field.default_text} by default" if field.default_text not in ("", "required") else ""
         lines.append(f"{name} : {field.accepted}{', optional' * field.optional}{default}\n    {field.meaning}")
     return "\n".join(lines)
 
 
-def declared_fields(cls: type) -> Mapping[str, Declared]:
+def read_declarations(cls: type) -> Mapping[str, Declared]:
     """Declared fields of a class by name; empty for one that is not under `settings`."""
     declared: Mapping[str, Declared] = getattr(cls, "__settings__", {})
     return declared
 
 
-def facts_of(settings: Any, names: Collection[str]) -> list[tuple[str, str]]:
+def list_facts(settings: Any, names: Collection[str]) -> list[tuple[str, str]]:
     """Words and values of fields, for the facts at the end of a page; None is left out."""
-    declared = declared_fields(type(settings))
+    declared = read_declarations(type(settings))
     values = ((declared[name], getattr(settings, name)) for name in names)
     return [
         (field.words[:1].upper() + field.words[1:], field.text_of(value))

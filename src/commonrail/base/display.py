@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import Any, ClassVar
 
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.hooks import compiled_words, tell_of_compiling
+from commonrail.base.hooks import describe_compiling, set_compiling_listener
 
 # Progress in a notebook: a bar that is drawn anew in its place, and a line while a kernel is compiled.
 
@@ -58,13 +58,13 @@ class _Text:
 def watch() -> None:
     """Say in a notebook when a kernel is compiled."""
     if in_notebook():
-        tell_of_compiling(_compiling)
+        set_compiling_listener(_compiling)
 
 
 @contextmanager
 def _compiling() -> Iterator[None]:
     line = Live()
-    line.show(f"{COMPILING}{compiled_words()} …")
+    line.show(f"{COMPILING}{describe_compiling()} …")
     yield
     line.show("")
 

@@ -40,7 +40,7 @@ _began = _spent = 0.0  # [s]
 _noted: set[str] = set()
 
 
-def tell_of_compiling(listener: Listener) -> None:
+def set_compiling_listener(listener: Listener) -> None:
     """Have a context entered in this process while a kernel is compiled that is in no cache."""
     global _of_process
     _of_process = listener
@@ -56,7 +56,7 @@ def within(variable: ContextVar[Any], value: object) -> Iterator[None]:
         variable.reset(before)
 
 
-def telling_of_compiling(listener: Listener) -> AbstractContextManager[None]:
+def listen_to_compiling(listener: Listener) -> AbstractContextManager[None]:
     """Have another context than that of the process entered while a kernel is compiled inside the block."""
     return within(_listener, listener)
 
@@ -93,7 +93,7 @@ def naming(words: str) -> AbstractContextManager[None]:
     return within(_named, (*_named.get(), words))
 
 
-def compiled_words() -> str:
+def describe_compiling() -> str:
     """End of a sentence on compiling: of what, where that is stated, and how long it takes."""
     subjects = ", ".join(_named.get())
     return f": {subjects} ({duration()})" if subjects else f" ({duration()})"
@@ -155,7 +155,7 @@ class StopRequest:
 
     def __init__(self) -> None:
         self.asked = self.pressed = False
-        self.holders = 0  # blocks of `held_interrupts`, which look after the request themselves
+        self.holders = 0  # blocks of `hold_interrupts`, which look after the request themselves
         self.tell: Callable[[str], None] | None = None
 
     def check(self) -> None:
@@ -173,7 +173,7 @@ def check_stop() -> None:
 
 
 def check_unheld_stop() -> None:
-    """Raise KeyboardInterrupt if a stop was asked for, unless a block of `held_interrupts` looks after that."""
+    """Raise KeyboardInterrupt if a stop was asked for, unless a block of `hold_interrupts` looks after that."""
     if not _STOP.holders:
         _STOP.check()
 
@@ -187,9 +187,9 @@ def end_at_second(tell: Callable[[str], None]) -> None:
 
 
 @contextmanager
-def held_interrupts() -> Iterator[StopRequest]:
-    """As `requested_stops`; what is being computed or written is finished, `check_unheld_stop` raises nothing."""
-    with requested_stops() as stop:
+def hold_interrupts() -> Iterator[StopRequest]:
+    """As `catch_stops`; what is being computed or written is finished, `check_unheld_stop` raises nothing."""
+    with catch_stops() as stop:
         stop.holders += 1
         try:
             yield stop
@@ -198,7 +198,7 @@ def held_interrupts() -> Iterator[StopRequest]:
 
 
 @contextmanager
-def requested_stops() -> Iterator[StopRequest]:
+def catch_stops() -> Iterator[StopRequest]:
     """While inside, `STOP_SIGNALS` only request a stop, and raise nothing into whatever is at work.
 
     An exception could be lost in a library, which would go on with half of what it was about to read.

@@ -53,7 +53,7 @@ def read_plain(path: Path, largest: int = LARGEST_FILE) -> bytes:
     Raises `InputError` if there is no such file, it is not a plain file, it is larger, or it may not be read; or if it
     was read before inside the same `noting_files` and held other bytes then.
     """
-    with _as_input_error(path), opened(path, largest) as stream:
+    with _as_input_error(path), open_plain(path, largest) as stream:
         size = min(os.fstat(stream.fileno()).st_size, largest)
         data = stream.read(size + 1)  # as many bytes as are asked for are reserved before the first is read
         if len(data) > size:  # a file may grow, and those of the system say that they are empty
@@ -69,7 +69,7 @@ def read_plain(path: Path, largest: int = LARGEST_FILE) -> bytes:
 
 
 @contextmanager
-def opened(path: Path, largest: int = LARGEST_FILE) -> Iterator[BinaryIO]:
+def open_plain(path: Path, largest: int = LARGEST_FILE) -> Iterator[BinaryIO]:
     """Stream of a plain file, which had at most `largest` bytes when it was opened.
 
     Raises `InputError` as `read_plain`, but for a file that grows while it is read.
@@ -150,7 +150,7 @@ def read_arrays(path: Path, *needed: str) -> dict[str, NDArray[Any]]:
     import numpy as np
 
     try:
-        with opened(path) as stream, np.load(stream, allow_pickle=False) as archive:
+        with open_plain(path) as stream, np.load(stream, allow_pickle=False) as archive:
             size = sum(entry.file_size for entry in archive.zip.infolist())
             if size > LARGEST_ARRAYS:
                 raise _too_large(path, f"{size / 1e6:.0f} MB when it is unpacked", LARGEST_ARRAYS)
@@ -180,7 +180,7 @@ def check_sums(folder: Path, *names: str) -> None:
     `InputError` if there is one, or the checksums cannot be read.
     """
     sums = folder / SUMS
-    for name, written in listed(sums).items() if sums.is_file() else ():
+    for name, written in read_sums(sums).items() if sums.is_file() else ():
         path = folder / name
         if (not names or name in names) and path.is_file() and digest(path) != written:
             raise InputError(
@@ -190,7 +190,7 @@ def check_sums(folder: Path, *names: str) -> None:
             )
 
 
-def listed(sums: Path) -> dict[str, str]:
+def read_sums(sums: Path) -> dict[str, str]:
     """Digests in a file of checksums by the names of the files.
 
     Raises `InputError` if a line is not a digest, two spaces and a name.
@@ -210,6 +210,6 @@ def listed(sums: Path) -> dict[str, str]:
 
 
 def digest(path: Path) -> str:
-    """SHA-256 of a file; `InputError` as `opened`, before a byte is read."""
-    with opened(path) as stream:
+    """SHA-256 of a file; `InputError` as `open_plain`, before a byte is read."""
+    with open_plain(path) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()  # type: ignore[arg-type]

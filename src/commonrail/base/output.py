@@ -14,7 +14,7 @@ from typing import IO, Any, Literal
 
 from commonrail.base.errors import InputError, OutputError
 from commonrail.base.hooks import check_unheld_stop, within
-from commonrail.base.input import SUMS, digest, listed
+from commonrail.base.input import SUMS, digest, read_sums
 
 _CONTROL = re.compile("[\x00-\x08\x0a-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")  # but tabs
 PART = ".part"  # end of the name of a file that is being written
@@ -45,7 +45,7 @@ def replacing(path: Path, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
     """Stream to a file that takes the place of `path` at the end of the block, unless the block ends in an error.
 
     A crash or a full disk leaves what was at `path` before; a power cut leaves that or the new file, never a part.
-    Inside `summed` the file comes to its place with the others of the set.
+    Inside `write_set` the file comes to its place with the others of the set.
 
     Raises `OutputError` if it cannot be written, or `path` is a symbolic link, a device or a folder, and
     `KeyboardInterrupt` if a stop was asked for, see `check_unheld_stop`.
@@ -119,7 +119,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 @contextmanager
-def summed(folder: Path, *stale: str, inputs: Mapping[str, str] = {}) -> Iterator[None]:
+def write_set(folder: Path, *stale: str, inputs: Mapping[str, str] = {}) -> Iterator[None]:
     """Write several files of a folder as one set: all those that the block writes below it, and none if it fails.
 
     They are written beside their places. At the end of the block their checksums join those of the set, SHA256SUMS,
@@ -142,7 +142,7 @@ def summed(folder: Path, *stale: str, inputs: Mapping[str, str] = {}) -> Iterato
         parts = {**removed, **parts}
         sums: dict[str, str] = {}
         with suppress(InputError):  # damaged ones are replaced
-            sums = listed(folder / SUMS) if (folder / SUMS).is_file() else {}
+            sums = read_sums(folder / SUMS) if (folder / SUMS).is_file() else {}
         sums |= inputs
         for place, temporary in parts.items():
             sums[place.relative_to(folder).as_posix()] = "" if temporary is None else digest(temporary)

@@ -24,7 +24,7 @@ RENAMED = {
 
 
 @cache
-def stated(stub: Path) -> dict[str, str]:
+def read_stub(stub: Path) -> dict[str, str]:
     """Modules by the public names that a stub states; a namespace is of the module ``"."``."""
     return {name: home for home, name in _NAME.findall(stub.read_text(encoding="utf-8"))}
 
@@ -35,7 +35,7 @@ def attach(module: str, file: str) -> tuple[Callable[[str], Any], Callable[[], l
     A name is imported when it is first used. Raises `AttributeError` for any other, which says where the name is if
     another namespace has it.
     """
-    homes = stated(Path(file).with_suffix(".pyi"))
+    homes = read_stub(Path(file).with_suffix(".pyi"))
     names = sorted(homes)
 
     def load(name: str) -> Any:
@@ -54,7 +54,7 @@ def attach(module: str, file: str) -> tuple[Callable[[str], Any], Callable[[], l
     return load, lambda: names, names
 
 
-def stub_of(space: str) -> Path:
+def find_stub(space: str) -> Path:
     """Stub of a namespace; of the package itself for an empty name."""
     folder = Path(__file__).parents[1] / space
     return folder / "__init__.pyi" if folder.is_dir() else folder.with_suffix(".pyi")
@@ -62,10 +62,10 @@ def stub_of(space: str) -> Path:
 
 def places() -> dict[str, str]:
     """Every public name with its module: `commonrail` or a namespace of it."""
-    flat = stated(stub_of(""))
+    flat = read_stub(find_stub(""))
     modules = {name: PACKAGE for name, home in flat.items() if home != "."}
     for space in (name for name, home in flat.items() if home == "."):
-        modules |= dict.fromkeys(stated(stub_of(space)), f"{PACKAGE}.{space}")
+        modules |= dict.fromkeys(read_stub(find_stub(space)), f"{PACKAGE}.{space}")
     return modules
 
 

@@ -7,7 +7,7 @@ A package registers a part by an entry point, for example a verb in its ``pyproj
 
 What ships with commonrail is registered alike, in the table of `commonrail.plugins`, so that a start does not search
 the disk. Of several parts of one name the shipped one is used, else that of the first package in alphabetical order;
-`unused` has a sentence on each of the others.
+`find_unused` has a sentence on each of the others.
 """
 
 from __future__ import annotations
@@ -96,10 +96,10 @@ class Entry(NamedTuple):
         """
         loaded = self.load()
         if not isinstance(loaded, kind):
-            raise self.refused(f"is to be {what}, and {self.target} is none")
+            raise self.part_error(f"is to be {what}, and {self.target} is none")
         return loaded
 
-    def refused(self, reason: str) -> PluginError:
+    def part_error(self, reason: str) -> PluginError:
         """Error that names the part, with the predicate `reason`."""
         return PluginError(
             f'plug-in {self.distribution} {self.version}: "{self.name}" of {PACKAGE}.{self.group} {reason}; update or '
@@ -107,7 +107,7 @@ class Entry(NamedTuple):
         )
 
     @contextmanager
-    def blamed(self, predicate: str) -> Iterator[None]:
+    def blame(self, predicate: str) -> Iterator[None]:
         """Name the part in what the code of an installed package raises inside, with a `predicate` as "fails on FILE".
 
         Errors of the project pass, and those of what ships.
@@ -121,14 +121,14 @@ class Entry(NamedTuple):
         except Exception as error:
             if self.distribution == PACKAGE:
                 raise
-            raise self.refused(f"{predicate} ({type(error).__name__}: {error})") from error
+            raise self.part_error(f"{predicate} ({type(error).__name__}: {error})") from error
 
     def load(self) -> Any:
         """Import and return the object.
 
         Raises `PluginError` if the import of an installed plug-in fails, whatever its reason.
         """
-        with self.blamed(f"cannot be loaded from {self.target}"):
+        with self.blame(f"cannot be loaded from {self.target}"):
             try:
                 return load(self.target)
             except SystemExit as error:  # a package that leaves by sys.exit takes no other one with it
@@ -147,12 +147,12 @@ class Entry(NamedTuple):
     def call(self, *args: Any) -> Any:
         """Load the function and call it; `PluginError` for what one of an installed plug-in raises."""
         function = self.load()
-        with self.blamed("fails"):
+        with self.blame("fails"):
             return function(*args)
 
 
 @cache
-def shipped(group: str) -> Mapping[str, Entry]:
+def find_shipped(group: str) -> Mapping[str, Entry]:
     """Parts that ship with the package, by name in the order of its table, then those of folders that it lacks."""
     plugins = import_module(f"{PACKAGE}.plugins")
     targets: dict[str, str] = {**plugins.SHIPPED.get(group, {}), **_of_folders(group, plugins)}
@@ -186,35 +186,35 @@ def _of_folders(group: str, plugins: ModuleType) -> dict[str, str]:
 
 
 @cache
-def installed(group: str) -> Mapping[str, Entry]:
+def find_installed(group: str) -> Mapping[str, Entry]:
     """Parts that other installed packages register, by name in alphabetical order; a warning names those unused."""
-    displaced = unused(group)
+    displaced = find_unused(group)
     for sentence in displaced.values():
         note_of_process(sentence)
-    return {name: entries[0] for name, entries in _registered(group).items() if entries[0] not in displaced}
+    return {name: entries[0] for name, entries in _find_registered(group).items() if entries[0] not in displaced}
 
 
-def unused(group: str) -> Mapping[Entry, str]:
+def find_unused(group: str) -> Mapping[Entry, str]:
     """Parts of installed packages that another one of the same name displaces, with a sentence on each."""
     sentences = {}
-    registered = _registered(group)
-    ships = _shipped_names(group) if registered else ()
+    registered = _find_registered(group)
+    ships = _find_shipped_names(group) if registered else ()
     for name, entries in registered.items():
         used = PACKAGE if name in ships else entries[0].distribution
         for entry in entries[used != PACKAGE :]:
-            sentences[entry] = str(entry.refused(f"is not used, because {used} has a part of the same name"))
+            sentences[entry] = str(entry.part_error(f"is not used, because {used} has a part of the same name"))
     return sentences
 
 
-def _shipped_names(group: str) -> Collection[str]:
+def _find_shipped_names(group: str) -> Collection[str]:
     """Names of the parts that ship, also of a group that has them in a list of the core."""
     elsewhere: Mapping[str, str] = import_module(f"{PACKAGE}.plugins").ELSEWHERE
-    listing = load(elsewhere[group]) if group in elsewhere else shipped(group)
+    listing = load(elsewhere[group]) if group in elsewhere else find_shipped(group)
     names: Collection[str] = listing() if callable(listing) else listing
     return names
 
 
-def _registered(group: str) -> Mapping[str, list[Entry]]:
+def _find_registered(group: str) -> Mapping[str, list[Entry]]:
     """All parts of installed packages by name, both in alphabetical order."""
     from importlib.metadata import entry_points  # slow to import
 
@@ -228,15 +228,15 @@ def _registered(group: str) -> Mapping[str, list[Entry]]:
 
 def entries(group: str) -> Mapping[str, Entry]:
     """All parts of a group by name, those that ship first."""
-    return {**shipped(group), **installed(group)}
+    return {**find_shipped(group), **find_installed(group)}
 
 
 def find(group: str, name: str) -> Entry | None:
     """Part of a name, or None; installed packages are searched only where none of that name ships."""
-    return shipped(group).get(name) or installed(group).get(name)
+    return find_shipped(group).get(name) or find_installed(group).get(name)
 
 
-def needed(group: str, name: str) -> Entry:
+def require(group: str, name: str) -> Entry:
     """Part of a name; `InputError` if there is none, as where a distribution leaves it out."""
     if (entry := find(group, name)) is None:
         raise InputError(f'The part "{name}" of {PACKAGE}.{group} is missing; install the package that has it.')
@@ -261,10 +261,10 @@ class Catalogue(NamedTuple):
     def names(self) -> list[str]:
         """All names, those of installed packages behind those that ship."""
         shipped = self.shipped()
-        return shipped + [name for name in installed(self.group) if name not in shipped]
+        return shipped + [name for name in find_installed(self.group) if name not in shipped]
 
     def __contains__(self, name: object) -> bool:
-        return name in self.shipped() or name in installed(self.group)
+        return name in self.shipped() or name in find_installed(self.group)
 
     def shipped(self) -> list[str]:
         """Names of the files that ship without ``.toml``, sorted."""
@@ -275,7 +275,7 @@ class Catalogue(NamedTuple):
         """Text of a file; an unknown name raises `InputError` with `hint`, by default the nearest name."""
         if name in self.shipped():
             return (resources.files(self.package) / self.folder / f"{name}.toml").read_text(encoding="utf-8")
-        if contents := installed_text(self.group, name):
+        if contents := read_installed(self.group, name):
             return contents
         choice = f"choose one of {', '.join(self.names())}{self.cure}."
         raise InputError(f"{self.unknown.format(name)}{hint or self.meant(name)}: {choice}")
@@ -300,7 +300,7 @@ def part_digits(text: str) -> str:
     return digits if (6 if any(map(str.isalpha, text)) else 4) <= len(digits) <= 10 else ""
 
 
-def installed_text(group: str, name: str) -> str | None:
+def read_installed(group: str, name: str) -> str | None:
     """Text of a file of an installed package; None if there is none of that name.
 
     Raises `PluginError` if it cannot be read.
@@ -308,6 +308,6 @@ def installed_text(group: str, name: str) -> str | None:
     if (entry := find(group, name)) is None:
         return None
     target = entry.load()
-    with entry.blamed("gives no file that can be read"):
+    with entry.blame("gives no file that can be read"):
         path = target() if callable(target) else target
         return str((Path(path) if isinstance(path, str) else path).read_text(encoding="utf-8"))

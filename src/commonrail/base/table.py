@@ -31,13 +31,17 @@ class Cell:
 
 @dataclass(frozen=True)
 class Table:
-    """A table; the first `texts` columns are words, the others numbers."""
+    """A table; the first `texts` columns are words, the others numbers.
+
+    `inputs`: heads of columns that repeat what was asked for, which a narrow terminal leaves out first.
+    """
 
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
     texts: int = 1
+    inputs: tuple[str, ...] = ()
 
 
 Column = tuple[str, str | Callable[[Any], str | Cell]]
@@ -50,37 +54,55 @@ class Part(NamedTuple):
     cells: Callable[[Any], Iterable[str | Cell]]
 
 
-def table_of(title: str, rows: Iterable[Any], parts: Sequence[Part], note: str = "", texts: int = 1) -> Table:
+OPERATING_POINT = ("rail, MPa", "energising, µs")  # heads of the inputs of rows that have a name too
+
+
+def table_from_parts(
+    title: str,
+    rows: Iterable[Any],
+    parts: Sequence[Part],
+    note: str = "",
+    texts: int = 1,
+    inputs: tuple[str, ...] = (),
+) -> Table:
     """Table of any rows.
 
-    `rows`: what the parts make cells of. `texts`: number of columns that are words.
+    `rows`: what the parts make cells of. `texts`: number of columns that are words. `inputs`: see `Table`.
     """
     heads = tuple(head for block in parts for head in block.heads)
     texts_or_cells = ((cell for block in parts for cell in block.cells(row)) for row in rows)
     cells = tuple(tuple(cell if isinstance(cell, Cell) else Cell(cell) for cell in row) for row in texts_or_cells)
-    return Table(title, heads, cells, note, texts)
+    return Table(title, heads, cells, note, texts, inputs)
 
 
-def tabulated(title: str, rows: Iterable[Any], columns: Sequence[Column], note: str = "", texts: int = 1) -> Table:
+def table_from_columns(
+    title: str,
+    rows: Iterable[Any],
+    columns: Sequence[Column],
+    note: str = "",
+    texts: int = 1,
+    inputs: tuple[str, ...] = (),
+) -> Table:
     """Table of any rows, column by column.
 
     `rows`: what the columns read, such as parts of a record. `columns`: head, and the key of a row or what makes its
-    text or cell. `texts`: number of columns that are words.
+    text or cell. `texts`: number of columns that are words. `inputs`: see `Table`.
     """
 
     def cell(row: Any, text: str | Callable[[Any], str | Cell]) -> str | Cell:
         return str(row[text]) if isinstance(text, str) else text(row)
 
     heads = [head for head, _ in columns]
-    return table_of(title, rows, [Part(heads, lambda row: (cell(row, text) for _, text in columns))], note, texts)
+    part = Part(heads, lambda row: (cell(row, text) for _, text in columns))
+    return table_from_parts(title, rows, [part], note, texts, inputs)
 
 
-def size_of(error: float | None, steps: Sequence[float]) -> str:
+def judge_size(error: float | None, steps: Sequence[float]) -> str:
     """Size of an error: small up to the first step, medium up to the second; large where there is no number."""
     return LARGE if error is None else (SMALL, MEDIUM, LARGE)[sum(abs(error) > step for step in steps)]
 
 
-def marked(
+def mark_least(
     errors: Sequence[float | None], text: Callable[[float | None], str], steps: Sequence[float] = ()
 ) -> list[Cell]:
     """Cells of a row of errors; the least is marked, and what reads the same, unless all of them do.
@@ -91,6 +113,6 @@ def marked(
     numbers = [abs(error) for error in errors if error is not None]
     least = text(min(numbers)) if len({size for size in sizes if size is not None}) > 1 else None
     return [
-        Cell(text(error), size_of(error, steps) if steps else "", size is not None and size == least)
+        Cell(text(error), judge_size(error, steps) if steps else "", size is not None and size == least)
         for error, size in zip(errors, sizes, strict=True)
     ]

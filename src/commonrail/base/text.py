@@ -56,7 +56,7 @@ def numbers(values: Any) -> list[Any]:
     return [numbers(row) if isinstance(row, list) else number(row) for row in rows]
 
 
-def fixed(value: Any, decimals: int, scale: float = 1.0) -> str:
+def to_fixed(value: Any, decimals: int, scale: float = 1.0) -> str:
     """Number times `scale` with so many decimals."""
     finite = number(value)
     return MISSING if finite is None else f"{finite * scale:.{decimals}f}"
@@ -82,7 +82,7 @@ def _in_print(amount: str) -> str:
     return digits.replace("-", "−") + power
 
 
-def signed(value: Any, decimals: int) -> str:
+def to_signed(value: Any, decimals: int) -> str:
     """Number with its sign, a true minus, and no sign at zero."""
     finite = number(value)
     if finite is None:
@@ -93,7 +93,7 @@ def signed(value: Any, decimals: int) -> str:
 
 def percent(share: Any, decimals: int = 1) -> str:
     """Share as a percentage, without the sign %."""
-    return fixed(share, decimals, 100.0)
+    return to_fixed(share, decimals, 100.0)
 
 
 def pressure(value: Any) -> str:
@@ -142,7 +142,7 @@ def duration(seconds: Any) -> str:
     return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"
 
 
-def counted(count: int, noun: str, nouns: str = "") -> str:
+def count_noun(count: int, noun: str, nouns: str = "") -> str:
     """Number with its noun in the singular or the plural, by default with an s: 1 rail pressure, 2 rail pressures."""
     return f"{count:,} {noun if count == 1 else nouns or f'{noun}s'}"
 
@@ -160,7 +160,7 @@ def command(*words: object) -> str:
     return shlex.join(["commonrail", *map(str, words)])
 
 
-def listed(words: Sequence[str]) -> str:
+def join_words(words: Sequence[str]) -> str:
     """Words as a sentence lists them: a, b and c."""
     if len(words) < 2:
         return "".join(words)

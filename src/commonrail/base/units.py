@@ -190,16 +190,16 @@ def parse(text: str | float, unit: str, where: str = "") -> float:
     >>> parse("80 degC", "K")
     353.15
     """
-    target = _known(unit, where)
-    expected = _expected(target.kind, unit)
-    number, written = _split(text, expected, where)
-    quoted = _quoted(text if isinstance(text, str) else number)
+    target = _find_scale(unit, where)
+    expected = _expectation(target.kind, unit)
+    number, written = _split_number(text, expected, where)
+    quoted = _quote(text if isinstance(text, str) else number)
     if not written and unit != "1":
         raise _error(where, f"{quoted} has no unit; {expected}")
-    source = _known(written or "1", where, expected)
+    source = _find_scale(written or "1", where, expected)
     if source.kind != target.kind:
         raise _error(where, f"{quoted} is {_name(source.kind)}; {expected}")
-    value = _rescaled(number, source, target)
+    value = _rescale(number, source, target)
     if not math.isfinite(value):
         raise _error(where, f"{quoted} is not finite; {expected}")
     return value
@@ -216,11 +216,11 @@ def parse_difference(text: str | float, unit: str, where: str = "") -> float:
     2.0
     """
     value = parse(text, unit, where)
-    number, written = _split(text, unit, where)
-    source, target = _known(written or "1", where), _known(unit, where)
+    number, written = _split_number(text, unit, where)
+    source, target = _find_scale(written or "1", where), _find_scale(unit, where)
     if source.offset == target.offset == 0.0:
         return value
-    return _rescaled(number, source._replace(offset=0.0), target._replace(offset=0.0))
+    return _rescale(number, source._replace(offset=0.0), target._replace(offset=0.0))
 
 
 @overload
@@ -235,12 +235,12 @@ def convert(value: Any, source_unit: str, target_unit: str, where: str = "") -> 
     Not-a-number passes through; an offset unit such as degC is a point on its scale. `where` as for `parse`. Raises
     `InputError` if a unit is unknown, or the two are of different kinds.
     """
-    source, target = _known(source_unit, where), _known(target_unit, where)
+    source, target = _find_scale(source_unit, where), _find_scale(target_unit, where)
     if source.kind != target.kind:
         raise _error(
             where,
-            f"{_quoted(source_unit)} is a unit of {_name(source.kind)} and cannot become "
-            f"{_quoted(target_unit)}, a unit of {_name(target.kind)}",
+            f"{_quote(source_unit)} is a unit of {_name(source.kind)} and cannot become "
+            f"{_quote(target_unit)}, a unit of {_name(target.kind)}",
         )
     if source == target:
         return value * 1.0
@@ -249,7 +249,7 @@ def convert(value: Any, source_unit: str, target_unit: str, where: str = "") -> 
 
 def compatible(a: str, b: str) -> bool:
     """Tell whether two units measure the same kind of quantity; InputError for an unknown unit."""
-    return _known(a, "").kind == _known(b, "").kind
+    return _find_scale(a, "").kind == _find_scale(b, "").kind
 
 
 def is_everyday(unit: str) -> bool:
@@ -259,7 +259,7 @@ def is_everyday(unit: str) -> bool:
 
 def same_scale(unit: str, other: str) -> bool:
     """Tell whether two units are the same under different names; InputError for an unknown unit."""
-    return _known(unit, "") == _known(other, "")
+    return _find_scale(unit, "") == _find_scale(other, "")
 
 
 def fits(unit: str, kind: str) -> bool:
@@ -293,7 +293,7 @@ def to_text(value: float, unit: str, digits: int = 6) -> str:
     return f"{plain} {shown}"
 
 
-def _rescaled(number: str, source: Scale, target: Scale) -> float:
+def _rescale(number: str, source: Scale, target: Scale) -> float:
     """Scale in decimal, so that "215 um" is the float that 215e-6 is; may return an infinity."""
     value = float(number)
     # Decimal refuses exponents that a float rounds to zero or to infinity.
@@ -302,29 +302,29 @@ def _rescaled(number: str, source: Scale, target: Scale) -> float:
     return float((exact - Decimal(repr(target.offset))) / Decimal(repr(target.factor)))
 
 
-def _split(text: object, expected: str, where: str) -> tuple[str, str]:
+def _split_number(text: object, expected: str, where: str) -> tuple[str, str]:
     """Number and unit as written; the number is kept as text, for exact scaling."""
     if isinstance(text, bool) or not isinstance(text, (str, Real)):
-        raise _error(where, f"{_quoted(text)} is not a number with a unit; {expected}")
+        raise _error(where, f"{_quote(text)} is not a number with a unit; {expected}")
     if isinstance(text, Real):
         with suppress(OverflowError):
             return repr(float(text)), ""
         return "inf", ""
     if re.search(r"\d,\d", text):
-        raise _error(where, f"{_quoted(text)} has a comma; write the decimal sign as a point")
+        raise _error(where, f"{_quote(text)} has a comma; write the decimal sign as a point")
     if text.strip() == "?":
         raise _error(where, f'"?" stands for what no file told; state it: {expected}')
     match = _NUMBER.fullmatch(unicodedata.normalize("NFKC", text).replace("−", "-").strip())
     if not match:
-        raise _error(where, f"{_quoted(text)} does not start with a number; {expected}")
+        raise _error(where, f"{_quote(text)} does not start with a number; {expected}")
     return match[1], match[2].strip()
 
 
-def _known(unit: str, where: str, expected: str = "") -> Scale:
+def _find_scale(unit: str, where: str, expected: str = "") -> Scale:
     scale = _scale(unit)
     if scale is None:
         meant = nearest(unit, FAST) + (expected and f"; {expected}")
-        raise _error(where, f"{_quoted(unit)} is not a known unit{meant}")
+        raise _error(where, f"{_quote(unit)} is not a known unit{meant}")
     return scale
 
 
@@ -387,12 +387,12 @@ def _name(kind: str) -> str:
     return NAMES[kind][0] if kind in NAMES else f"a quantity in {kind}"
 
 
-def _expected(kind: str, unit: str) -> str:
+def _expectation(kind: str, unit: str) -> str:
     name, example = NAMES.get(unit) or NAMES.get(kind, (f"a quantity in {unit}", f"3 {unit}"))
     return f'{name} is expected, for example "{example}"'
 
 
-def _quoted(text: object) -> str:
+def _quote(text: object) -> str:
     """One short line, whatever was in the file."""
     line = " ".join(text.split()) if isinstance(text, str) else reprlib.repr(text)
     return f'"{line if len(line) <= 40 else line[:37] + "..."}"'

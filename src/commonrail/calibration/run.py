@@ -11,7 +11,7 @@ import numpy as np
 from commonrail.base.arguments import flag, function, instance, thread_count
 from commonrail.base.display import Shown
 from commonrail.base.errors import StudyError
-from commonrail.base.hooks import held_interrupts
+from commonrail.base.hooks import hold_interrupts
 from commonrail.calibration.optimisers.base import Best
 from commonrail.calibration.plausibility import Finding, Fit, after_fit, of_settings, of_values
 from commonrail.calibration.scoring import Scores, injector_of, mean_scores, score_all, scores_of
@@ -133,7 +133,7 @@ def calibrate(
         instance(workers, Workers, "workers")
     if checkpoint is not None:
         instance(checkpoint, Checkpoint, "checkpoint")
-    with held_interrupts() as stop:
+    with hold_interrupts() as stop:
         search = Search(study, objective_of(study, threads), workers, Listeners(progress, recorder, stop), checkpoint)
         start, by_itself, at_start = _start(study, threads, warn, strict)
         calibration = _calibration(study, search.to_end(), start, threads)

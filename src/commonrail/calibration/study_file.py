@@ -93,7 +93,7 @@ def edit_study(path: Path, edit: Callable[[Any], None]) -> Study:
 def _study(file: Path, model: StudyModel, at: Place, reach: Reach, text: str) -> Study:
     injector = named_injector(model.injector, file.parent, reach, at / "injector")
     if model.type is not None:
-        model = registry.needed("study_keys", "type").call(model, injector, reach, at)
+        model = registry.require("study_keys", "type").call(model, injector, reach, at)
     elif not model.parameter:
         raise (at / "parameter").error("this key is missing; add [[parameter]] tables, or name a type")
     injector = _started(injector, model, at)

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo, crea
 
 from commonrail.base.choices import Precision
 from commonrail.base.errors import nearest
-from commonrail.base.registry import shipped
+from commonrail.base.registry import find_shipped
 from commonrail.calibration.objective import Loss
 from commonrail.calibration.optimisers import registry
 from commonrail.calibration.optimisers.base import Registered
@@ -34,7 +34,7 @@ MOST_SEEDS = 100
 
 
 _BLOCK = OneOf(
-    "kind", dict.fromkeys(shipped("data")), lambda name: None if (kind := find_kind(name)) is None else kind.model
+    "kind", dict.fromkeys(find_shipped("data")), lambda name: None if (kind := find_kind(name)) is None else kind.model
 )
 
 

@@ -8,76 +8,38 @@ import re
 import shutil
 import sys
 import textwrap
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass, field
+from itertools import accumulate, chain
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 import click
 
-from commonrail.base.hooks import check_unheld_stop, compiled_words, telling_of_compiling
+from commonrail.base.hooks import check_unheld_stop, describe_compiling, listen_to_compiling
 from commonrail.base.stages import Listener
-from commonrail.base.text import duration
+from commonrail.base.text import count_noun, duration
+from commonrail.cli.grid import LINES, Grid, name_parameters, text_width
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from commonrail.base.table import Table
 
-# Tables as plain text, where every cell fits into its line: rich, which folds the others, takes long to import.
-
-# Characters of one column: Latin and Greek letters, signs of punctuation and mathematics.
-_NARROW = re.compile(
-    "[ -~\u00a0-\u00ac\u00ae-\u02ff\u0370-\u0377\u0384-\u03ff\u2010-\u2027\u2030-\u205e\u2070-\u20cf\u2100-\u22ff]*"
-)
-
-
-def plain_rows(rows: Sequence[Sequence[str]], title: str, texts: int, width: int) -> list[str] | None:
-    """Lines of a table as rich draws it with `box.SIMPLE_HEAD`; None if a line has to be folded.
-
-    The first of the rows are the heads; the first `texts` columns are text, those after them numbers, at the right.
-    A line has `width` columns.
-    """
-    sizes = _sizes(rows)
-    within = sum(size + 3 for size in sizes or []) - 1
-    if sizes is None or within + 2 > width or len(title) > within + 2 or not _NARROW.fullmatch(title):
-        return None
-    aligned = [
-        "   ".join(c.ljust(n) if i < texts else c.rjust(n) for i, (c, n) in enumerate(zip(row, sizes, strict=True)))
-        for row in rows
-    ]
-    lines = ["", f"  {aligned[0]}", f" {'─' * within}", *(f"  {line}" for line in aligned[1:]), ""]
-    return [line.rstrip() for line in ([title] if title else []) + lines]
-
-
-def plain_pairs(rows: Sequence[Sequence[str]], width: int) -> list[str] | None:
-    """Lines of names and values; None if one has to be folded."""
-    sizes = _sizes(rows)
-    if sizes is None or sum(sizes) + 3 > width:
-        return None
-    return [f"{name.ljust(sizes[0])}   {value}".rstrip() for name, value in rows]
-
-
-def _sizes(rows: Sequence[Sequence[str]]) -> list[int] | None:
-    """Width of each column; None if there is none, or a character whose width is not one column."""
-    if not rows or not rows[0] or not all(_NARROW.fullmatch(cell) for row in rows for cell in row):
-        return None
-    return [max(map(len, column)) for column in zip(*rows, strict=True)]
-
-
 SIMULATING = "simulating ..."
 COMPILING = "compiling the simulation for this machine, once"
 # Control characters but tab and line feed, and those that turn the direction of writing.
 _OBEYED = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
-WIDTH_OF_A_FILE = 160  # columns where stdout is no terminal
-NARROW_TERMINAL = 100  # columns below which tables are divided rather than fold their words
+WIDTH_OF_A_FILE = 100  # columns where stdout is not a terminal
 
 
 def say(text: str) -> None:
     """Print a line for the person, on stderr."""
     with suppress(OSError, ValueError, AttributeError):  # stderr is closed: continue the work
-        click.echo(_shown(text), err=True)
+        click.echo(_mask_controls(text), err=True)
 
 
 def say_of_ending(text: str) -> None:
@@ -87,26 +49,30 @@ def say_of_ending(text: str) -> None:
         os.write(2, f"{show_cursor}\ncommonrail: {text}\n".encode())
 
 
-_said = ""  # the last sentence, where it cannot be taken back
+_said_once: set[str] = set()
+
+
+def say_once(text: str) -> None:
+    """Print a line for the person, on stderr, unless it has been printed before."""
+    if text not in _said_once:
+        _said_once.add(text)
+        say(text)
 
 
 def compiling_words() -> str:
     """Sentence on a compilation: of what, and how long it takes."""
-    return f"{COMPILING}{compiled_words()} ..."
+    return f"{COMPILING}{describe_compiling()} ..."
 
 
 @contextmanager
 def compiling() -> Iterator[None]:
     """Say that a simulation is being compiled, with a sign of life in a terminal, else once for each sentence."""
-    global _said
     console, words = stderr_console(), compiling_words()
     if console is not None:
         with console.status(words):
             yield
         return
-    if words != _said:
-        _said = words
-        say(words)
+    say_once(words)
     yield
 
 
@@ -133,7 +99,7 @@ def columns_of(stream: TextIO) -> int:
     return shutil.get_terminal_size().columns if stream.isatty() else WIDTH_OF_A_FILE
 
 
-def wrapped(text: str, indent: str = "") -> list[str]:
+def wrap_line(text: str, indent: str = "") -> list[str]:
     """Lines of a sentence: in a terminal broken between words, those after the first behind `indent`, in a file one."""
     if not sys.stdout.isatty():
         return [text]
@@ -144,7 +110,7 @@ def wrapped(text: str, indent: str = "") -> list[str]:
 def print_lines(lines: Iterable[str]) -> None:
     """Print sentences, in a terminal broken between words."""
     for line in lines:
-        click.echo("\n".join(wrapped(line)))
+        click.echo("\n".join(wrap_line(line)))
 
 
 def print_text(lines: Iterable[str], tables: Sequence[Table] = ()) -> None:
@@ -156,73 +122,120 @@ def print_text(lines: Iterable[str], tables: Sequence[Table] = ()) -> None:
         print_table(table)
 
 
+SHORT = "commonrail.short_form"  # key in the context of click
+LINES_OF_HEADS = 4  # title, heads, rule and an empty line
+NAMED_TABLES = 3
+
+
+@dataclass
+class ShortForm:
+    """Short form of the tables of one command: the lines that are left to them, and what they have left out."""
+
+    lines: int = LINES
+    omitted: Counter[str] = field(default_factory=Counter)
+    tables: list[str] = field(default_factory=list)
+
+    def omit(self, noun: str, count: int) -> None:
+        """Count what is left out."""
+        self.omitted[noun] += count
+
+    def take_rows(self, title: str, sizes: Sequence[int]) -> int:
+        """Number of rows, of `sizes` lines each, that a table prints: of a later table all or none."""
+        if self.lines < LINES and sum(sizes) + LINES_OF_HEADS > self.lines:
+            self.tables.append(title)
+            return 0
+        count = sum(lines <= self.lines for lines in accumulate(sizes))
+        count = max(count, min(len(sizes), self.lines == LINES))
+        self.lines -= sum(sizes[:count]) + LINES_OF_HEADS * (self.lines < LINES)
+        self.omit("row", len(sizes) - count)
+        return count
+
+    def take(self, noun: str, items: list[list[str]], lines: int, least: int) -> list[list[str]]:
+        """The first items that fit into so many lines, at least `least`."""
+        count = max(sum(end <= lines for end in accumulate(map(len, items))), least)
+        self.omit(noun, max(len(items) - count, 0))
+        return items[:count]
+
+    def take_note(self, lines: list[str]) -> list[str]:
+        """Lines of the note below a table, if there is room for them."""
+        if len(lines) > self.lines:
+            self.omit("note", 1)
+            return []
+        self.lines -= len(lines)
+        return lines
+
+    def hint(self) -> str:
+        """Sentence on what is left out; empty if nothing is."""
+        parts = [f"{count:,} more {noun}{'s' * (count > 1)}" for noun, count in self.omitted.items() if count]
+        if self.tables:
+            names = list(dict.fromkeys(re.split("[,:(]", title)[0].strip() for title in self.tables))
+            rest = ["..."] * (len(names) > NAMED_TABLES)
+            parts.append(f"{count_noun(len(self.tables), 'more table')} ({', '.join([*names[:NAMED_TABLES], *rest])})")
+        return f"{', '.join(parts)}: --full" if parts else ""
+
+
+def short_form() -> ShortForm | None:
+    """Short form of the command that runs; None if it prints in full."""
+    context = click.get_current_context(silent=True)
+    return None if context is None else context.meta.get(SHORT)
+
+
 def print_table(table: Table) -> None:
     """Print a table of the report."""
     rows = [[cell.plain for cell in row] for row in table.rows]
-    print_rows(table.columns, rows, table.title, texts=table.texts)
-    if table.note:
-        print_lines([table.note])
-    click.echo("")
+    print_rows(table.columns, rows, table.title, table.texts, table.inputs, table.note)
 
 
 def print_rows(
-    columns: Sequence[str], rows: Sequence[Sequence[str]], title: str = "", texts: int | None = None
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    title: str = "",
+    texts: int | None = None,
+    inputs: Sequence[str] = (),
+    note: str = "",
 ) -> None:
-    """Print rows under their heads.
+    """Print rows under their heads: in a short form those that fit, else all, in parts that fit.
 
-    `title`: line above the heads, if any. `texts`: number of leading columns with text; those after them are numbers.
-    None: all are text. In a terminal of fewer than `NARROW_TERMINAL` columns a table that does not fit goes on below
-    itself, with its first column again.
+    Parameters
+    ----------
+    columns, rows : sequence
+        Heads, and the cells below them.
+    title, note : str
+        Sentences above the heads and below the rows.
+    texts : int, optional
+        Number of leading columns with words; the others have numbers. By default all have words.
+    inputs : sequence of str
+        Heads of the columns that a short form leaves out first: what was asked for, not what came of it.
     """
-    shown = [list(map(_shown, row)) for row in (columns, *rows)]
-    texts = len(columns) if texts is None else texts
-    plain = None if sys.stdout.isatty() else plain_rows(shown, title, texts, WIDTH_OF_A_FILE)
-    if plain is not None:
-        click.echo("\n".join(plain))
-        return
-    from rich import box
-    from rich.table import Table as Grid
-
-    for first, end in _parts(shown):
-        kept = (0, *range(first, end))
-        grid = Grid(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, title_style="bold")
-        for index in kept:
-            grid.add_column(shown[0][index], justify="right" if index >= texts else "left", overflow="fold")
-        for row in shown[1:]:
-            grid.add_row(*(row[index] for index in kept))
-        _print(grid)
-        title = ""
-
-
-def _parts(rows: Sequence[Sequence[str]]) -> list[tuple[int, int]]:
-    """First column, and the one after the last, of each part that fits into a narrow terminal behind column 0."""
-    from rich.cells import cell_len
-
-    width, whole = columns_of(sys.stdout), len(rows[0])
-    sizes = [max(map(cell_len, column)) + 3 for column in zip(*rows, strict=True)]
-    starts = [1]
-    for end in range(2, whole if width < NARROW_TERMINAL else 0):
-        if sizes[0] + sum(sizes[starts[-1] : end + 1]) + 1 > width:
-            starts.append(end)
-    return list(zip(starts, [*starts[1:], whole], strict=True))
+    short, width = short_form(), columns_of(sys.stdout) - 2
+    cells = [_cells(row) for row in (columns, *rows)]
+    is_text = tuple(index < (len(columns) if texts is None else texts) for index in range(len(columns)))
+    grid = name_parameters(Grid(tuple(zip(*cells, strict=True)), is_text, tuple(inputs)))
+    parts = [grid.leave_out_columns(width)] if short else grid.divide(width)
+    notes, count = wrap_line(note) if note else [], len(rows)
+    if short:
+        count = short.take_rows(title, list(map(len, parts[0].lines(width)[1:])))
+        if rows and not count:
+            return
+        short.omit("column", len(grid.columns) - len(parts[0].columns))
+        notes = short.take_note(notes)
+    if title:
+        click.echo("\n".join(click.style(line, bold=True) for line in wrap_line(title)))
+    for part in parts:
+        heads, *lines = part.lines(width)
+        rule = "─" * (max(map(text_width, chain(heads, *lines))) + 1)
+        body = [f"  {line}" for line in (*heads, *chain.from_iterable(lines[:count]))]
+        click.echo("\n".join([*body[: len(heads)], f" {rule}", *body[len(heads) :]]))
+    click.echo("\n".join(["", *notes, ""] if notes else [""]))
 
 
 def print_pairs(pairs: Sequence[tuple[str, str]], title: str) -> None:
-    """Print names with their values."""
-    shown = [list(map(_shown, pair)) for pair in pairs]
-    click.echo(title)
-    plain = None if sys.stdout.isatty() else plain_pairs(shown, WIDTH_OF_A_FILE)
-    if plain is not None:
-        click.echo("\n".join(plain))
-        return
-    from rich.table import Table as Grid
-
-    grid = Grid.grid(padding=(0, 3))
-    for _ in range(2):
-        grid.add_column(overflow="fold")
-    for pair in shown:
-        grid.add_row(*pair)
-    _print(grid)
+    """Print names with their values: in a short form those that fit."""
+    columns = tuple(zip(*map(_cells, pairs), strict=True)) or ((), ())
+    lines = Grid(columns, (True, True)).lines(columns_of(sys.stdout))
+    short = short_form()
+    count = short.take_rows(title, list(map(len, lines))) if short else len(lines)
+    click.echo("\n".join([title, *chain.from_iterable(lines[:count])]))
 
 
 def stderr_console() -> Console | None:
@@ -232,17 +245,14 @@ def stderr_console() -> Console | None:
     return console if console is not None and console.is_terminal else None
 
 
-def _print(grid: Any) -> None:
-    """Print on stdout without the spaces that fill rich's lines."""
-    console = _console(sys.stdout)
-    with console.capture() as captured:
-        console.print(grid)
-    click.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
+def _mask_controls(text: str) -> str:
+    """Text without what a terminal would obey: names come from files of others."""
+    return _OBEYED.sub("?", text)
 
 
-def _shown(cell: str) -> str:
-    """Text of a cell without what a terminal would obey: names come from files of others."""
-    return _OBEYED.sub("?", cell)
+def _cells(row: Sequence[str]) -> list[str]:
+    """Texts of a row, each on one line."""
+    return [re.sub(r"[\t\n]+", " ", _mask_controls(cell)) for cell in row]
 
 
 def _console(stream: Any) -> Console:
@@ -286,7 +296,7 @@ class Bar(AbstractContextManager["Bar"]):
             self.bar = _rich_bar(self.console)
             self.bar.start()
             self.task = self.bar.add_task(STARTING, total=None, figures="")
-        self._telling = telling_of_compiling(self._compiling)
+        self._telling = listen_to_compiling(self._compiling)
         self._telling.__enter__()
         return self
 
@@ -318,26 +328,24 @@ class Bar(AbstractContextManager["Bar"]):
         if self.console is not None:
             self.bar.update(self.task, description=s.phase, completed=s.done, total=s.total, figures=s.figures)
             return
-        part = (10 * s.done // max(s.total, 1), s.phase)
-        if s.done > 0 and part != self._said:
-            if s.phase != self._said[1]:
+        tenth_and_phase = (10 * s.done // max(s.total, 1), s.phase)
+        if s.done > 0 and tenth_and_phase != self._said:
+            if s.phase != self._said[1] or tenth_and_phase[0] < self._said[0]:  # another phase, or the same again
                 self._first = s.done, monotonic()
             steps, seconds = s.done - self._first[0], monotonic() - self._first[1]
             left = f", {duration(seconds / steps * (s.total - s.done))} left" if steps > 0 and s.done < s.total else ""
-            self._said = part
+            self._said = tenth_and_phase
             say(f"{s.phase} {s.done}/{s.total}: {s.figures}{left}")
 
 
-def shown_by(bar: Bar, after: float = 0.0) -> Listener:
-    """Listener that numbers the stages of each phase and shows them, in a file those that end `after` so long [s]."""
-    counts: dict[str, int] = {}
+def show_stages_on(bar: Bar, after: float = 0.0) -> Listener:
+    """Listener that shows the stages of each phase, in a file those that end `after` so long [s]."""
     start: list[float] = []
 
     def show(phase: str, done: int, most: int, figures: str) -> None:
         start[:] = start or [monotonic()]
-        counts[phase] = counts.get(phase, 0) + (done == 0)
         if bar.console is not None or monotonic() >= start[0] + after:
-            bar.show(Stage(f"{phase} {counts[phase]}", done, most, figures))
+            bar.show(Stage(phase, done, most, figures))
 
     return show
 

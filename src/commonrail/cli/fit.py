@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import sys
 import textwrap
-from collections.abc import Callable, Mapping
-from itertools import accumulate, chain
+from collections.abc import Callable
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,13 +14,28 @@ import click
 
 from commonrail.base.errors import StudyError
 from commonrail.base.stages import telling
-from commonrail.base.text import command, counted, quantity
-from commonrail.cli.console import Bar, Stage, columns_of, print_json, print_lines, print_table, say, shown_by, wrapped
+from commonrail.base.text import command, count_noun, quantity
+from commonrail.cli.console import (
+    Bar,
+    Stage,
+    columns_of,
+    print_json,
+    print_lines,
+    print_table,
+    say,
+    short_form,
+    show_stages_on,
+    wrap_line,
+)
+from commonrail.cli.grid import LINES
 from commonrail.cli.guard import INTERRUPTED
 
 if TYPE_CHECKING:
+    from commonrail.base.table import Table
+    from commonrail.calibration.record import CalibrationRecord
     from commonrail.calibration.search import Progress
     from commonrail.calibration.study import Study
+    from commonrail.report.fit.rules import Tile
     from commonrail.runs.fit import Listener
     from commonrail.runs.folder import Results
     from commonrail.workers.workers import Workers
@@ -52,8 +67,8 @@ def run_study(
     """Calibrate a study into a new folder, with progress and warnings on stderr; as `runs.calibrate_into`."""
     from commonrail.runs.fit import calibrate_into
 
-    points = counted(sum(len(data.points) for data in study.data), "operating point")
-    return reported(
+    points = count_noun(sum(len(data.points) for data in study.data), "operating point")
+    return run_and_report(
         f"{study.title}: {points}, steps of {quantity(study.time_step, 's')} (seconds for one curve, minutes for many)",
         folder,
         lambda listener: calibrate_into(
@@ -62,14 +77,14 @@ def run_study(
     )
 
 
-def reported(
+def run_and_report(
     title: str, folder: Path, work: Callable[[Listener], object], stage: Callable[[Progress], Stage] | None = None
 ) -> Outcome:
     """Run a fit of any kind in its folder, with its progress on stderr, and write its report, without a live chart.
 
     `stage` says how far a search is for the bar with the title, by default `stage_of`.
     """
-    from commonrail.base.hooks import held_interrupts
+    from commonrail.base.hooks import hold_interrupts
     from commonrail.report.page import write_report, write_report_of
     from commonrail.report.result_kind import kind_of
     from commonrail.runs.fit import Listener
@@ -77,8 +92,8 @@ def reported(
 
     shown, judged = stage_of if stage is None else stage, True
     written: list[Results] = []
-    with held_interrupts():  # once the search has ended, its report is written whatever keys are pressed
-        with Bar(title) as bar, telling(shown_by(bar, JUDGED_SOON)):
+    with hold_interrupts():  # once the search has ended, its report is written whatever keys are pressed
+        with Bar(title) as bar, telling(show_stages_on(bar, JUDGED_SOON)):
             try:
                 work(Listener(lambda p: bar.show(shown(p)), bar.note, written.append))
             except KeyboardInterrupt:
@@ -92,8 +107,8 @@ def reported(
         return Outcome(folder, report, dict(kind_of(folder).read(folder)), judged)
 
 
-def print_outcome(outcome: Outcome, json: bool, *, full: bool = False, strict: bool = False, live: bool = True) -> None:
-    """Print the verdict of a run, with `full` its tables too, or its record; exit status 130 if it was stopped.
+def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False, live: bool = True) -> None:
+    """Print the verdict of a run, in full its tables too, or its record; exit status 130 if it was stopped.
 
     With `live` the main chart of its report is made one that simulates, unless it was stopped.
 
@@ -103,24 +118,28 @@ def print_outcome(outcome: Outcome, json: bool, *, full: bool = False, strict: b
     from commonrail.report.fit.verdict import verdict
 
     record, warnings = outcome.record, outcome.record["warnings"]
+    fit = read_as(CalibrationRecord, record)
     if json:
         places = {"run": str(outcome.folder), "report": str(outcome.report)}
-        judged = verdict(read_as(CalibrationRecord, record), str(outcome.folder)).record()
+        judged = verdict(fit, str(outcome.folder)).record()
         print_json({"kind": "calibration", **places, "verdict": judged, "result": record})
     else:
-        if full:
-            _print_tables(record)
+        short = short_form()
+        if short is None:
+            _print_in_full(fit)
         if record["synthetic"]:
             print_lines([f"SYNTHETIC: {record['synthetic']}"])
-        print_card(record, str(outcome.folder))
-        top = f" ({counted(len(warnings), 'warning')} at its top)" if warnings else ""
+        print_card(fit, str(outcome.folder))
+        if short is not None:
+            short.tables += [table.title for table in _tables(fit)]
+        top = f" ({count_noun(len(warnings), 'warning')} at its top)" if warnings else ""
         click.echo(f"report: {outcome.report}{top}")
     end_if_stopped(outcome)
     if live:
         make_live(outcome)
     if strict and warnings:
         raise StudyError(
-            f"{outcome.folder} is written, and has {counted(len(warnings), 'warning')}; the first: "
+            f"{outcome.folder} is written, and has {count_noun(len(warnings), 'warning')}; the first: "
             f"{warnings[0]['sentence']}"
         )
 
@@ -139,21 +158,26 @@ def make_live(outcome: Outcome) -> None:
         write_report(outcome.folder)
 
 
-def _print_tables(record: Mapping[str, Any]) -> None:
-    """Print all tables and sentences of a calibration."""
-    from commonrail.calibration.record import CalibrationRecord, read_as
-    from commonrail.report.fit.certainty import certainty_lines, likelihood_tables
+def _tables(fit: CalibrationRecord) -> tuple[Table, ...]:
+    """All tables of a calibration."""
+    from commonrail.report.fit.certainty import likelihood_tables
     from commonrail.report.fit.tables import parameter_table, tables_of
-    from commonrail.report.fit.verdict import baseline_lines, convergence_lines, judgement_lines, judgement_tables
+    from commonrail.report.fit.verdict import judgement_tables
 
-    fit = read_as(CalibrationRecord, record)
-    tables = (
+    return (
         *tables_of(fit.data),
         parameter_table(fit.parameters, fit.certainty),
         *likelihood_tables(fit.certainty),
         *judgement_tables(fit),
     )
-    for table in tables:
+
+
+def _print_in_full(fit: CalibrationRecord) -> None:
+    """Print all tables and sentences of a calibration."""
+    from commonrail.report.fit.certainty import certainty_lines
+    from commonrail.report.fit.verdict import baseline_lines, convergence_lines, judgement_lines
+
+    for table in _tables(fit):
         print_table(table)
     print_lines(convergence_lines(fit))
     print_lines(certainty_lines(fit.certainty))
@@ -162,32 +186,41 @@ def _print_tables(record: Mapping[str, Any]) -> None:
 
 
 COLOURS = {"good": "green", "care": "yellow", "bad": "red"}  # of the levels of a verdict
-LINES, STEPS = 15, 3  # lines of the card in a terminal, and commands in it
+BEFORE_WORDS = 36  # columns of a tile's sign, name and figure
+FEWEST_WORDS = 24  # columns below which the words of a tile go below its figure
 
 
-def print_card(record: Mapping[str, Any], run: str) -> None:
-    """Print verdict, figures, reasons and next commands of a calibration in some `LINES`, reasons cut first."""
-    from commonrail.calibration.record import CalibrationRecord, read_as
+def print_card(fit: CalibrationRecord, run: str) -> None:
+    """Print verdict, figures, reasons and next commands of a calibration; in a short form those that fit."""
     from commonrail.report.fit.verdict import tiles, verdict
 
-    fit = read_as(CalibrationRecord, record)
-    judged, figures = verdict(fit, run), tiles(fit)
+    judged, short = verdict(fit, run), short_form()
     bar = click.style("┃", fg=COLOURS[judged.level])
-    title = wrapped(f"┃ {judged.headline}", "┃ ")
-    click.echo("\n".join(f"{bar}{click.style(line[1:], bold=True)}" for line in title))
-    for tile in figures:
-        figure = click.style(f"{tile.figure:<20}", fg=COLOURS.get(tile.level))
-        click.echo(f"{bar} {tile.sign or ' '} {tile.head:<11}{figure} {_one_line(tile.words, 37)}")
-    steps = []
-    for number, step in enumerate(judged.steps[:STEPS], start=1):
-        steps += [*wrapped(f"{number} {step.text}", "  "), *(click.style(c, bold=True) for c in _command(step.command))]
-    room = max(LINES - len(title) - len(figures) - len(steps), 2)
-    reasons = [wrapped(f"- {reason}", "  ") for reason in (*judged.reasons[1:], *judged.notes)]
-    shown = max(sum(size <= room for size in accumulate(map(len, reasons))), 1)
-    lines = list(chain.from_iterable(reasons[:shown]))
-    if len(reasons) > shown:
-        lines.append(f"  … {counted(len(reasons) - shown, 'more reason')} in the report")
-    click.echo("\n".join([*lines, *steps]))
+    title = [f"{bar}{click.style(line[1:], bold=True)}" for line in wrap_line(f"┃ {judged.headline}", "┃ ")]
+    figures = list(chain.from_iterable(_tile_lines(tile, bar) for tile in tiles(fit)))
+    reasons = [wrap_line(f"- {reason}", "  ") for reason in (*judged.reasons[1:], *judged.notes)]
+    steps = [
+        [*wrap_line(f"{number} {step.text}", "  "), *(click.style(c, bold=True) for c in _command(step.command))]
+        for number, step in enumerate(judged.steps, start=1)
+    ]
+    if short:
+        room = LINES - len(figures) - sum(map(len, steps[:1]))
+        reasons = short.take("reason", reasons, room, least=1)
+        steps = short.take("step", steps, LINES - len(figures) - sum(map(len, reasons)), least=1)
+    click.echo("\n".join([*title, *figures, *chain.from_iterable((*reasons, *steps))]))
+
+
+def _tile_lines(tile: Tile, bar: str) -> list[str]:
+    """Lines of a figure: sign, name, figure, and its words, broken where the terminal ends."""
+    figure = click.style(f"{tile.figure:<20}", fg=COLOURS.get(tile.level))
+    line = f"{bar} {tile.sign or ' '} {tile.head:<11}{figure}"
+    if not sys.stdout.isatty():
+        return [f"{line} {tile.words}"]
+    room = columns_of(sys.stdout) - BEFORE_WORDS
+    if room >= FEWEST_WORDS:
+        first, *others = textwrap.wrap(tile.words, room) or [""]
+        return [f"{line} {first}", *(f"{bar}{' ' * (BEFORE_WORDS - 1)}{other}" for other in others)]
+    return [line, *(f"{bar}     {other}" for other in textwrap.wrap(tile.words, room + BEFORE_WORDS - 6))]
 
 
 def _command(command: str) -> list[str]:
@@ -195,15 +228,8 @@ def _command(command: str) -> list[str]:
     if os.name == "nt" or not sys.stdout.isatty():
         return [f"  {command}"] if command else []
     width = columns_of(sys.stdout) - 2  # that of the sign at the end
-    found = textwrap.wrap(command, width, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
-    return [f"{line} \\" for line in found[:-1]] + found[-1:]
-
-
-def _one_line(text: str, before: int) -> str:
-    """Text cut between words to the line of a terminal of which so many columns are taken; in a file the whole text."""
-    if not sys.stdout.isatty():
-        return text
-    return textwrap.shorten(text, max(columns_of(sys.stdout) - before, 20), placeholder=" …")
+    lines = textwrap.wrap(command, width, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
+    return [f"{line} \\" for line in lines[:-1]] + lines[-1:]
 
 
 def end_if_stopped(outcome: Outcome) -> None:

@@ -17,13 +17,14 @@ from typing import Annotated, Any, get_args, get_origin
 import click
 
 from commonrail.base.arguments import LARGEST_WHOLE
-from commonrail.base.declare import declared_fields
+from commonrail.base.declare import read_declarations
 from commonrail.base.errors import PluginError, nearest
-from commonrail.base.hooks import check_unheld_stop, requested_stops
+from commonrail.base.hooks import catch_stops, check_unheld_stop
 from commonrail.base.registry import entries, find, words_on_shipped
 from commonrail.base.units import parse
-from commonrail.cli.console import say
-from commonrail.cli.guard import check_paths, guarded
+from commonrail.cli.console import SHORT, ShortForm, print_lines, say, short_form
+from commonrail.cli.grid import LINES
+from commonrail.cli.guard import check_paths, end_on_errors
 
 
 class Option:
@@ -64,7 +65,7 @@ class Verb(click.Command):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the positional arguments before the options."""
-        arguments = [(made.make_metavar(ctx), made.text) for made in self.params if isinstance(made, _Argument)]
+        arguments = [(param.make_metavar(ctx), param.text) for param in self.params if isinstance(param, _Argument)]
         if arguments:
             with formatter.section("Arguments"):
                 formatter.write_dl(arguments)
@@ -87,9 +88,13 @@ class Verb(click.Command):
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the function."""
+        """Run the function, and say what the short form of its tables has left out."""
         check_paths(ctx.params)
-        return super().invoke(ctx)
+        try:
+            return super().invoke(ctx)
+        finally:
+            if (short := short_form()) and (hint := short.hint()):
+                print_lines([hint])
 
 
 def verb(function: Callable[..., None]) -> Verb:
@@ -110,8 +115,8 @@ def verb(function: Callable[..., None]) -> Verb:
         params += map(_parameter, fields)
 
     def call(**values: Any) -> None:
-        made = {name: kind(**{key: values.pop(key) for key in keys}) for name, (kind, keys) in groups.items()}
-        function(**made, **values)
+        group_values = {name: kind(**{key: values.pop(key) for key in keys}) for name, (kind, keys) in groups.items()}
+        function(**group_values, **values)
 
     name = function.__name__.rstrip("_").replace("_", "-")
     return Verb(name, callback=call if groups else function, params=params, help=inspect.getdoc(function))
@@ -119,21 +124,21 @@ def verb(function: Callable[..., None]) -> Verb:
 
 def _fields(group: type) -> list[inspect.Parameter]:
     """Fields of a group as parameters, those of declared settings with what is declared."""
-    declared, fields = declared_fields(group), []
+    declared, fields = read_declarations(group), []
     for field in inspect.signature(group, eval_str=True).parameters.values():
-        if (one := declared.get(field.name)) is None:
+        if (setting := declared.get(field.name)) is None:
             fields.append(field)
-        elif one.option:
-            options: dict[str, Any] = {"help": one.meaning}
-            if one.type is float:
-                options["unit"] = one.unit
+        elif setting.option:
+            options: dict[str, Any] = {"help": setting.meaning}
+            if setting.type is float:
+                options["unit"] = setting.unit
                 field = field.replace(
-                    default=field.empty if one.default_text == "required" else one.default_text or None
+                    default=field.empty if setting.default_text == "required" else setting.default_text or None
                 )
-            elif one.type is int:
-                low, high = one.whole_limits
+            elif setting.type is int:
+                low, high = setting.whole_limits
                 options |= {"min": low} if high == LARGEST_WHOLE else {"min": low, "max": high}
-            fields.append(field.replace(annotation=Annotated[one.kind, Option(**options)]))
+            fields.append(field.replace(annotation=Annotated[setting.kind, Option(**options)]))
     return fields
 
 
@@ -165,6 +170,23 @@ def _parameter(parameter: inspect.Parameter) -> click.Parameter:
         return _Argument([parameter.name], nargs=-1 if several else 1, text=settings.pop("help"), **settings)
     names = declared.names or ("--" + parameter.name.replace("_", "-"),)
     return click.Option([parameter.name, *names], multiple=several, show_default=parameter.default != "", **settings)
+
+
+def table_verb(function: Callable[..., None]) -> Verb:
+    """Make a command of a function that prints tables: a short form of them, and all with --full."""
+    command = verb(function)
+    place = [param.name for param in command.params].index("json")
+    command.params.insert(
+        place, click.Option(["--full"], is_flag=True, expose_value=False, callback=_choose_form, help=FULL)
+    )
+    return command
+
+
+FULL = f"Print all rows, columns and tables, in place of {LINES} lines."
+
+
+def _choose_form(ctx: click.Context, _: click.Parameter, full: bool) -> None:
+    ctx.meta[SHORT] = None if full else ShortForm()
 
 
 class Verbs(click.Group):
@@ -203,21 +225,21 @@ class Verbs(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Import the verb that is called; from then on Ctrl-C is a request, see `requested_stops`."""
+        """Import the verb that is called; from then on Ctrl-C is a request, see `catch_stops`."""
         if find("verbs", self.prefix + args[0]) is None:
-            known = self._names() if self.prefix else [*entries("verbs")]
-            ctx.fail(f"No such command '{args[0]}'{nearest(args[0], known)}.")
+            names = self._names() if self.prefix else [*entries("verbs")]
+            ctx.fail(f"No such command '{args[0]}'{nearest(args[0], names)}.")
         resolved = super().resolve_command(ctx, args)
-        ctx.with_resource(requested_stops())
+        ctx.with_resource(catch_stops())
         return resolved
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the verbs under headings, those without one, such as those of installed packages, last."""
         headings = words_on_shipped("HEADINGS")
         names = self.list_commands(ctx)
-        placed = {name for own in headings.values() for name in own}
-        for heading, own in (*headings.items(), ("Other", [name for name in names if name not in placed])):
-            commands = [(name, self.get_command(ctx, name)) for name in own if name in names]
+        placed = {name for verbs in headings.values() for name in verbs}
+        for heading, verbs in (*headings.items(), ("Other", [name for name in names if name not in placed])):
+            commands = [(name, self.get_command(ctx, name)) for name in verbs if name in names]
             width = formatter.width - 6 - max((len(name) for name in names), default=0)
             rows = [(name, command.get_short_help_str(width)) for name, command in commands if command is not None]
             if rows:
@@ -226,12 +248,12 @@ class Verbs(click.Group):
 
     def make_context(self, *args: Any, **settings: Any) -> click.Context:
         """Read the options of the command itself; a mistake in them becomes a sentence."""
-        with guarded():
+        with end_on_errors():
             return super().make_context(*args, **settings)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the verb that is called; its exceptions become sentences, and a stop that was asked for is no success."""
-        with guarded():
+        with end_on_errors():
             result = super().invoke(ctx)
             check_unheld_stop()
             return result

@@ -33,7 +33,7 @@ def end_process(number: int, frame: Any) -> None:
 
 
 @contextmanager
-def guarded() -> Iterator[None]:
+def end_on_errors() -> Iterator[None]:
     """Turn what a verb raises into a sentence and an exit status.
 
     A `CommonrailError` has its own status, an operating system's error 2, Ctrl-C 130. Whatever else is raised is a
@@ -107,10 +107,10 @@ def check_paths(options: Mapping[str, Any]) -> None:
 
 def _refuse_names(options: Mapping[str, Any]) -> None:
     """Refuse names that a terminal obeys, and "-", which elsewhere means standard input or output."""
-    for name, given in options.items():
-        if any(isinstance(path, Path) and line_text(str(path)) != str(path) for path in _several(given)):
-            raise InputError(f"{given}: the name has control characters, which a terminal obeys; rename it.")
-        if any(path == _DASH for path in _several(given)):
+    for name, value in options.items():
+        if any(isinstance(path, Path) and line_text(str(path)) != str(path) for path in _several(value)):
+            raise InputError(f"{value}: the name has control characters, which a terminal obeys; rename it.")
+        if any(path == _DASH for path in _several(value)):
             raise InputError(
                 f'{name.replace("_", "-")} "-": files are not read from standard input nor written to standard output; '
                 "name a file or folder (--json prints the result)."
@@ -120,23 +120,23 @@ def _refuse_names(options: Mapping[str, Any]) -> None:
 def _refuse_inputs_as_outputs(options: Mapping[str, Any]) -> None:
     """Refuse an output that would take the place of a file that the command reads."""
     outputs = [(name, path) for name in _OUTPUTS for path in _several(options.get(name)) if isinstance(path, Path)]
-    inputs = [v for name, given in options.items() if name not in _OUTPUTS for v in _several(given)]
+    inputs = [v for name, value in options.items() if name not in _OUTPUTS for v in _several(value)]
     for name, path in outputs:
-        for given in inputs:
-            if isinstance(given, (str, Path)) and _are_one(path, given):
+        for value in inputs:
+            if isinstance(value, (str, Path)) and _are_one(path, value):
                 option = name.replace("_", "-")
                 raise InputError(
                     f"--{option}: {path} is read by this command and would be replaced; name another file."
                 )
 
 
-def _several(given: Any) -> tuple[Any, ...]:
-    return given if isinstance(given, tuple) else (given,)
+def _several(value: Any) -> tuple[Any, ...]:
+    return value if isinstance(value, tuple) else (value,)
 
 
-def _are_one(path: Path, given: str | Path) -> bool:
+def _are_one(path: Path, name: str | Path) -> bool:
     try:
-        return path.is_file() and os.path.samefile(path, given)
+        return path.is_file() and os.path.samefile(path, name)
     except (OSError, ValueError):  # no file of that name, or no name of a file
         return False
 
@@ -168,9 +168,9 @@ def _fault(error: Exception) -> tuple[str, int]:
     from commonrail.base import registry
 
     what, shows = f"{type(error).__name__}: {_short(error)}", "`commonrail --traceback ...` shows where it happened."
-    part = registry.find("verbs", name) if (name := _state()[0]) else None
-    if part is not None and part.distribution != registry.PACKAGE:
-        plugin = f"{part.distribution} {part.version}"
+    entry = registry.find("verbs", name) if (name := _state()[0]) else None
+    if entry is not None and entry.distribution != registry.PACKAGE:
+        plugin = f"{entry.distribution} {entry.version}"
         return f"the verb {name} of the plug-in {plugin} failed ({what}); tell its authors. {shows}", UNUSABLE
     return f"internal fault ({what}); please report it with the command line. {shows}", UNEXPECTED
 

@@ -53,13 +53,13 @@ def read_model_names(texts: Iterable[str]) -> list[NamedModel]:
             raise InputError(f'{model.text}: there are two models with the label "{model.label}"; rename one.')
         if model.stated:
             taken.add(model.label)
-    named = []
+    labelled = []
     for model in models:
         label = model.label if model.stated else _free(model.label, taken)
         taken.add(label)
-        named.append(model._replace(label=label))
-    check_labels([model.label for model in named])
-    return named
+        labelled.append(model._replace(label=label))
+    check_labels([model.label for model in labelled])
+    return labelled
 
 
 def check_labels(labels: Sequence[str]) -> None:
@@ -79,7 +79,7 @@ def read_model_name(text: str) -> NamedModel:
     INJECTOR is an injector's file, a name of the catalogue or a run folder of ``commonrail calibrate``; the words are
     those of a variant. `InputError` if the injector cannot be read, or a word is unknown or contradicts another.
     """
-    label, source, words = _split(text)
+    label, source, words = _split_label_and_words(text)
     if label is not None and not label.strip():
         raise InputError(f"{text}: there is no label before the equals sign; write LABEL=INJECTOR.")
     injector, meters = _injector(source), _meters(source)
@@ -92,13 +92,13 @@ def read_model_name(text: str) -> NamedModel:
 
         note_stopped(Path(source))
         folder = Path(source)
-    own = meters, folder if words is None else None, folder
+    origin = meters, folder if words is None else None, folder
     if label is not None:
-        return NamedModel(label.strip(), injector, text, True, *own)
-    return NamedModel(_stem(source) + (f"@{words}" if words else ""), injector, text, False, *own)
+        return NamedModel(label.strip(), injector, text, True, *origin)
+    return NamedModel(_stem(source) + (f"@{words}" if words else ""), injector, text, False, *origin)
 
 
-def _split(text: str) -> tuple[str | None, str, str | None]:
+def _split_label_and_words(text: str) -> tuple[str | None, str, str | None]:
     """Label, injector and words of the variant; a name that exists is never taken apart at its own = or @."""
     label, equals, rest = text.partition("=")
     readings: list[tuple[str | None, str]] = [(None, text)]

@@ -109,6 +109,9 @@ def is_given(name: str) -> bool:
     return context is not None and context.get_parameter_source(name) is not ParameterSource.DEFAULT
 
 
+NO_RESULT = ("json", "full", "threads")  # options that change no result
+
+
 def command_again(*without: str, **values: str) -> str:
     """Command line that runs, `without` some options and what changes no result, with values in place of its own."""
     import shlex
@@ -119,11 +122,12 @@ def command_again(*without: str, **values: str) -> str:
     words = ["commonrail", str(context.info_name)]
     for param in context.command.params:
         name = str(param.name)
+        if name in (*without, *NO_RESULT):
+            continue
         value = values.get(name, context.params[name] if is_given(name) else ())
-        if name not in (*without, "json", "threads"):
-            for each in value if isinstance(value, tuple) else (value,):
-                option = [] if isinstance(param, click.Argument) else [param.opts[0]]
-                words += option if each is True else [*option, str(each)]
+        for each in value if isinstance(value, tuple) else (value,):
+            option = [] if isinstance(param, click.Argument) else [param.opts[0]]
+            words += option if each is True else [*option, str(each)]
     return shlex.join(words)
 
 
@@ -133,8 +137,8 @@ def refuse_unused(needed: Mapping[str, tuple[bool, str]]) -> None:
     `needed`: by the parameter's name, whether there is what it acts upon, and what that is, such as "--out FILE".
     Raises `InputError` for the first one that is given in vain.
     """
-    for name, (there, what) in needed.items():
-        if not there and is_given(name):
+    for name, (useful, what) in needed.items():
+        if not useful and is_given(name):
             raise InputError(f"--{name.replace('_', '-')}: without {what} it does nothing; add that, or omit it.")
 
 
@@ -157,7 +161,7 @@ def read_axis(text: str, unit: str, option: str, *, increasing: bool = False) ->
     texts = _with_units(text.split(","), option)
     import numpy as np  # late: help does without
 
-    values = np.array([parse(one, unit, option) for one in texts])
+    values = np.array([parse(value_text, unit, option) for value_text in texts])
     if len(values) > MOST_VALUES:
         raise InputError(f"{option}: there are {len(values)} values, and at most {MOST_VALUES} are taken.")
     falls = np.flatnonzero(np.diff(values) <= 0.0).tolist() if increasing else []
@@ -175,7 +179,7 @@ def _range(text: str, unit: str, option: str) -> Floats:
     if len(parts) != 3:
         raise InputError(f'{option} "{text}": a range is FIRST:LAST:STEP, such as 20:180:10MPa.')
     texts = _with_units(parts, option)
-    first, last = (parse(one, unit, option) for one in texts[:2])
+    first, last = (parse(limit_text, unit, option) for limit_text in texts[:2])
     step = parse_difference(texts[2], unit, option)  # of a temperature: 20 degC between two values, not 293 K
     if not (step > 0.0 and last >= first):
         raise InputError(
@@ -191,19 +195,19 @@ def _range(text: str, unit: str, option: str) -> Floats:
 
 def _with_units(parts: list[str], option: str) -> list[str]:
     """Texts with a unit each, taken from the next one that has one."""
-    found: list[str] = []
+    completed: list[str] = []
     unit = ""
-    for part in reversed(parts):
-        match = NUMBER.fullmatch(part)
+    for text in reversed(parts):
+        match = NUMBER.fullmatch(text)
         if match is None:
             raise InputError(
-                f'{option}: "{part.strip()}" is not a number with a unit; write a list such as 20,40,80MPa.'
+                f'{option}: "{text.strip()}" is not a number with a unit; write a list such as 20,40,80MPa.'
             )
         if re.match(r"-\s*\d", match[2]):
-            raise InputError(f'{option}: "{part.strip()}" is no number with a unit; write a range as 20:180:10MPa.')
+            raise InputError(f'{option}: "{text.strip()}" is no number with a unit; write a range as 20:180:10MPa.')
         unit = match[2] or unit
-        found.append(f"{match[1]} {unit}")
-    return found[::-1]
+        completed.append(f"{match[1]} {unit}")
+    return completed[::-1]
 
 
 Json = Annotated[bool, Option("--json", help="Print the result as one JSON object in SI units on stdout.")]
@@ -302,33 +306,33 @@ def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
 
     if not settings:
         return injector
-    found = [_setting(injector, text) for text in settings]
-    values = dict(found)
-    if len(values) < len(found):
-        twice = next(path for i, (path, _) in enumerate(found) if path in dict(found[:i]))
+    overrides = [_setting(injector, text) for text in settings]
+    values = dict(overrides)
+    if len(values) < len(overrides):
+        twice = next(path for i, (path, _) in enumerate(overrides) if path in dict(overrides[:i]))
         raise InputError(f"--set {twice}: it is set twice; keep one.")
-    chosen = injector.with_values(values)
+    changed = injector.with_values(values)
     for name, value in values.items():
-        if words := idle_words(name, chosen.values.__getitem__):
+        if words := idle_words(name, changed.values.__getitem__):
             say(f"warning: --set {name}: {words}.")
-        q = chosen.quantities[name]
+        q = changed.quantities[name]
         if q.usual is not None and not q.is_usual(value):
             low, high = (to_text(limit, q.unit, 4) for limit in q.usual)
             say(
                 f"warning: --set {name}: the {q.meaning} is {to_text(value, q.unit, 4)}, and {low} to {high} is usual; "
                 "check its unit."
             )
-    return chosen
+    return changed
 
 
 def read_models(texts: Sequence[str], settings: Sequence[str]) -> list[NamedModel]:
     """Models of a command line, all of them with the values of ``--set``; one that is changed is no run any more."""
     from commonrail.cli.model_name import read_model_names
 
-    named = read_model_names(texts)
+    models = read_model_names(texts)
     if not settings:
-        return named
-    return [model._replace(injector=with_overrides(model.injector, settings), run=None) for model in named]
+        return models
+    return [model._replace(injector=with_overrides(model.injector, settings), run=None) for model in models]
 
 
 USUAL_PRESSURES = (5e6, 0.5e6)  # in the cylinder and at the end of the return line [Pa]; chosen
@@ -351,15 +355,17 @@ def read_pressures(
     stated = [None if text is None else parse(text, "Pa", f"--{name}-pressure") for name, text in texts.items()]
     if None not in stated:
         return stated[0], stated[1]  # type: ignore[return-value]
-    found, origin = _data_pressures(source, usual)
+    defaults, origin = _data_pressures(source, usual)
     lacking = [
         f"{name} pressure {quantity(value, 'Pa')}"
-        for name, own, value in zip(texts, stated, found, strict=True)
-        if own is None
+        for name, stated_value, value in zip(texts, stated, defaults, strict=True)
+        if stated_value is None
     ]
     say(f"{' and '.join(lacking)}: {origin}")
-    chosen = [value if own is None else own for own, value in zip(stated, found, strict=True)]
-    return chosen[0], chosen[1]
+    pressures = [
+        value if stated_value is None else stated_value for stated_value, value in zip(stated, defaults, strict=True)
+    ]
+    return pressures[0], pressures[1]
 
 
 def _data_pressures(source: Path | Study | None, usual: tuple[float, float]) -> tuple[tuple[float, float], str]:
@@ -392,22 +398,22 @@ def refuse_return_pressure(injector: Injector) -> None:
 def _setting(injector: Injector, text: str) -> tuple[str, float]:
     from commonrail.base.arguments import not_whole
 
-    path, equals, value = (part.strip() for part in text.partition("="))
-    known = injector.quantities
+    path, equals, value = (piece.strip() for piece in text.partition("="))
+    quantities = injector.quantities
     if not (path and equals and value):
         raise InputError(f'--set {text}: expected PATH=VALUE, such as "nozzle.holes=7".')
-    if path not in known:
+    if path not in quantities:
         raise InputError(
-            f"--set {path}: {injector.name} has no such parameter{nearest(path, known)}; "
+            f"--set {path}: {injector.name} has no such parameter{nearest(path, quantities)}; "
             "`commonrail catalogue parameters` lists those of all injectors."
         )
     try:
-        found = float(value)
+        number = float(value)
     except ValueError:
-        found = parse(value, known[path].unit, f"--set {path}")
-    if words := not_whole(path, found):
+        number = parse(value, quantities[path].unit, f"--set {path}")
+    if words := not_whole(path, number):
         raise InputError(f"--set {words}.")
-    return path, found
+    return path, number
 
 
 def _energising(text: str) -> Energising:

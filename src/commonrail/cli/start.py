@@ -23,12 +23,12 @@ def main() -> None:
     leave_out_warnings()
     # A start, imports and all, makes 150,000 objects that stay: searches for garbage among them take 90 ms.
     gc.set_threshold(300_000)
-    from commonrail.base.hooks import end_at_second, tell_notes, tell_of_compiling
-    from commonrail.cli.console import compiling, say, say_of_ending
+    from commonrail.base.hooks import end_at_second, set_compiling_listener, tell_notes
+    from commonrail.cli.console import compiling, say_of_ending, say_once
     from commonrail.cli.grammar import cli
 
-    tell_of_compiling(compiling)
-    tell_notes(say)
+    set_compiling_listener(compiling)
+    tell_notes(say_once)
     end_at_second(say_of_ending)
     try:
         cli(prog_name="commonrail")

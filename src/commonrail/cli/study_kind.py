@@ -46,11 +46,11 @@ def kind_of_study(path: Path) -> StudyKind | None:
     from commonrail.readers.toml import read_toml
 
     try:
-        found = _FORMAT.fullmatch(str(read_toml(path)[0].get("format", "")))
+        match = _FORMAT.fullmatch(str(read_toml(path)[0].get("format", "")))
     except InputError:
         return None
-    part = registry.find("studies", found["name"]) if found and found["name"] != "study" else None
-    return None if part is None else part.load()
+    entry = registry.find("studies", match["name"]) if match and match["name"] != "study" else None
+    return None if entry is None else entry.load()
 
 
 def kind_of_run(folder: Path) -> StudyKind | None:
@@ -60,4 +60,4 @@ def kind_of_run(folder: Path) -> StudyKind | None:
     if not (folder / JOURNAL).is_file() or (folder / "study.toml").is_file():  # whose injector may have any name
         return None
     parts = registry.entries("studies").items()
-    return next((part.load() for name, part in parts if (folder / f"{name}.toml").is_file()), None)
+    return next((entry.load() for name, entry in parts if (folder / f"{name}.toml").is_file()), None)

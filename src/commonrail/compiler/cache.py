@@ -1,7 +1,7 @@
-"""Cache of compiled kernels on disk: files of this user alone, each with a digest that is compared before it is loaded.
+"""Cache of compiled kernels on disk: private files, each with a digest that is checked before loading.
 
-A kernel is kept under a stamp of what the sources mean that it is compiled from: editing a law recompiles whatever may
-call it, and editing a comment, an error or another module does not. A kernel is machine code, so nobody else may be
+A kernel is kept under a stamp of its sources without comments: editing a law recompiles every kernel that may
+call it; editing a comment, an error or another module does not. A kernel is machine code, and nobody else may be
 able to write here.
 """
 
@@ -28,17 +28,17 @@ from commonrail.compiler.target import package_version
 LONGEST_WAIT = 120.0  # for another process that compiles the same kernel [s]
 ENDING = ".kernel"
 _STAMPS = "stamps"
-LARGEST = 100_000_000  # of a file that is read [bytes]; the largest that was kept has 0.5 MB, a sparse one any size
+LARGEST = 100_000_000  # largest file to read [bytes]; the largest kernel has 0.5 MB, a sparse file can be any size
 _HEADER = b"commonrail kernel 2\n"
 _DIGEST = hashlib.sha256().digest_size  # [bytes]
-# A link is not followed and a pipe not waited for; flags that a system lacks are 0.
+# Links are not followed, pipes not waited for; flags that a system lacks are 0.
 _GUARDED = sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
 _PACKAGE = __name__.partition(".")[0]
 _LANES = f"{_PACKAGE}.engine.block"  # makes the kernels that most simulations call
 
 
 def read(path: Path) -> tuple[bytes | None, str]:
-    """Payload of a file, None if absent or not to be loaded, and its fault."""
+    """Payload of a file, None if it is absent or unsafe, and its fault."""
     try:
         handle = os.open(path, os.O_RDONLY | _GUARDED)
         with open(handle, "rb") as file:
@@ -60,17 +60,17 @@ def read(path: Path) -> tuple[bytes | None, str]:
 
 
 def _seal(name: str, payload: bytes) -> bytes:
-    # with the name: the code of another kernel under it would give other bits, or end the process
+    # the name is included: another kernel under it would give other bits, or crash the process
     return _HEADER + hashlib.sha256(name.encode() + payload).digest() + payload
 
 
 def write(path: Path, payload: bytes) -> None:
-    """Keep a payload with its digest; a process that reads meanwhile finds the file before or the one after."""
+    """Store a payload with its digest; a concurrent reader gets the file before or after."""
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=".")
     try:
         with open(handle, "wb") as file:
             file.write(_seal(path.name, payload))
-        if path.is_dir() and not path.is_symlink():  # a file cannot replace it: it would be in the way for ever
+        if path.is_dir() and not path.is_symlink():  # a folder would block the file permanently
             os.rename(path, tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}-"))
         os.replace(name, path)
     except OSError:
@@ -84,7 +84,7 @@ def get_or_make(name: str, make: Callable[[], bytes]) -> bytes:
     Parameters
     ----------
     name : str
-        Of the file. The folder identifies the versions of the compiler; all else that matters belongs in the name.
+        Of the file. The folder identifies the versions of the compiler; the name must identify everything else.
     make : function
         Makes the payload.
     """
@@ -108,9 +108,9 @@ def get_or_make(name: str, make: Callable[[], bytes]) -> bytes:
 
 @contextlib.contextmanager
 def turn(path: Path) -> Iterator[None]:
-    """Turn at compiling one kernel: processes that start together compile it once, and the others wait for it.
+    """Wait for the turn to compile one kernel: of processes that start together one compiles, the others wait.
 
-    The lock is the operating system's, by way of SQLite, and ends with its process. A process that cannot get it
+    The lock is the operating system's, through SQLite, and ends with its process. A process that cannot get it
     compiles too.
     """
     with contextlib.ExitStack() as cleanup:
@@ -124,9 +124,10 @@ def turn(path: Path) -> Iterator[None]:
 
 @functools.cache
 def cache_folder() -> Path | None:
-    """Folder of compiled kernels, or None where no place is safe and writable (then every process compiles).
+    """Folder of compiled kernels, or None without a safe and writable place (then every process compiles).
 
-    Its name covers all that determines the lanes' machine code except the processor: laws, Python, Numba and llvmlite.
+    Its name covers everything that determines the lanes' machine code except the processor: laws, Python, Numba and
+    llvmlite.
     """
     stamps = private_folder(_STAMPS)
     if stamps is None:
@@ -139,14 +140,14 @@ def cache_folder() -> Path | None:
 
 @functools.cache
 def private_folder(name: str) -> Path | None:
-    """Folder of a name in the first place where nobody else can write, or None."""
+    """Folder of a name in the first place that only this user can write, or None."""
     return next((place / name for place in places() if _is_usable(place / name)), None)
 
 
 def _is_usable(folder: Path) -> bool:
-    """True for a folder that is there now and can be written to.
+    """True for an existing folder that can be written to.
 
-    One that others can write to is refused with a note: who can write a kernel can run code here.
+    A folder that others can write to is refused with a note: whoever can write a kernel can run code here.
     """
     try:
         folder.parent.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -163,7 +164,7 @@ def _is_usable(folder: Path) -> bool:
 
 
 def places() -> tuple[Path, Path]:
-    """The user's cache folder, and a folder for temporary files where that one cannot be used."""
+    """The user's cache folder, and a fallback in the folder for temporary files."""
     import platformdirs
 
     user = os.getuid() if hasattr(os, "getuid") else "user"
@@ -174,14 +175,14 @@ def places() -> tuple[Path, Path]:
 
 
 def objection(folder: Path) -> str:
-    """Reason why others could put files into a folder, or "" where they cannot.
+    """Reason why others could put files into a folder, or "" if they cannot.
 
     Parameters
     ----------
     folder : Path
-        The folder and the one that holds it have to be this user's, real, and without write permission for group or
-        others. Every level above may be written by this user and root alone, or lets nobody touch what is not theirs
-        (sticky bit, as for temporary files).
+        The folder and its parent must be this user's, real, and without write permission for group or
+        others. Every level above must be writable by this user and root alone, or be sticky, as for
+        temporary files.
     """
     if not hasattr(os, "getuid"):
         return ""  # on Windows a user's profile is closed to others by its access list
@@ -200,7 +201,7 @@ def objection(folder: Path) -> str:
 
 
 def _is_open(status: os.stat_result) -> bool:
-    """Return whether others than the owner may write; the group of the same number as the user is the user's own."""
+    """Return whether others than the owner may write; a group with the user's own number counts as the user."""
     group = status.st_mode & stat.S_IWGRP and status.st_gid not in (0, os.getuid())
     return bool(group or status.st_mode & stat.S_IWOTH)
 
@@ -217,15 +218,15 @@ def _objection(status: os.stat_result, is_kind: Callable[[int], bool], kind: str
     return ""
 
 
-# The sources that decide over a kernel: the module that makes it, and all that this and the compiler import, but for
-# `base`, which has neither laws nor numbers. What else is in the package may change without a kernel's notice.
+# Sources of a kernel: the module that makes it, and everything that this and the compiler import, except
+# `base`, which has neither laws nor numbers. Changes elsewhere in the package do not affect kernels.
 
 
 @functools.cache
 def stamp_of(module: str) -> str:
-    """Digest of what the sources mean that decide over a kernel which a module makes.
+    """Hash of the sources of a module's kernels, ignoring comments and docstrings.
 
-    To parse them takes longer than a start may: it is kept with the digests of their files.
+    Cached on disk with the digests of the files, because parsing would slow start-up.
     """
     key = repr((platform.python_version(), __file__, module))
     stamps = private_folder(_STAMPS)
@@ -244,18 +245,18 @@ def stamp_of(module: str) -> str:
 
 
 def digests(modules: Iterable[str]) -> dict[str, str]:
-    """Digests of the files of modules by name, comments and all; "" for one without a file."""
+    """Digests of the files of modules by name, comments included; "" for a module without a file."""
     files = {name: _file_of(name) for name in modules}
     return {name: hashlib.sha256(file.read_bytes()).hexdigest() if file else "" for name, file in files.items()}
 
 
 def sources_of(module: str) -> list[str]:
-    """Modules that decide over a kernel which a module makes."""
+    """Modules that affect the kernels of a module."""
     return sorted(_syntax_trees(module))
 
 
 def _syntax_trees(module: str) -> dict[str, ast.Module]:
-    """Syntax trees of a module, of the compiler, and of all that they import, by name."""
+    """Syntax trees of a module, of the compiler, and of all their imports, by name."""
     tops = {module.partition(".")[0], _PACKAGE}
     trees: dict[str, ast.Module] = {}
     names = [module, f"{_PACKAGE}.compiler.lower"]
@@ -270,7 +271,7 @@ def _syntax_trees(module: str) -> dict[str, ast.Module]:
 
 
 def _imports(tree: ast.Module, package: str) -> Iterator[str]:
-    """Names that may be modules and that a module of a package imports, wherever in its text."""
+    """Names imported by a module of a package, anywhere in its text, which may be modules."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -280,7 +281,7 @@ def _imports(tree: ast.Module, package: str) -> Iterator[str]:
 
 
 def _file_of(module: str) -> Path | None:
-    """Source file of a module, or None if there is none; nothing of the module is loaded."""
+    """Source file of a module, or None if there is none; the module is not loaded."""
     top, *parts = module.split(".")
     spec = importlib.util.find_spec(top)
     if spec is None:
@@ -294,18 +295,18 @@ def _file_of(module: str) -> Path | None:
 
 
 class Source(NamedTuple):
-    """Functions to be compiled.
+    """Functions to compile.
 
     Attributes
     ----------
     maker : str
-        ``module:function`` that returns {name: (function, Numba's signature)}; imported in the child alone.
+        ``module:function`` that returns {name: (function, Numba's signature)}; imported only in the child.
     words : tuple of str
         Its arguments.
     kind : str
         "f64", "f32" or "exact": see `laws.FASTMATH`.
     key : str
-        What else decides over the text, such as a digest of a law from another package.
+        Anything else that affects the text, such as a digest of a law from another package.
     """
 
     maker: str
@@ -315,14 +316,14 @@ class Source(NamedTuple):
 
     @property
     def digest(self) -> str:
-        """Name of the text: of all that decides over it."""
+        """Name of the text, from everything that affects it."""
         module = self.maker.partition(":")[0]
         key = repr((*self, stamp_of(module), platform.machine()))
         return hashlib.sha256(key.encode()).hexdigest()[:24]
 
 
 def _meaning(tree: ast.Module) -> str:
-    """Text of a syntax tree without docstrings, errors and types of arguments, which no kernel has, nor comments."""
+    """Text of a syntax tree without docstrings, errors, argument types and comments, which no kernel contains."""
     for node in ast.walk(tree):
         if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and ast.get_docstring(node, clean=False):
             node.body = node.body[1:]

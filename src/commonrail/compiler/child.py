@@ -1,8 +1,8 @@
 """Child process that lowers laws to LLVM's text.
 
-Numba types and lowers laws in a child process, for no processor in particular. There Numba may leave the text
-unoptimised and unvectorised, which nobody else's Numba is; and laws that were typed for one kernel are known to the
-next one. The child ends with its parent, or when it has waited for a while.
+Numba types and lowers laws in a child process, for no particular processor. The child runs Numba without optimisation
+and vectors, which leaves the caller's Numba unaffected, and remembers laws typed for earlier kernels. It ends with its
+parent, or after some idle time.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from commonrail.compiler.target import may_compile
 
 
 def texts(source: Source) -> dict[str, str]:
-    """LLVM's text of each function by its name, which it has in the text too; from the cache where it is kept.
+    """LLVM text of each function by its name, which is also its name in the text; from the cache if possible.
 
-    Raises ConfigurationError if the compiler fails, or ``NUMBA_DISABLE_JIT`` forbids to compile.
+    `ConfigurationError` if the compiler fails, or ``NUMBA_DISABLE_JIT`` forbids compiling.
     """
     texts_by_name: dict[str, str] = json.loads(get_or_make(f"{source.digest}.text", lambda: _lower(source)))
     return texts_by_name
@@ -39,7 +39,7 @@ def _lower(source: Source) -> bytes:
             '"reference".'
         )
     with _TURN:
-        # one that has waited for too long may end as it is asked
+        # a child may reach the end of its idle time just as it is asked
         answer = _child(source.kind).ask(source) or _child(source.kind).ask(source) or {"fault": "it has ended"}
     if "fault" in answer:
         raise ConfigurationError(f"Compiling the simulation failed: {answer['fault']}.")
@@ -70,13 +70,13 @@ class _Child:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,
-            start_new_session=True,  # a Ctrl-C is for this process, which may have to finish what it does
+            start_new_session=True,  # Ctrl-C reaches only this process, which may have to finish its work
             creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # the same on Windows, 0 elsewhere
             env=same_modules() | NUMBA,
         )
 
     def ask(self, source: Source) -> dict[str, Any] | None:
-        """Texts of a source, or a fault; nothing if the process has ended as it does after a while."""
+        """Texts of a source, or a fault; None if the process has ended after its idle time."""
         line = b""
         try:
             with contextlib.suppress(BrokenPipeError):

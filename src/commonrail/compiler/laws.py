@@ -22,9 +22,9 @@ from numba.extending import intrinsic, overload
 from commonrail.compiler.table import REAL, Array
 from commonrail.physics.law import CACHE_LINE, in_single, offer_laws, physics
 
-# What the compiler may do with sums and products, by the kind of a kernel. No "nnan"/"ninf": a candidate that blows up
-# must be seen to be non-finite. No "arcp" in single precision: a reciprocal would be the processor's estimate, and
-# makers differ in it. Nothing at all in an exact one: processors round equally what is neither fused nor reordered.
+# Freedoms of the compiler with sums and products, by kind of kernel. No "nnan"/"ninf": a diverging candidate must be
+# recognised as non-finite. No "arcp" in single precision: a reciprocal would be the processor's estimate, which differs
+# between makers. None in an exact kernel: processors round equally unless operations are fused or reordered.
 FASTMATH: dict[str, set[str]] = {
     "f64": {"nsz", "arcp", "contract", "reassoc"},
     "f32": {"nsz", "contract", "reassoc"},
@@ -38,7 +38,7 @@ def options(kind: str) -> dict[str, Any]:
 
 
 def is_single(kind: Any) -> bool:
-    """Return whether a type is of single precision, or holds one that is."""
+    """Return whether a type is of single precision, or contains one."""
     if isinstance(kind, types.BaseTuple):  # type: ignore[attr-defined]
         return any(map(is_single, kind))
     return (kind.dtype if isinstance(kind, types.Array) else kind) == types.float32
@@ -47,8 +47,8 @@ def is_single(kind: Any) -> bool:
 def by_precision(law: Callable[..., Any]) -> Callable[..., Any]:
     """Function that chooses a law, or its twin in single precision, by the types of the arguments.
 
-    Called with numbers of single precision, a law is compiled with constants of single precision: those of its text
-    would be double, and draw everything that they touch along.
+    With single-precision arguments a law is compiled with single-precision constants: the constants of its text
+    would be double, and promote everything they touch.
     """
 
     def choose(*arguments: Any, **keywords: Any) -> Callable[..., Any]:
@@ -58,7 +58,7 @@ def by_precision(law: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def offer_overloads(declare: Callable[[Callable[..., Any]], Callable[..., Any]]) -> None:
-    """Let a target of Numba inline all laws, those to come too.
+    """Let a target of Numba inline all laws, including later ones.
 
     `declare` (function (law) -> decorator): Numba's `overload` of that target, with its options.
     """
@@ -76,7 +76,7 @@ def declare_laws(kind: str) -> None:
 def exchange_rounding(typing: Any, bits: Any, mask: Any) -> Any:
     """Set the processor's register of floating-point modes to (mode & kept) | bits; returns the mode before.
 
-    Elsewhere than on x86 it does nothing.
+    Does nothing on processors other than x86.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -118,8 +118,8 @@ def number(typing: Any, bits: Any) -> Any:
     return types.float64(bits), generate
 
 
-# Operations on whole rows: a vector that is loaded from where its numbers were stored one by one waits until they have
-# left the processor. As loops over lanes they cost 8 % in double precision and 30 % in single (Zen 3).
+# Operations on whole rows: loading a vector whose numbers were stored one by one waits until they have left the
+# processor. Loops over lanes would cost 8 % in double and 30 % in single precision (Zen 3).
 
 
 def _row(context: Any, builder: Any, kind: Any, at: Any, lanes: int, new: Any = None) -> Any:
@@ -193,9 +193,9 @@ def row_gatherer(lanes: int) -> Callable[..., None]:
 
 
 def clock_reader(lanes: int) -> Callable[..., None]:
-    """Function (target, to, origins, first, now) that stores the time `now` less the origins of `lanes` as one vector.
+    """Function (target, to, origins, first, now) that stores the time `now` minus the origins of `lanes` as one vector.
 
-    The difference is taken in double precision, and then put into the precision of the target.
+    The difference is computed in double precision, and then converted to the precision of the target.
     """
 
     @intrinsic
@@ -218,7 +218,7 @@ TABLE = types.int64(types.CPointer(types.int64))  # type: ignore[attr-defined]
 
 
 def of_table(function: Callable[..., Any], described: tuple[Any, ...], real: type = np.float64) -> Callable[..., Any]:
-    """Function of a table in place of the arguments that are described; its signature is `TABLE`.
+    """Function of a table that replaces the described arguments; its signature is `TABLE`.
 
     `described`: of each argument, see `load`; `real`: of arrays of kind "real".
     """

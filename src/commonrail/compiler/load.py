@@ -1,4 +1,4 @@
-"""From a source to an object file, and from that to a function that Python calls."""
+"""From a source to an object file, and from there to a function that Python calls."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ Call = Callable[[int, int, int], int]
 def object_of(source: Source, names: Mapping[str, str], processor: Processor) -> tuple[bytes, bool]:
     """Object file of a source for this system, from the cache or compiled, and whether it was compiled.
 
-    `names`: see `lower.emit`. Raises ConfigurationError as `child.texts` does.
+    `names`: see `lower.emit`. `ConfigurationError` as in `child.texts`.
     """
     compiled = []
 
     def make() -> bytes:
-        from commonrail.compiler.child import texts  # slow to import, and seldom needed
+        from commonrail.compiler.child import texts  # slow to import, and rarely needed
         from commonrail.compiler.lower import emit
 
         compiled.append(True)
@@ -40,7 +40,7 @@ def object_of(source: Source, names: Mapping[str, str], processor: Processor) ->
 
 
 def load(content: bytes, symbol: str) -> tuple[Call, Any]:
-    """Function of an object file, and what keeps it in memory."""
+    """Function of an object file, and the object that keeps it in memory."""
     llvm = _llvm()
     machine = llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine()
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
@@ -56,7 +56,7 @@ def callable_at(place: int) -> Call:
 
 @functools.cache
 def _llvm() -> Any:
-    """LLVM, made ready for this machine."""
+    """LLVM, initialised for this machine."""
     import llvmlite.binding as llvm
 
     llvm.initialize_native_target()
@@ -71,11 +71,11 @@ class Kernel:
     ----------
     source : Source
     name : str
-        Of the source's function, which is one of a table (`laws.of_table`).
+        Of the source's function, whose argument is a table (`laws.of_table`).
     described : tuple
         The arguments, see `fill`.
     plain : function, optional
-        The same in Python, for a process that may not compile.
+        The same in plain Python, for a process that may not compile.
     """
 
     def __init__(

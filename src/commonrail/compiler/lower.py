@@ -1,4 +1,4 @@
-"""From laws to LLVM's text, in a child process (`child`), and from that to object files."""
+"""From laws to LLVM text, in a child process (`child`), and from there to object files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Any
 
 from commonrail.compiler.target import System
 
-# Level 1 without vectors: at 0 the text is fourteen times as long and takes a quarter more time, at 3 it is that of a
+# Level 1 without vectors: level 0 gives fourteen times the text and takes a quarter longer, level 3 depends on the
 # processor.
 NUMBA = {
     "NUMBA_OPT": "1",
@@ -25,7 +25,7 @@ NUMBA = {
     "NUMBA_DISABLE_JIT": "0",
     "PYTHONHASHSEED": "0",  # flags of operations are written in the order of a set
 }
-# Reference counts of arrays: a kernel has only views, which need none.
+# Reference counts of arrays: kernels have only views, which need none.
 _COUNTS = re.compile(r"^ *(?:tail )?call void @NRT_(?:in|de)cref\(.*\n", re.MULTILINE)
 _IDLE = 300.0  # idle time after which a child of about 300 MB ends [s]; the next one types all laws again
 
@@ -59,7 +59,7 @@ def _answer(maker: str, words: list[str], kind: str, key: str) -> dict[str, Any]
 
 
 def _text(name: str, function: Callable[..., Any], signature: Any, *, kind: str) -> str:
-    """Text of a function under a name, with all that it calls and nothing else."""
+    """Text of a function under a name, with everything it calls and nothing else."""
     import llvmlite.binding as llvm
     import numba
 
@@ -83,7 +83,7 @@ def _text(name: str, function: Callable[..., Any], signature: Any, *, kind: str)
     return text
 
 
-# From the text to an object file, for any processor and system: in the process that asks for it.
+# From the text to an object file, for any processor and system, in the calling process.
 
 
 def emit(texts: Mapping[str, str], names: Mapping[str, str], system: System, visibility: str = "default") -> bytes:
@@ -98,8 +98,8 @@ def emit(texts: Mapping[str, str], names: Mapping[str, str], system: System, vis
 def schedule_instructions(machine: Any, module: Any) -> Any:
     """Reschedule an optimised module so few instructions wait for operands.
 
-    A step is one long piece of code, of which a processor sees a fourth at once. LLVM trusts that it reorders that by
-    itself, but for the one model of an x86-64 processor that takes instructions as they come: Intel's first Atom.
+    A step is one long piece of code, of which a processor sees a fourth at once. LLVM relies on it for the
+    order, except in its model of an in-order x86-64 processor, Intel's first Atom.
     """
     import llvmlite.binding as llvm
 
@@ -118,7 +118,7 @@ def optimise(
 ) -> tuple[Any, Any]:
     """LLVM's machine of a system, and one optimised module of functions; arguments as in `emit`.
 
-    `vectors`: may loops and statements be put into vectors.
+    `vectors`: whether loops and statements may be vectorised.
     """
     import llvmlite.binding as llvm
 

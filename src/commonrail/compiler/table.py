@@ -1,7 +1,7 @@
 """Table of addresses and numbers by which compiled functions are called from Python.
 
-Every entry is a whole number of 64 bits: of an array its address and its lengths, in C order; a real number as its
-bits. What a function is given is described by nested tuples of `Array`, "whole" and "real".
+Every entry is a 64-bit integer: for an array its address and lengths, in C order; for a real number its
+bits. Nested tuples of `Array`, "whole" and "real" describe the arguments of a function.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ REAL: Any = "real"
 
 
 class Array(NamedTuple):
-    """Kind of an array's numbers, "float64", "int64" or "real" (that the function computes in), and dimensions."""
+    """Kind of an array's numbers, "float64", "int64" or "real" (precision of the function), and dimensions."""
 
     kind: str
     dimensions: int
 
 
 def floats(dimensions: int) -> Any:
-    """Array of numbers of double precision."""
+    """Array of double-precision numbers."""
     return Array("float64", dimensions)
 
 
@@ -41,7 +41,7 @@ def address(array: NDArray[Any]) -> int:
 
 
 def fill(described: Any, values: Any, real: type = np.float64) -> tuple[Ints, list[NDArray[Any]]]:
-    """Table of the values, and arrays that must outlive it; `real`: that the function computes in."""
+    """Table of the values, and arrays that must outlive it; `real`: precision of the function."""
     entries: list[int] = []
     arrays: list[NDArray[Any]] = []
     for kind, value in _leaves(described, values):

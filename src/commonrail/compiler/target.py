@@ -1,8 +1,8 @@
-"""Target of the compiler: the processor that kernels are compiled for, and the versions of all that computes.
+"""Target of the compiler: the processor for which kernels are compiled, and the versions of all that computes.
 
-The kernels of the lanes are compiled for a level of x86-64, v4 (AVX-512) or v3 (AVX2 and FMA), the highest that this
-machine has: libraries that were compiled elsewhere hold the same code. ``COMMONRAIL_KERNELS=v3`` asks for the lower.
-Other processors are compiled for by their name, and so is the one that ``NUMBA_CPU_NAME`` names. Equal targets give
+The kernels of the lanes are compiled for a level of x86-64, v4 (AVX-512) or v3 (AVX2 and FMA), the highest of this
+machine: libraries compiled elsewhere contain the same code. ``COMMONRAIL_KERNELS=v3`` selects the lower.
+Other processors are targets by name, and so is the one that ``NUMBA_CPU_NAME`` names. Equal targets give
 equal bits.
 """
 
@@ -21,12 +21,12 @@ from commonrail.base.errors import ConfigurationError
 
 PACKAGES = ("commonrail", "numpy", "scipy", "numba", "llvmlite")
 CPU_FACTS = Path("/proc/cpuinfo")
-MOST = 6  # features that a sentence names
+MOST = 6  # features listed in a sentence
 SWITCH = "COMMONRAIL_KERNELS"
 
 
 class CompileTarget(NamedTuple):
-    """Target of the compiler, and what else decides over the bits of a result.
+    """Target of the compiler, and everything else that affects the bits of a result.
 
     Attributes
     ----------
@@ -51,17 +51,17 @@ class CompileTarget(NamedTuple):
 
     @property
     def machine(self) -> dict[str, str]:
-        """All but the versions, by name, as records keep them."""
+        """Everything except the versions, by name, for records."""
         return {name: str(value) for name, value in self._asdict().items() if name != "versions"}
 
     @property
     def record(self) -> dict[str, str]:
-        """Versions and machine by name, as journals keep them."""
+        """Versions and machine by name, for journals."""
         return dict(self.versions) | self.machine
 
 
 class Processor(NamedTuple):
-    """Processor that is compiled for.
+    """Processor to compile for.
 
     Attributes
     ----------
@@ -147,14 +147,14 @@ def _read_cpuinfo(field: str) -> str:
 
 
 def _level(has: set[str]) -> Processor | None:
-    """Highest level that `kernels_switch` allows whose instruction sets are all there."""
+    """Highest level allowed by `kernels_switch` whose instruction sets are all available."""
     levels = ((LEVEL_4, OF_LEVEL_3 + OF_LEVEL_4), (LEVEL_3, OF_LEVEL_3))
     allowed = levels[1:] if kernels_switch() == "v3" else levels
     return next((level for level, needed in allowed if has.issuperset(needed)), None)
 
 
 def kernels_switch() -> str:
-    """Value of ``COMMONRAIL_KERNELS``: "off" (no libraries), "v3" or "v4" (at most that level), "" where it is not set.
+    """Value of ``COMMONRAIL_KERNELS``: "off" (no libraries), "v3" or "v4" (at most that level), "" if it is not set.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def is_x86() -> bool:
 
 @functools.cache
 def describe() -> CompileTarget:
-    """Target of this process; loads llvmlite where it is installed."""
+    """Target of this process; loads llvmlite if it is installed."""
     llvm, host = _llvm(), own_processor()
     return CompileTarget(
         f"{platform.machine()}-unknown-linux-gnu" if llvm is None else str(llvm.get_process_triple()),
@@ -186,16 +186,16 @@ def describe() -> CompileTarget:
 
 
 def may_compile() -> bool:
-    """False where ``NUMBA_DISABLE_JIT`` forbids it."""
+    """False if ``NUMBA_DISABLE_JIT`` forbids it."""
     return os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
 
 
 def exact_processor() -> Processor:
     """This machine's processor, for kernels with equal bits on all processors; loads llvmlite.
 
-    Additions, products, divisions and roots are rounded equally by every processor (IEEE 754). Processors give other
-    bits where the compiler fuses a product and a sum, or reorders operations, as it finds best for each: such a kernel
-    is compiled without either.
+    Every processor rounds additions, products, divisions and roots equally (IEEE 754). Bits differ only if the compiler
+    fuses a product and a sum, or reorders operations, to suit a processor. These kernels are compiled without
+    either.
 
     Raises
     ------
@@ -218,14 +218,14 @@ def package_versions() -> dict[str, str]:
 
 
 def package_version(package: str) -> str:
-    """Version of an installed package; "" for one that is not."""
+    """Version of an installed package; "" if it is not installed."""
     with suppress(PackageNotFoundError):
         return version(package)
     return ""
 
 
 def processor() -> str:
-    """Model of the processor, as the system names it; "" where it does not."""
+    """Model of the processor, as the system names it; "" if unknown."""
     return _read_cpuinfo("model name") or platform.processor()
 
 

@@ -20,7 +20,7 @@ def find_kind(name: str) -> type[DataSet] | None:
         return None
     kind_class = entry.load_as(type, "a class")
     if not issubclass(kind_class, DataSet) or kind_class.kind != name:
-        raise entry.refused(f'is to be a DataSet with kind = "{name}", and {entry.target} is none')
+        raise entry.part_error(f'is to be a DataSet with kind = "{name}", and {entry.target} is none')
     return kind_class
 
 
@@ -40,7 +40,7 @@ def kinds_of(names: Iterable[str]) -> list[type[DataSet]]:
 
 
 def _place(name: str) -> tuple[int, str]:
-    places = list(registry.shipped("data"))
+    places = list(registry.find_shipped("data"))
     return (places.index(name), "") if name in places else (len(places), name)
 
 

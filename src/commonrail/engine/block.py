@@ -1,8 +1,8 @@
 """Loop over blocks, steps and lanes of the fast engine.
 
 Travelling waves are stored in three ring buffers at one pointer, the other rows of `job.Working` at another.
-Parameters are read once, through the rings' memory, before the first wave is written. How many lanes there are, and in
-which precision, is a choice of the machine: see `Vector`.
+Parameters are read once, through the memory of the rings, before the first wave is written. The machine determines the
+number of lanes and their precision: see `Vector`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Memory(NamedTuple):
     work: Any  # (rows × lanes,)
     waves: Any  # (3 × ring × lanes,): rings of the three waves
     ring: int  # slots of a ring
-    origins: Any  # of the clocks [s], (2 × lanes,) in double precision; None for inputs that need none
+    origins: Any  # of the clocks [s], (2 × lanes,) in double precision; None if the inputs need none
 
 
 @physics
@@ -65,7 +65,7 @@ def arriving_wave(work, rows, wave, lane):  # type: ignore[no-untyped-def]
 
 @physics
 def copy_number(target, to, source, first):  # type: ignore[no-untyped-def]
-    """A row of one lane."""
+    """Copy a row of one lane."""
     target[to] = source[first]
 
 
@@ -77,7 +77,7 @@ def any_number(source, first):  # type: ignore[no-untyped-def]
 
 @physics
 def gather_number(target, to, source, where):  # type: ignore[no-untyped-def]
-    """A row of one lane from a slot of its ring."""
+    """Gather a row of one lane from a slot of its ring."""
     place, first, now, mask = where
     target[to] = source[first + ((now - int(target[place])) & mask)]
 
@@ -112,9 +112,9 @@ def make_wave_transport(rows: Any, copy: Law, gather: Law = gather_number) -> tu
 
 
 class Inlets(NamedTuple):
-    """Laws that set the inputs of a block, rows of `work`; in a step only `every_step` is called as a rule."""
+    """Laws that set the inputs of a block, which are rows of `work`; most steps call only `every_step`."""
 
-    row: Law  # function (courses, points) that gives the row of the table which `every_step` reads
+    row: Law  # function (courses, points) that gives the row of the table read by `every_step`
     every_step: Law  # function (memory, courses, row, k) that sets the inputs of step k
     # function (memory, courses, points, k) that turns clocks, and returns the step of the next turn of any lane
     turn: Law
@@ -124,7 +124,7 @@ class Inlets(NamedTuple):
 
 
 def make_clocks(rows: Any, read: Law) -> Inlets:
-    """Inlets from `Courses`; `read`: as `compiler.laws.clock_reader`."""
+    """Make inlets from `Courses`; `read`: as `compiler.laws.clock_reader`."""
 
     @physics
     def clock_of(courses, points):  # type: ignore[no-untyped-def]
@@ -252,7 +252,7 @@ def same_inputs(inputs, work, rows, lane):  # type: ignore[no-untyped-def]
 
 @cache
 def make_own_inputs() -> Law:
-    """Function (inputs, work, rows, lane) that gives the inputs of a lane, from its rows."""
+    """Make the function (inputs, work, rows, lane) that gives the inputs of a lane, from its rows."""
     load_inputs = INPUTS.load
 
     @physics
@@ -340,7 +340,7 @@ def make_simulate(variant: Variant, rows: Any, machine: Machine) -> Law:
 
 
 def entries(precision: str, width: str, *words: str) -> dict[str, tuple[Callable[..., Any], Any]]:
-    """Function of a table that simulates its blocks, of so many lanes and the `Variant` of the `words`.
+    """Function of a table that simulates its blocks, for a number of lanes and the `Variant` of the `words`.
 
     It returns 1 if the table was made for another kernel. For `cache.Source`.
     """
@@ -369,19 +369,19 @@ def entries(precision: str, width: str, *words: str) -> dict[str, tuple[Callable
     return {"lanes": (laws.of_table(blocks, tuple(LOOP_ARGUMENTS), vector.real), laws.TABLE)}
 
 
-# memory, ring, first, theta, settings, inputs, out: of `loop.Loop.march`, then figures of no use
+# memory, ring, first, theta, settings, inputs, out: of `loop.Loop.march`, then unused figures
 MARCH = (floats(1), WHOLE, WHOLE, floats(2), floats(1), floats(2), floats(2))
 
 
 def march_entries(*words: str) -> dict[str, Any]:
-    """The loop over steps of one lane, of the `Variant` of the `words`; for `cache.Source`."""
+    """The loop over steps of one lane, for the `Variant` of the `words`; for `cache.Source`."""
     from commonrail.compiler.laws import TABLE, exchange_rounding, of_table
 
     variant = Variant(*words)
     rows = make_rows(variant, 1)
     begin, advance = make_begin(variant, rows), make_advance(variant, rows)
     arrive, leave = make_wave_transport(rows, copy_number)
-    size, order = rows.end, (0, 0)  # point and candidate of the one lane
+    size, order = rows.end, (0, 0)  # point and candidate of the single lane
 
     def march(memory, ring, first, theta, settings, inputs, out):  # type: ignore[no-untyped-def]
         mode = exchange_rounding(FLUSH_TINY, KEEP_ALL)

@@ -1,4 +1,4 @@
-"""Boundary conditions of operating points, as the loop over blocks takes them: `Courses`."""
+"""Boundary conditions of operating points as the loop over blocks reads them: `Courses`."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from commonrail.physics.injector import Injector
 
 CHECK_AFTER = 100e-6  # earliest time after energising at which an injection may have ended [s]
 MAXIMUM_STEPS = 2_000_000
-ALMOST_ALL = 1.0 - 1e-9  # share of a step in which an energising must begin to count as begun in it
+ALMOST_ALL = 1.0 - 1e-9  # an energising that begins within this share of a step counts as begun in it
 _IDLE = -1.0  # clocks of a point without energisings [s]
 
 
 def courses_of(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> Courses:
     """Boundary conditions of points.
 
-    Arguments as in `plan.prepare`. Raises ConfigurationError if a point has too many steps, or no trace for a drive
-    that needs one.
+    Arguments as in `plan.prepare`. `ConfigurationError` if a point has too many steps, or lacks a trace for its
+    drive.
     """
     steps = np.array([_steps(point, dt) for point in points])
     pulses = [point.pulses for point in points]
@@ -70,13 +70,13 @@ def _earliest_end(point: OperatingPoint, dt: float) -> int:
 
 
 def _turns(pulses: Floats, count: Ints, at: tuple[Ints, Ints], times: Floats, dt: float) -> tuple[Ints, Ints, Floats]:
-    """Places of the points' first turns, and steps and origins of all turns, as in `Courses`.
+    """Indices of the points' first turns, and steps and origins of all turns, as in `Courses`.
 
-    `pulses` (2, energisings): starts and ends [s], those of each point in order; a point without any has one that does
-    not matter; `count` (points,) int: energisings of each point; `at` ((points,), (points,)) of int: row of the times,
+    `pulses` (2, energisings): starts and ends [s], in order for each point; a point without energisings has a dummy;
+    `count` (points,) int: energisings of each point; `at` ((points,), (points,)) of int: row of the times,
     and number of steps; `times` (clocks, steps): [s].
     """
-    if pulses.shape[1] == len(count):  # one energising each, as most have: its turn is in step 0
+    if pulses.shape[1] == len(count):  # the usual case of one energising each: its turn is in step 0
         now = times[at[0], 0]
         origins = np.zeros((2 * len(count), 4))
         origins[::2] = np.stack([*pulses, now - pulses[0], now - pulses[1]], axis=1)
@@ -88,10 +88,10 @@ def _turns(pulses: Floats, count: Ints, at: tuple[Ints, Ints], times: Floats, dt
         step[row == i] = np.searchsorted(clock_times + dt * ALMOST_ALL, pulses[0, row == i], side="right")
     step[ordinal == 0] = 0
     following = np.append(np.where(point[1:] == point[:-1], step[1:], NEVER), NEVER)
-    last_in_step = (step < following) & (step < at[1][point])  # of several that begin in one step the last counts
+    last_in_step = (step < following) & (step < at[1][point])  # the last of several that begin in one step
     now = times[row, np.minimum(step, times.shape[1] - 1)]
     since = np.stack([now - pulses[0] + _still_on(pulses, ordinal, now, dt), now - pulses[1]])
-    each = np.bincount(point[last_in_step], minlength=len(count)) + 1  # and one turn that never comes
+    each = np.bincount(point[last_in_step], minlength=len(count)) + 1  # plus the sentinel
     first = np.cumsum(each) - each
     where = (
         first[point[last_in_step]]
@@ -106,8 +106,8 @@ def _turns(pulses: Floats, count: Ints, at: tuple[Ints, Ints], times: Floats, dt
 def _still_on(pulses: Floats, ordinal: Ints, now: Floats, dt: float) -> Floats:
     """Time [s] for which earlier energisings still last in the step in which each one counts as begun.
 
-    A step that sees one energising end and the next begin is energised for as long as both together: the next counts
-    as begun so much earlier.
+    A step that contains the end of one energising and the start of the next is energised for the sum of both: the next
+    counts as begun earlier by the rest of the first.
 
     `pulses` (2, energisings): starts and ends [s]; `ordinal` (energisings,) int: number of earlier ones of the same
     point; `now` (energisings,): start of that step [s].
@@ -132,7 +132,7 @@ def _is_traced(injector: Injector, point: OperatingPoint) -> bool:
 
 
 def _means(point: OperatingPoint, dt: float, steps: int, length: int) -> Floats:
-    """Means of a traced point over its steps, (length, 4); the last ones continue after its end.
+    """Means of a traced point over its steps, (length, 4); rows after its end repeat the course.
 
     `steps`, `length`: steps of the point, and rows.
     """

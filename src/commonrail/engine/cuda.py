@@ -1,6 +1,6 @@
-"""The engine for NVIDIA GPUs: a thread for each candidate at each operating point.
+"""The engine for NVIDIA GPUs: one thread for each candidate at each operating point.
 
-The laws and the loop of the lanes, compiled by numba-cuda. Populations go to the device in parts
+It compiles the laws and the loop of the lanes with numba-cuda. Populations go to the device in parts
 that fit its memory. CUDA is imported on first use.
 """
 
@@ -18,8 +18,8 @@ from commonrail.engine.job import FUEL, VECTORS, Job, Outcome
 from commonrail.engine.lanes import Misfit, tabulate, trace_paths
 from commonrail.physics.variants import Variant, wiring
 
-# A thread takes nearly all the registers that one may have, so that a multiprocessor holds 8 warps in any case:
-# small groups of threads end sooner where their needles close early.
+# A thread takes nearly all registers available to it, and a multiprocessor holds 8 warps with any group size: small
+# groups of threads end sooner if their needles close early.
 GROUP = 64
 SHARE = 0.5  # of the device's free memory for rings and traces
 INSTALL = "install it with: pip install 'commonrail[cuda]'"
@@ -44,7 +44,7 @@ def missing() -> str | None:
 
 
 def _missing_library() -> str | None:
-    """The first library of NVIDIA's compiler that is not to be found."""
+    """First missing library of NVIDIA's compiler."""
     from cuda.pathfinder import DynamicLibNotFoundError, load_nvidia_dynamic_lib
 
     for name in ("nvvm", "nvrtc"):
@@ -58,7 +58,7 @@ def _missing_library() -> str | None:
 def require_device() -> None:
     """Refuse a machine on which this engine cannot run.
 
-    Raises ConfigurationError that names the missing part.
+    `ConfigurationError` names the missing part.
     """
     sentence = missing()
     if sentence is not None:
@@ -74,8 +74,8 @@ def run(
 ) -> tuple[Outcome, Floats]:
     """Run all blocks of a job, each of one lane.
 
-    Arguments as in `lanes.run`. Raises ConfigurationError if the device failed. Whether there is one is for the caller
-    to ask, before any other work.
+    Arguments as in `lanes.run`. `ConfigurationError` if the device failed. The caller checks beforehand that there is
+    a device.
     """
     from numba.cuda.cudadrv.driver import CudaAPIError
 
@@ -117,7 +117,7 @@ def _launch(
 
 
 def _to_device(cuda: Any, value: Any, real: Any) -> Any:
-    """A named tuple with its arrays on the device, and all floats in the numbers of the kernel."""
+    """Move the arrays of a named tuple to the device, with all floats in the precision of the kernel."""
     if isinstance(value, tuple):
         return value._make(_to_device(cuda, item, real) for item in value)  # type: ignore[attr-defined]
     if isinstance(value, np.ndarray):
@@ -126,6 +126,6 @@ def _to_device(cuda: Any, value: Any, real: Any) -> Any:
 
 
 def _at_a_time(cuda: Any, count: int, size: int) -> int:
-    """Threads of a launch: whole groups, as many as the device's memory holds."""
+    """Threads of a launch: whole groups, as many as the device's memory can hold."""
     free, _ = cuda.current_context().get_memory_info()
     return GROUP * int(max(min(-(-count // GROUP), SHARE * free / (size * GROUP)), 1))

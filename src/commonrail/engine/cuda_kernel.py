@@ -1,12 +1,12 @@
 """The loop that one CUDA thread runs: one candidate at one operating point.
 
 Functions of `block` for a block of one lane, with laws from the same source. Working rows are a
-local array: every law is inlined and reads them at constant places, and the compiler splits the array and
-keeps it in registers. The rings of the waves lie in the device's memory, slot after slot with all threads side by
-side: a warp reads neighbouring numbers. Whatever the loop reads is in the numbers that it computes in; with single
-precision no double is touched in a step.
+local array: every law is inlined and reads them at constant places, and the compiler splits the array into
+registers. The rings of the waves lie in the device's memory, slot after slot with all threads side by
+side: a warp reads neighbouring numbers. All data of the loop have the precision of the computation; with single
+precision a step touches no double.
 
-Import it only where Numba's CUDA target or its simulator is known to be there: see `cuda.missing`.
+Import it only after `cuda.missing` has found Numba's CUDA target or its simulator.
 """
 
 from __future__ import annotations
@@ -49,18 +49,18 @@ class Table(NamedTuple):
 
 @functools.cache
 def compile_kernel(variant: Variant, precision: Precision, traced: bool) -> Any:
-    """The kernel of a variant, compiled for the device of this process at its first call."""
+    """Kernel of a variant, compiled for the device of this process at its first call."""
     march = make_march(variant, precision, traced)
     if numba.config.ENABLE_CUDASIM:
         return cuda.jit(march)
     open_device()
-    # lto: PTX is what the tests can look at without a device
+    # lto: tests can inspect the PTX without a device
     return cuda.jit(signature(precision), lto=False)(march)
 
 
 @functools.cache
 def open_device() -> None:
-    """Let CUDA kernels inline the laws; fast-math stays off: of its parts the compiler uses "contract" by itself."""
+    """Let CUDA kernels inline the laws; fast-math stays off, except "contract", which the compiler uses by itself."""
     from numba.cuda.extending import overload
 
     offer_overloads(functools.partial(overload, jit_options={"forceinline": True}, strict=False))
@@ -77,7 +77,7 @@ def signature(precision: Precision) -> Any:
 
 
 def make_table_reader(rows: Any) -> Inlets:
-    """Inlets from a `Table`."""
+    """Make inlets from a `Table`."""
     store = INPUTS.store
 
     @physics
@@ -106,7 +106,7 @@ def make_table_reader(rows: Any) -> Inlets:
 
 @physics
 def keep_nothing(work, rows, trace, thread, k):  # type: ignore[no-untyped-def]
-    """In place of `keep_state`."""
+    """No-op replacement for `keep_state` if no trace is recorded."""
 
 
 @physics
@@ -116,7 +116,7 @@ def keep_state(work, rows, trace, thread, k):  # type: ignore[no-untyped-def]
 
 
 def make_march(variant: Variant, precision: Precision, traced: bool) -> Callable[..., Any]:
-    """The loop over the steps; arguments as in `signature`. It has no constants of its own: see `physics`.
+    """Make the loop over the steps; arguments as in `signature`. It has no constants of its own: see `physics`.
 
     `traced`: keep the state after every step.
     """

@@ -1,4 +1,4 @@
-"""When a lane ends: its injection is over and all has come to rest, it has failed, or its horizon is reached."""
+"""Decide when a lane ends: after its injection has ended and all motion has stopped, on failure, or at its horizon."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import NamedTuple
 from commonrail.engine.recorder import at, is_sound, needle_rests, report
 from commonrail.physics.law import physics
 
-RECOVERED = 0.9  # share of the accumulation's pressure that the control chamber regains once the valve is shut
+RECOVERED = 0.9  # share of the accumulation pressure that the control chamber must regain after the valve has closed
 DRIBBLE = 1e-12, 1e-6  # largest injected mass per check that still counts as at rest: [kg], and share of the stroke
 
 
 class StopRule(NamedTuple):
-    """When a lane ends: the present step, checks at rest that it takes (0: never), and steps between two checks."""
+    """When a lane ends: present step, number of checks at rest needed (0: never), and steps between two checks."""
 
     step: float
     checks: float
@@ -21,7 +21,7 @@ class StopRule(NamedTuple):
 
 @physics
 def set_horizons(work, rows, points, steps, earliest_end):  # type: ignore[no-untyped-def]
-    """Keep the number of each lane's steps, and the first one at which its injection may have ended.
+    """Keep the number of each lane's steps, and the first step at which its injection may have ended.
 
     Returns the largest number of steps.
     """
@@ -35,7 +35,7 @@ def set_horizons(work, rows, points, steps, earliest_end):  # type: ignore[no-un
 
 @physics
 def next_horizon(work, rows, count):  # type: ignore[no-untyped-def]
-    """Number of steps, above `count`, after which a lane reaches its horizon; the last one's where all have."""
+    """Number of steps, above `count`, after which the next lane reaches its horizon; the last lane's if all have."""
     following = work[at(rows, rows.steps, 0)]
     for lane in range(rows.lanes):
         steps = work[at(rows, rows.steps, lane)]
@@ -49,7 +49,7 @@ def check(work, rows, rule, out):  # type: ignore[no-untyped-def]
     """Report lanes that have ended; true once every lane has.
 
     A lane ends when it has failed or, by a `StopRule`, when needle and valve have rested for that many checks and for
-    longer than a bouncing one touches its seat: what its neighbours do after that does not change its figures.
+    longer than a bouncing one touches its seat. Later motion in neighbouring lanes does not change its figures.
     """
     ended = 0
     for lane in range(rows.lanes):
@@ -74,7 +74,7 @@ def check(work, rows, rule, out):  # type: ignore[no-untyped-def]
 def is_at_rest(work, rows, lane):  # type: ignore[no-untyped-def]
     """True for a needle on its seat with an empty SAC, a closed valve and a control chamber that has refilled.
 
-    A needle that has closed on a valve still in motion, or on a chamber that has not refilled, may open again.
+    A needle that has closed while the valve still moves, or before the chamber has refilled, may open again.
     """
     recovered = RECOVERED * work[at(rows, rows.accumulation_pressure, lane)]
     refilled = work[at(rows, rows.control_pressure, lane)] > recovered

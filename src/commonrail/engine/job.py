@@ -1,4 +1,4 @@
-"""Memory of a run of the fast engines: what it is given, the working rows of its blocks, and what it returns."""
+"""Memory of a run of the fast engines: its input, the working rows of its blocks, and its output."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NEVER = 1 << 62  # step of a turn that is not reached
 
 
 class Vector(NamedTuple):
-    """Width of a block in candidates, and the type of its numbers."""
+    """Width of a block in candidates, and type of its numbers."""
 
     lanes: int
     real: Any
@@ -42,27 +42,27 @@ VECTORS = {
 class Courses(NamedTuple):
     """Boundary conditions at each operating point.
 
-    The clocks of `Inputs`, times since the current energising has begun and has ended, are the time less two origins.
-    These turn to those of the next energising in the step in which that one begins.
+    Each clock of `Inputs`, the time since the current energising began or ended, is the time minus an origin. When the
+    next energising begins, both origins switch to it.
     """
 
-    # (points, 3): rail, cylinder and return pressure at time zero [Pa], and throughout where a point has no trace
+    # (points, 3): rail, cylinder and return pressure at time zero [Pa], constant for a point without a trace
     settings: Floats
     steps: Ints  # (points,) int
     earliest_end: Ints  # (points,) int: first step at which an injection may have ended
     times: Floats  # (clocks, steps): starts of the steps [s]
     clock: Ints  # (points,) int: row of a point's `times`
-    first: Ints  # (points,) int: place of a point's first turn, which is in step 0
+    first: Ints  # (points,) int: index of a point's first turn, which is in step 0
     turns: Ints  # (turns,) int: steps of the turns; each point's list ends with the sentinel `NEVER`
     origins: Floats  # (turns, 4): origins from a turn on, and the two clocks in its own step [s]
-    # (points,) int: row of a point's `traces`, −1 where all its pressures are constant and no trace drives it
+    # (points,) int: row of a point's `traces`, −1 if all its pressures are constant and no trace drives it
     trace: Ints
     # (traces, steps, 4): means over each step of rail, cylinder and return pressure [Pa] and of the drive's trace
     traces: Floats
 
     @property
     def inputs(self) -> Floats:
-        """Fields of `Inputs` in every step, (points, steps, 6), for what reads them from a table."""
+        """Fields of `Inputs` in every step, (points, steps, 6), as a table."""
         inputs = np.zeros((len(self.steps), self.times.shape[1], len(Inputs._fields)))
         for point, steps in enumerate(self.steps.tolist()):
             point_inputs, times = inputs[point, :steps], self.times[self.clock[point]]
@@ -79,7 +79,7 @@ class Courses(NamedTuple):
 
 
 class Job(NamedTuple):
-    """All that a run needs, as arrays."""
+    """All arrays of a run."""
 
     theta: Floats  # (candidates, parameters + fuel coefficients)
     courses: Any  # or `cuda_kernel.Table` on a GPU
@@ -103,7 +103,7 @@ class Samples(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """Sizes that a kernel was made for; one that is given others refuses."""
+    """Sizes for which a kernel was made; it refuses others."""
 
     # of the working memory
     rows: Any
@@ -121,7 +121,7 @@ class Scratch(NamedTuple):
 
 
 class LoopArguments(NamedTuple):
-    """All that the loop is given; it does every `stride`th block from `first` on."""
+    """Arguments of the loop, which simulates every `stride`th block from `first` on."""
 
     shape: Any
     job: Any
@@ -166,7 +166,7 @@ LOOP_ARGUMENTS = LoopArguments(
 
 
 def scratch_for(shape: Shape, ring: int, real: Any) -> Scratch:
-    """Memory of one thread, each part from the start of a cache line: a vector as long as one would straddle two.
+    """Memory of one thread, aligned to cache lines, since a vector as long as one would straddle two.
 
     `ring`: slots of a ring.
     """
@@ -185,7 +185,7 @@ def _allocate_aligned(count: int, real: Any) -> NDArray[Any]:
     return padded[first : first + count]
 
 
-# Working rows of a block, each as wide as its lanes, laid out by the names of what they hold.
+# Working rows of a block, each as wide as its lanes, by name.
 #
 # Coefficients, state, leaving and arriving waves, and the progress of each lane, at one pointer.
 
@@ -198,7 +198,7 @@ class Progress(NamedTuple):
     injected_at_sample: float
     absolute: float  # sums of the samples' errors [m³/s], and of their squares [(m³/s)²]
     squared: float
-    density: float  # makes a volume of a sample [kg/m³]
+    density: float  # converts the mass of a sample to a volume [kg/m³]
     greatest_lift: float  # of the tip [m]
     opening: float  # instants
     last_closing: float
@@ -218,7 +218,7 @@ class Progress(NamedTuple):
 
 
 class Working(NamedTuple):
-    """All rows: a wave arrives between two slots of its ring, after a delay of whole steps and a fraction."""
+    """All rows. A wave arrives between two slots of its ring, after a delay of whole steps and a fraction."""
 
     coefficients: Any
     state: Any
@@ -231,7 +231,7 @@ class Working(NamedTuple):
     delay_fraction: Waves
 
 
-# rows that the loop itself reads: single ones of the state, first ones of groups
+# rows that the loop reads by itself: single ones of the state, first ones of groups
 _BOTH = {
     "injected": "nozzle.injected",
     "returned": "cumulative_flows.returned",
@@ -246,8 +246,8 @@ _STATE = {
         "return_pressure": "return_line.pressure",
         "valve_lift": "valve.lift",
     },
-    # The armature takes the valve's place. There is no control chamber that must refill before the injection has ended,
-    # and no return line: its wave is constant.
+    # The armature replaces the valve. No control chamber must refill before the injection has ended,
+    # and there is no return line: its wave is constant.
     Actuation.DIRECT: _BOTH
     | {
         "control_pressure": "accumulation.fuel.pressure",
@@ -267,7 +267,7 @@ _LOOP = {
 
 
 def _paths(actuation: Actuation) -> dict[str, str]:
-    """Rows that the loop reads, by the names that it uses."""
+    """Rows that the loop reads, by the names it uses."""
     return _LOOP | {name: f"state.{path}" for name, path in _STATE[actuation].items()} | _DELAYS[actuation]
 
 
@@ -276,7 +276,7 @@ Rows = namedtuple("Rows", ("lanes", *_paths(Actuation.SERVO), "tip", "top", "end
 
 
 def make_rows(variant: Variant, lanes: int) -> Any:
-    """`Rows` of a variant: the number of lanes, the rows by name, and how many there are."""
+    """`Rows` of a variant: number of lanes, rows by name, and number of rows."""
     body, model = wiring(variant).body, model_of(variant.actuation)
     choices = (("coefficients", model.Coefficients), ("state", model.State), ("body", body.State))
     rows = layout_of(Working, choices)

@@ -2,8 +2,8 @@
 
 Each lane of a block holds one candidate at one operating point. They are stored at one pointer, rows × lanes; the loop
 over lanes calls the step of `commonrail.physics.step` on NamedTuples and is vectorised by the compiler. Travelling
-waves are stored in ring buffers after the other rows. Samples and their misfit are taken inside the loop, so a
-population leaves no traces in memory. A lane depends on nothing but its own candidate and point: results are the same
+waves are stored in ring buffers after the other rows. Samples and their misfit are taken inside the loop, and a
+population leaves no traces in memory. A lane depends only on its own candidate and point: results have the same
 bits for any neighbours and any number of threads.
 """
 
@@ -37,18 +37,18 @@ class Misfit(NamedTuple):
     # (points, bounds): measured mean flow by volume [m³/s] and weight of the sample that ends at a bound
     target: Floats
     weight: Floats
-    # (1 or candidates, points): Density that makes a volume of a simulated mass [kg/m³]; NaN for the candidate's own,
-    # see `fill_density`. With ones the targets are masses [kg/s]
+    # (1 or candidates, points): density that converts a simulated mass to a volume [kg/m³]; NaN for that of the
+    # candidate, see `fill_density`. With ones the targets are masses [kg/s]
     density: Floats
 
     @classmethod
     def none(cls, points: int) -> Misfit:
-        """Nothing to compare with."""
+        """No samples to compare with."""
         empty = np.zeros((points, 0))
         return cls(np.zeros(points, np.int64), empty, empty, empty, np.ones((1, points)))
 
     def samples(self, dt: float, steps: Ints) -> Samples:
-        """The samples as a loop over steps takes them.
+        """Samples in the form that a loop over steps reads.
 
         `steps` (points,) int: of each point. A bound that rounding moves past the last step is taken at its end.
         """
@@ -61,22 +61,22 @@ class Misfit(NamedTuple):
         return Samples(self.bound_count, due.astype(np.int64), columns, self.density)
 
     def fill_density(self, candidate_density: Floats) -> Misfit:
-        """The same samples with each candidate's own density, (1 or candidates, points), where none is given."""
+        """Fill in each candidate's own density, (1 or candidates, points), where none is given."""
         return self._replace(density=np.where(np.isnan(self.density), candidate_density, self.density))
 
 
 @functools.lru_cache(maxsize=4)
 def _no_samples(points: int) -> Samples:
-    """Nothing to compare with at so many points."""
+    """No samples to compare with at a number of points."""
     return Misfit.none(points).samples(1.0, np.zeros(points, np.int64))
 
 
 @functools.cache
 def load_loop(variant: Variant, precision: Precision, same_bits: bool) -> MachineCode:
-    """The block loop of a variant.
+    """Block loop of a variant.
 
-    `same_bits`: exact code with equal bits on every processor, see `compiler.target.exact_processor`. Raises
-    ConfigurationError if no bits are promised on this machine, or it may not compile.
+    `same_bits`: exact code with equal bits on every processor, see `compiler.target.exact_processor`.
+    `ConfigurationError` if equal bits are impossible on this machine, or compiling is disabled.
     """
     with _FIRST_CALL:
         return machine_code(variant, VECTORS[precision], same_bits)
@@ -101,7 +101,7 @@ def run(
     """Run all blocks of a job.
 
     `misfit` (Misfit, optional): samples to compare with; `traced`: keep the state after every step; `threads`: the
-    result does not depend on it; `injected_only`: of a traced run, keep only the injected mass: one row, about a
+    result does not depend on it; `injected_only`: a traced run keeps only the injected mass: one row, about a
     hundredth of the memory.
 
     Returns `outcome` Outcome; `trace` (blocks, steps + 1, rows, lanes), empty unless traced: the last block is
@@ -130,7 +130,7 @@ def run(
 
 
 def _call(loop: MachineCode, arguments: LoopArguments, real: Any) -> None:
-    """Run the loop of one thread, without Python's lock."""
+    """Run the loop of one thread, without Python's global lock."""
     table, referenced_arrays = fill(
         LOOP_ARGUMENTS, arguments._replace(scratch=scratch_for(arguments.shape, arguments.job.ring, real)), real
     )
@@ -142,7 +142,7 @@ def _call(loop: MachineCode, arguments: LoopArguments, real: Any) -> None:
 
 
 def tabulate(figures: Floats, job: Job) -> Floats:
-    """Figures of lanes as (candidates, points, …), from (blocks, lanes, …)."""
+    """Reorder figures of lanes from (blocks, lanes, …) to (candidates, points, …)."""
     table = np.empty((len(job.theta), len(job.courses.steps), *figures.shape[2:]))
-    table[job.candidates, job.points] = figures  # lanes that only fill a block repeat another one's figures
+    table[job.candidates, job.points] = figures  # lanes that fill up a block repeat the figures of another
     return table

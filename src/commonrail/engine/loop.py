@@ -1,4 +1,4 @@
-"""The loop that the lanes run, for one lane whose memory is its caller's, and the inputs of its coming steps."""
+"""The loop of the lanes for a single lane, whose caller owns the memory and the inputs of the next steps."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from commonrail.physics.variants import DRIVE, Variant, kernel_name, unread_inpu
 
 
 class CoursePlan:
-    """Inputs that the operating point plans, for any step of `dt` [s], also beyond its horizon.
+    """Inputs planned by the operating point, for any step of `dt` [s], also beyond its horizon.
 
     `prepared` belongs to the point, with a trace of zeros if the caller supplies the drive's trace.
     """
@@ -49,7 +49,7 @@ class CoursePlan:
         return make_job(self.prepared._replace(courses=courses), self.prepared.row[None], False, 1).ring
 
     def instants(self, first: int, count: int) -> Floats:
-        """Beginnings of steps [s]."""
+        """Starts of steps [s]."""
         return np.asarray(self.prepared.begin[0] + self.prepared.dt * np.arange(first, first + count))
 
     def inputs(self, first: int, count: int) -> Floats:
@@ -69,9 +69,9 @@ class CoursePlan:
 
 
 class Loop(NamedTuple):
-    """Compiled functions of a variant, and where its memory holds its state."""
+    """Compiled functions of a variant, and the layout of its memory."""
 
-    # function (memory, ring, first, theta, settings, inputs): without `inputs` it puts the memory to rest; else it
+    # function (memory, ring, first, theta, settings, inputs): without `inputs` it puts the memory to rest, else it
     # takes one step for each row of them, the first of them with the number `first`
     march: Callable[..., Any]
     rows: Any
@@ -80,7 +80,7 @@ class Loop(NamedTuple):
     parameters: int  # length of `theta`
 
     def size(self, ring: int) -> int:
-        """Numbers in the memory of an injector whose rings have so many slots."""
+        """Numbers in the memory of an injector for a number of slots in its rings."""
         return int(self.rows.end) + max(3 * ring, self.parameters)
 
 

@@ -1,4 +1,4 @@
-"""Machine code of the lanes' loops: from a library that came with the package, from the cache, or compiled now."""
+"""Machine code of the lane loops: from a library in the package, from the cache, or compiled now."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from commonrail.compiler.target import (
 from commonrail.engine.job import Vector
 from commonrail.physics.variants import Variant, kernel_name
 
-# Libraries of lane loops that came with the package, compiled for levels of x86-64 where the package was built.
+# Libraries of lane loops in the package, compiled for levels of x86-64 where the package was built.
 #
 # A library is used if it was made from the present sources, for a level that this processor has, and is intact: a
-# truncated one would end the process. The file `STAMP` next to them records their sources, compiler and digests.
+# truncated library would crash the process. The file `STAMP` next to them records sources, compiler and digests.
 
 FOLDER = Path(__file__).resolve().parents[1] / "kernels"
 STAMP = "stamp.json"
@@ -47,7 +47,7 @@ class MachineCode(NamedTuple):
 
     call: Call
     origin: str  # "library", "cache" or "compiled"
-    processor: str  # that it was compiled for
+    processor: str  # target of the code
     holder: Any  # keeps the code in memory
 
 
@@ -59,7 +59,7 @@ def file_of(processor: str) -> Path:
 def find(symbol: str) -> MachineCode | None:
     """Function of a library by its name; None if no library may be used.
 
-    Raises ConfigurationError if ``COMMONRAIL_KERNELS`` has an unknown value.
+    `ConfigurationError` if ``COMMONRAIL_KERNELS`` has an unknown value.
     """
     level = None if objection() else _level()
     if level is None:
@@ -75,7 +75,7 @@ def find(symbol: str) -> MachineCode | None:
 
 @functools.cache
 def objection() -> str:
-    """Reason why no library is used; "" if they are used."""
+    """Reason why no library is used; "" if libraries are used."""
     if kernels_switch() == "off":
         return f"{SWITCH}=off"
     overrides = [name for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES") if name in os.environ]
@@ -86,7 +86,7 @@ def objection() -> str:
         return "none came with this package"
     if not _is_of_these_sources(stamp):
         return "the sources were changed since they were built"
-    for package in COMPILERS:  # the installed ones are named in results, and may round differently
+    for package in COMPILERS:  # results name the installed ones, which may round differently
         installed = package_version(package)
         if installed and installed != stamp.get(package):
             return f"they were compiled by {package} {stamp.get(package)}, and {installed} is installed"
@@ -100,7 +100,7 @@ def objection() -> str:
 
 
 def _is_of_these_sources(stamp: Mapping[str, Any]) -> bool:
-    """Return whether libraries were made from the sources that are here; only if a file differs, all are parsed."""
+    """Return whether libraries were made from the present sources; parses them only if a file differs."""
     files = stamp.get("files")
     if isinstance(files, dict) and files and files == digests(files):
         return True
@@ -119,9 +119,9 @@ def read_stamp() -> dict[str, Any] | None:
 
 @functools.cache
 def _level() -> str | None:
-    """Level whose library is used and opened here: the highest that this processor has, unless `SWITCH` names one.
+    """Level whose library is opened: the highest of this processor, unless `SWITCH` names one.
 
-    Raises OSError if a library cannot be loaded.
+    `OSError` if a library cannot be loaded.
     """
     lowest = file_of(LEVEL_3.name)
     if not lowest.exists():
@@ -144,7 +144,7 @@ def _open_library(path: Path) -> Any:
 
 
 def symbol_of(variant: Variant, precision: Precision, exact: bool = False) -> str:
-    """Name of a loop in an object or a library; `exact`: of one that is compiled for a `Processor` that is exact."""
+    """Name of a loop in an object or a library; `exact`: compiled for an exact `Processor`."""
     words = "_".join(filter(None, variant.words))
     return f"cr_{'exact_' if exact else ''}{precision.value}_{re.sub('[^a-z]+', '_', words)}"
 
@@ -152,8 +152,8 @@ def symbol_of(variant: Variant, precision: Precision, exact: bool = False) -> st
 def machine_code(variant: Variant, vector: Vector, same_bits: bool) -> MachineCode:
     """Machine code of a loop.
 
-    `same_bits`: exact code with equal bits on every processor, see `compiler.target.exact_processor`. Raises
-    ConfigurationError if no bits are promised on this machine, or it may not compile.
+    `same_bits`: exact code with equal bits on every processor, see `compiler.target.exact_processor`.
+    `ConfigurationError` if equal bits are impossible on this machine, or compiling is disabled.
     """
     symbol = symbol_of(variant, vector.precision, same_bits)
     if (shared := find(symbol)) is not None:
@@ -174,7 +174,7 @@ def source_of(variant: Variant, vector: Vector, exact: bool) -> Source:
 def object_of(variant: Variant, vector: Vector, processor: Processor) -> tuple[bytes, bool]:
     """Object file of a loop, from the cache or compiled, and whether it was compiled.
 
-    Raises ConfigurationError if it is not in the cache and ``NUMBA_DISABLE_JIT`` forbids to compile.
+    `ConfigurationError` if it is not in the cache and ``NUMBA_DISABLE_JIT`` forbids compiling.
     """
     symbol = symbol_of(variant, vector.precision, processor.exact)
     return compiled_object(source_of(variant, vector, processor.exact), {"lanes": symbol}, processor)

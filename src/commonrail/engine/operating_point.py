@@ -15,14 +15,14 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
 from commonrail.engine.record_filter import low_pass
 
-# Limits that no injector comes near, and that numbers meant in another unit pass: 160 (MPa) and 1600 (bar) lie below
+# Limits that no injector approaches, but that catch numbers in another unit: 160 (MPa) and 1600 (bar) lie below
 # the pressures, 700 (us) and 0.7 (ms) above the durations.
 RAIL_PRESSURES = Limits(0.1e6, 1e9, (5e6, 400e6), ("MPa", "bar"))
 OTHER_PRESSURES = Limits(
     10e3, 1e9, (0.05e6, 30e6), ("MPa", "bar")
-)  # cylinder, return line: little below the atmosphere
+)  # cylinder, return line: down to slightly below the atmosphere
 ENERGISING_TIMES = Limits(0.0, 0.1, (10e-6, 20e-3), ("us", "ms"))
-SHORTEST = 1e-9  # of an energising that is one [s]; zero: no energising, only leakage
+SHORTEST = 1e-9  # energising [s]; zero: no energising, only leakage
 LONGEST = 1.0  # of a simulation [s]
 CUT_OFFS = Limits(1.0, 1e9, (100.0, 20e3), ("Hz", "kHz"))
 
@@ -31,7 +31,7 @@ CUT_OFFS = Limits(1.0, 1e9, (100.0, 20e3), ("Hz", "kHz"))
 class Trace:
     """A measured course in time, linear between its samples, constant before and after them.
 
-    A simulation follows it exactly, noise included: take `low_pass` of what a pressure sensor has shown.
+    A simulation follows it exactly, noise included: apply `low_pass` to the signal of a pressure sensor.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Trace:
     def low_pass(self, cut_off: Quantity | None = None) -> Trace:
         """Trace without the noise of its sensor, see `record_filter.low_pass`.
 
-        `cut_off`: [Hz], or text such as ``"2 kHz"``; by default as far above the signal as the noise permits.
+        `cut_off`: [Hz], or text such as ``"2 kHz"``; default: as far above the signal as the noise permits.
         """
         limit = None if cut_off is None else amount(cut_off, "Hz", "cut-off", CUT_OFFS)
         filtered = low_pass(np.array(self.time), np.array(self.value), limit)
@@ -133,7 +133,7 @@ class OperatingPoint:
     Attributes
     ----------
     rail_pressure : float or Trace
-        [Pa], from 0.1 MPa to 1000 MPa, at any time above the two others.
+        [Pa], from 0.1 MPa to 1000 MPa, always above the other two.
     energisings : sequence of Energising or (start, duration), or float
         A number is one energising of that duration [s] from t = 0, from 1 ns to 100 ms, or zero for none.
     cylinder_pressure, return_pressure : float or Trace
@@ -141,9 +141,9 @@ class OperatingPoint:
     drive : Trace, optional
         Measured coil current [A] or voltage [V], for an injector driven by a trace.
     horizon : float, optional
-        Time simulated after `start` [s]; by default 2.5 ms beyond the end of the last energising.
+        Time simulated after `start` [s]; default: until 2.5 ms after the end of the last energising.
     start : float
-        Time at which the simulation begins, all at rest at the pressures of that instant [s].
+        Time at which the simulation begins, at rest at the pressures of that instant [s].
 
     Raises
     ------
@@ -241,17 +241,17 @@ class OperatingPoint:
         return last - self.start + 2.5e-3
 
     def initial_pressures(self) -> tuple[float, float, float]:
-        """Rail, cylinder and return pressure at rest: those at `start` [Pa]."""
+        """Rail, cylinder and return pressure at rest, at `start` [Pa]."""
         rail, cylinder, low = self.rail_pressure, self.cylinder_pressure, self.return_pressure
         return self.at_start(rail), self.at_start(cylinder), self.at_start(low)
 
     def at_start(self, course: Course) -> float:
-        """Value of one of the point's courses where the simulation begins at rest, whatever was before."""
+        """Value of one of the point's courses at the start of the simulation, whatever was before."""
         return value_at(course, self.start)
 
 
 def _refuse_unless_below(rail: Course, name: str, course: Course) -> None:
-    """Refuse a pressure that reaches the rail's at any time: fuel would flow back, which no part's law covers."""
+    """Refuse a pressure that reaches the rail pressure at any time: no law covers the reverse flow."""
     times = [t for pressure in (rail, course) if isinstance(pressure, Trace) for t in pressure.time] or [0.0]
     high, low = (
         pressure.at(times) if isinstance(pressure, Trace) else np.full(len(times), pressure)
@@ -292,7 +292,7 @@ _PULSES = '[(0.0, "250 us"), ("900 us", "600 us")], pairs of start and duration'
 
 
 def read_pulses(pairs: object) -> tuple[Energising, ...]:
-    """Energisings of a list of pairs of start and duration; `ConfigurationError` if it is another thing."""
+    """Energisings of a list of pairs of start and duration; `ConfigurationError` for anything else."""
     return tuple(_pulse(item) for item in sequence(pairs, "energisings", _PULSES))
 
 
@@ -307,7 +307,7 @@ def _pulse(item: object) -> Energising:
 
 
 class Segment(NamedTuple):
-    """A stretch of time [s] in which the schedule does not change: energised, and in the peak phase (1 or 0)."""
+    """Interval of time [s] with a constant schedule: energised, and in the peak phase (1 or 0)."""
 
     start: float
     stop: float
@@ -316,7 +316,7 @@ class Segment(NamedTuple):
 
 
 def courses(point: OperatingPoint) -> tuple[Course, Course, Course, Course]:
-    """Rail, cylinder and return pressure [Pa] and the drive's trace, zero if there is none."""
+    """Rail, cylinder and return pressure [Pa] and the drive's trace, zero without one."""
     drive: Course = 0.0 if point.drive is None else point.drive
     return point.rail_pressure, point.cylinder_pressure, point.return_pressure, drive
 

@@ -1,4 +1,4 @@
-"""From injectors and operating points to the arrays that the fast engines run on."""
+"""Convert injectors and operating points to the arrays of the fast engines."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from commonrail.physics.law import Domain
 from commonrail.physics.model import Setting
 from commonrail.physics.variants import wiring
 
-# From the values that a user gives for many candidates to their full parameter vectors.
+# From a user's values for many candidates to full parameter vectors.
 
 
 def read_candidates(names: Sequence[str], values: ArrayLike | None) -> Floats:
@@ -69,9 +69,9 @@ def _read_rows(names: Sequence[str], values: Any) -> Floats:
 def candidate_matrix(injector: Injector, names: Sequence[str], values: Floats, row: Floats | None = None) -> Floats:
     """Full parameter vectors of candidates: (candidates, parameters + fuel coefficients).
 
-    `injector`: gives the values that do not vary; `names`: dotted names of the values that vary; "fuel.temperature" may
-    be among them; `values` (candidates, names): SI values; `row` (parameters + fuel coefficients,), optional: the
-    injector's own full vector, known already.
+    `injector`: gives the fixed values; `names`: dotted names of the values that vary, possibly with "fuel.temperature";
+    `values` (candidates, names): SI values; `row` (parameters + fuel coefficients,), optional: the
+    injector's own full vector, if already computed.
     """
     actuation = injector.variant.actuation
     paths = parameter_paths(actuation)
@@ -101,8 +101,8 @@ def admissible(
 ) -> Bools:
     """True for candidates in the domain of their parameters, and in the fuel's range of temperature: (candidates,).
 
-    `fuel` (Fuel, optional): its range of temperature is not asked where it is left out;
-    `actuation` (Actuation, optional): that has the parameters, by default any.
+    `fuel` (Fuel, optional): without it the range of temperature is not checked;
+    `actuation` (Actuation, optional): with these parameters, by default any.
     """
     inside = np.isfinite(values)
     if fuel is not None and FUEL_TEMPERATURE in names:
@@ -115,7 +115,7 @@ def admissible(
 
 @functools.lru_cache(maxsize=64)
 def _domains(names: tuple[str, ...], actuation: Actuation | None) -> list[tuple[Domain, list[int] | slice]]:
-    """Domains of parameters, and the columns in each."""
+    """Domains of parameters, and the columns of each."""
     quantities = parameter_quantities(actuation)
     columns: dict[Domain, list[int]] = {}
     for column, name in enumerate(names):
@@ -126,8 +126,8 @@ def _domains(names: tuple[str, ...], actuation: Actuation | None) -> list[tuple[
 
 
 CHECK_INTERVAL = 20e-6  # between checks of health and rest [s]
-RESTING = 100e-6  # an injection has ended once needle and valve have rested this long [s]
-SLOWEST_WAVE = 600.0  # below any sound speed of a fuel [m/s]: sizes the buffers of the travelling waves
+RESTING = 100e-6  # time at rest of needle and valve after which an injection has ended [s]
+SLOWEST_WAVE = 600.0  # below the sound speed of any fuel [m/s]: sizes the buffers of the travelling waves
 _WAYS = {"feed_pipe.length": 1.0, "return_line.length": 2.0}  # of a wave in the buffers, in lengths
 
 
@@ -146,9 +146,9 @@ class Prepared(NamedTuple):
 
 
 def prepare(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> Prepared:
-    """Work out once what many batches need.
+    """Compute the data shared by many batches once.
 
-    `dt`: time step [s]. Raises ConfigurationError if a point has too many steps, no trace for a drive that needs one,
+    `dt`: time step [s]. `ConfigurationError` if a point has too many steps, lacks a trace for its drive,
     or is refused by `check_point`.
     """
     for point in points:
@@ -191,7 +191,7 @@ def reference_densities(
 
     `names`, `values`: as in `candidate_matrix`; the temperature must lie in the fuel's range.
 
-    Returns `densities` (1 or candidates, points): one row where all candidates have the injector's own temperature.
+    Returns `densities` (1 or candidates, points): one row if all candidates have the injector's own temperature.
     """
     pressures = [point.at_start(point.cylinder_pressure) for point in points]
     if values is None or FUEL_TEMPERATURE not in names:
@@ -203,7 +203,7 @@ def reference_densities(
 
 @functools.lru_cache(maxsize=64)
 def _densities(fuel: Fuel, pressures: tuple[float, ...], temperature: float) -> tuple[float, ...]:
-    """Densities [kg/m³] at one temperature: half a millisecond, cached for the next batch at the same pressures."""
+    """Densities [kg/m³] at one temperature, which take half a millisecond: cached for the next batch."""
     pressure, column = np.unique(pressures, return_inverse=True)
     return tuple(fuel.density(pressure, temperature)[column].tolist())
 

@@ -1,4 +1,4 @@
-"""Low-pass for records of pressure sensors: noise in the inlet's pressure makes the feed pipe ring."""
+"""Low-pass filter for records of pressure sensors, whose noise would make the feed pipe ring."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 
-# Noise is judged from 5 to 10 kHz: waves of rails and lines have nearly died out there, and most sensors still answer.
+# The noise is estimated from 5 to 10 kHz: waves of rails and lines have nearly decayed there, and most sensors respond.
 TOP, LOWEST = 10e3, 100.0  # upper end of that octave, and lowest cut-off by default, above pump and control [Hz]
-MARGIN = 4.0  # of a cut-off over the signal: what a corner in the course loses falls with 1/f
+MARGIN = 4.0  # cut-off over signal frequency: the loss at a corner of the course falls with 1/f
 STANDS_OUT = 3.0  # power of a signal over the noise power, in a band of half an octave
 FEWEST = 32  # samples needed to separate signal from noise
 CHI = 0.4549  # median of χ² with one degree of freedom over its mean
@@ -29,9 +29,9 @@ class Filtered(NamedTuple):
 def low_pass(time: Floats, value: Floats, cut_off: float | None = None) -> Filtered:
     """Low-pass a record without a shift in time.
 
-    Up to the cut-off f_c its cosine transform stays as it is, above √2 f_c nothing is left, between them the gain falls
-    as a half cosine. The transform is that of the record less its regression line. With the default cut-off the noise
-    between the waves is taken off as well, by a Wiener filter: the gain is further multiplied by
+    Up to the cut-off f_c its cosine transform is unchanged, above √2 f_c it is zero, and in between the gain falls
+    as a half cosine. The transform is that of the record minus its regression line. With the default cut-off a Wiener
+    filter also removes the noise between the waves: the gain is further multiplied by
 
         max(1 − 3 N/P, 0)
 
@@ -43,8 +43,8 @@ def low_pass(time: Floats, value: Floats, cut_off: float | None = None) -> Filte
     time, value : (samples,)
         An uneven record is first interpolated, linearly, at the median of its intervals.
     cut_off : float, optional
-        [Hz]. By default four times the frequency up to which the record stands out from its noise, from 100 Hz to
-        20 kHz; a record that is too short or too slow to show its noise, below 20 kHz, stays as it is.
+        [Hz]. Default: four times the frequency up to which the record stands out from its noise, from 100 Hz to
+        20 kHz; a record too short or too slow (below 20 kHz) to show its noise is unchanged.
     """
     from scipy.fft import dct, idct
 
@@ -64,7 +64,7 @@ def low_pass(time: Floats, value: Floats, cut_off: float | None = None) -> Filte
         power = content**2
         noise = float(np.median(power[octave])) / CHI
         cut_off = max(MARGIN * _highest_signal(power, frequency, noise), LOWEST)
-        # corners and ends of the record reach into that octave, less so into the last one
+        # corners and ends of the record reach into that octave, less into the last one
         steady = min(noise, float(np.median(power[frequency > 0.5 * frequency[-1]])) / CHI)
         mean = np.convolve(power, np.full(NEIGHBOURS, 1.0 / NEIGHBOURS), "same")
         weight = np.maximum(1.0 - STANDS_OUT * steady / np.maximum(mean, np.finfo(float).tiny), 0.0)
@@ -77,7 +77,7 @@ def low_pass(time: Floats, value: Floats, cut_off: float | None = None) -> Filte
 
 
 def _highest_signal(power: Floats, frequency: Floats, noise: float) -> float:
-    """Upper end [Hz] of the highest half octave below 5 kHz that stands out from the noise, 0 if none does."""
+    """Upper end [Hz] of the highest half octave below 5 kHz that stands out from the noise, 0 if there is none."""
     upper = 0.5 * TOP
     while upper > LOWEST * 2.0**0.5:
         band = power[(frequency > upper / 2.0**0.5) & (frequency <= upper)]

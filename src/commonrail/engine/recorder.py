@@ -37,8 +37,8 @@ def record_crossing(work, rows, lane, count):  # type: ignore[no-untyped-def]
     """Keep the opening, the first and the last closing, in steps; zero means absent.
 
     The needle is open once its tip has first risen by `CLEAR_LIFT`, and closes when it first meets the seat after
-    that. It has reopened, and closes again, if it rises as far again or injects more than `REOPENED` meanwhile: the
-    ringing of a closed needle and smaller bounces are neither.
+    that. It has reopened, and closes again, if it rises as far again or injects more than `REOPENED` meanwhile;
+    ringing of a closed needle and smaller bounces do not count.
     """
     old, new = work[at(rows, rows.tip_before, lane)], work[at(rows, rows.tip, lane)]
     injected = work[at(rows, rows.injected, lane)]
@@ -48,7 +48,7 @@ def record_crossing(work, rows, lane, count):  # type: ignore[no-untyped-def]
         if work[at(rows, rows.opening, lane)] == 0.0:
             work[at(rows, rows.opening, lane)] = count - (new - CLEAR_LIFT) / (new - old)
         work[at(rows, rows.is_open, lane)] = 1.0
-        work[at(rows, rows.last_closing, lane)] = 0.0  # it has not closed for the last time
+        work[at(rows, rows.last_closing, lane)] = 0.0  # the last closing is yet to come
     reopened = injected - work[at(rows, rows.injected_at_lift, lane)] > REOPENED * injected
     counts = work[at(rows, rows.is_open, lane)] > 0.0 or reopened
     if new <= 0.0 < old and work[at(rows, rows.opening, lane)] > 0.0 and counts:
@@ -60,7 +60,7 @@ def record_crossing(work, rows, lane, count):  # type: ignore[no-untyped-def]
 
 @physics
 def set_densities(work, rows, candidates, points, density):  # type: ignore[no-untyped-def]
-    """Keep the density that makes a volume of each lane's samples; one row of `density` holds for all candidates."""
+    """Keep the density that converts each lane's samples to volumes; one row of `density` serves all candidates."""
     for lane in range(rows.lanes):
         candidate = candidates[lane] if density.shape[0] > 1 else 0
         work[at(rows, rows.density, lane)] = density[candidate, points[lane]]
@@ -68,7 +68,7 @@ def set_densities(work, rows, candidates, points, density):  # type: ignore[no-u
 
 @physics
 def take_sample(work, rows, due, first):  # type: ignore[no-untyped-def]
-    """Take the `Sample` that ends in the last step, and add up its misfit, by volume as the target."""
+    """Take the `Sample` that ends in the last step, and add its misfit, by volume like the target."""
     for lane in range(rows.lanes):
         start = work[at(rows, rows.injected_before, lane)]
         here = start + due.fraction * (work[at(rows, rows.injected, lane)] - start)
@@ -101,7 +101,7 @@ def is_sound(work, rows, lane):  # type: ignore[no-untyped-def]
 
 @physics
 def _instant(work, rows, row, lane):  # type: ignore[no-untyped-def]
-    """A recorded instant in steps; NaN where there was none."""
+    """Recorded instant in steps; NaN if absent."""
     return work[at(rows, row, lane)] if work[at(rows, row, lane)] > 0.0 else np.nan
 
 
@@ -132,7 +132,7 @@ def report_remaining(work, rows, cylinder, out):  # type: ignore[no-untyped-def]
 
 @physics
 def record(work, rows, trace):  # type: ignore[no-untyped-def]
-    """Copy state and leaving waves into a trace, (rows, lanes that are kept); of one row, the mass injected alone."""
+    """Copy state and leaving waves into a trace, (rows, kept lanes); into a single row only the injected mass."""
     first = rows.injected if trace.shape[0] == 1 else rows.state
     for row in range(trace.shape[0]):
         for lane in range(trace.shape[1]):
@@ -141,6 +141,6 @@ def record(work, rows, trace):  # type: ignore[no-untyped-def]
 
 @physics
 def keep_if_asked(work, rows, trace, block, k):  # type: ignore[no-untyped-def]
-    """Copy state and leaving waves of step k into a trace that is not empty."""
+    """Copy state and leaving waves of step k into the trace unless it is empty."""
     if trace.shape[0] > 0:
         record(work, rows, trace[block, k])

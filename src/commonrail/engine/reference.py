@@ -1,7 +1,7 @@
 """The reference engine: the same equations by SciPy's LSODA, error-controlled, restarted at every switching.
 
-Slow and simple; the lanes are checked against it. If LSODA's step becomes too small after a kink, DOP853 repeats the
-segment. Pipes are resolved by `cells` finite volumes. On request the explicit march of `reference_kernels` solves
+It is slow and simple; the lanes are checked against it. If LSODA's step becomes too small after a kink, DOP853 repeats
+the segment. Pipes are resolved by `cells` finite volumes. On request the explicit march of `reference_kernels` solves
 instead.
 """
 
@@ -53,7 +53,7 @@ class Instants(NamedTuple):
     first_closing: float = math.nan
 
 
-# Crossings of the needle's seat that a reference engine has recorded, and the instants that follow from them.
+# Crossings of the needle's seat recorded by a reference engine, and the instants that follow.
 
 
 class Crossings(NamedTuple):
@@ -83,7 +83,7 @@ def instants(crossings: Crossings) -> Instants:
     return Instants(clears[0], last[-1] if last else math.nan, closings[0] if closings else math.nan)
 
 
-SAME = 1e-13  # stops of the march that are nearer than this are one [s]
+SAME = 1e-13  # stops of the march closer than this coincide [s]
 
 
 class Resolution(NamedTuple):
@@ -101,7 +101,7 @@ class Resolution(NamedTuple):
     step: float = 5e-8
 
 
-CRAWL = (2000, 0.5e-6)  # LSODA is stuck if so many evaluations take it no further than this [s]; 40 a us are usual
+CRAWL = (2000, 0.5e-6)  # LSODA is stuck if this many evaluations advance it by less [s]; 40 per us are usual
 
 
 @functools.cache
@@ -132,9 +132,9 @@ def simulate_reference(
     """Simulate one injection with the reference engine.
 
     `sample_interval`: spacing of the samples [s]; `friction` (9, 2), optional: Coulomb force [N] and viscous
-    coefficient [N s/m] of the guides on each mass, in a rigid body their sums; not part of the paper's model, used by
-    the virtual test bench. Raises ConfigurationError if the resolution makes no sense, or the injector or its fuel does
-    not cover the point. A simulation that fails returns a `Solution` whose status says so.
+    coefficient [N s/m] of the guides on each mass, in a rigid body their sums; used by the virtual test bench, not
+    part of the paper's model. `ConfigurationError` if the resolution is out of range, or the injector or its fuel does
+    not cover the point. A failed simulation returns a `Solution` with that status.
     """
     resolution = resolution or Resolution()
     _check(resolution)
@@ -161,7 +161,7 @@ def _check(resolution: Resolution) -> None:
 
 
 class Model:
-    """One injector at one point, as functions of time and state; `solve` may be overridden by another solver."""
+    """One injector at one point, as functions of time and state; another solver can override `solve`."""
 
     def __init__(
         self, injector: Injector, point: OperatingPoint, resolution: Resolution, friction: Floats | None
@@ -196,7 +196,7 @@ class Model:
     def march(self, time: Floats) -> tuple[Floats, Instants, bool]:
         """States at `time` (n,), increasing [s], by the explicit march; as `run`.
 
-        Steps are shorter than the resolution's where a pipe's wave would pass a cell or the SAC would settle sooner.
+        Steps are shorter than the resolution's if a wave would pass a cell or the SAC would settle sooner.
         """
         states = np.full((len(time), len(self.start)), np.nan)
         recorded = np.append(np.full(3, np.nan), (0.0, 0.0))
@@ -208,12 +208,12 @@ class Model:
         return states, Instants(*recorded[:3].tolist()), bool(finished)
 
     def passage(self) -> float:
-        """Time in which a wave passes a cell [s]: 12 % less than Runge–Kutta's limit for staggered volumes."""
+        """Time in which a wave passes a cell [s]: 12 % below Runge–Kutta's limit for staggered volumes."""
         c, (feed, line) = self.c, self.cells
         return float(min(c.feed_pipe.travel_time / feed, 0.5 * c.return_line.round_trip / line if line else math.inf))
 
     def _plan(self, time: Floats) -> Plan:
-        """Stops of the march, and the courses and the schedule between them."""
+        """Stops of the march, and courses and schedule in between."""
         first, last = float(time[0]), float(time[-1])
         stretches = segments(self.point, self.c.drive.peak_duration, first, last)
         edges = np.array([s.start for s in stretches])
@@ -239,7 +239,7 @@ class Model:
             if not segment.on:
                 self.outside[AT.conducting] = 2.0
             while now < segment.stop - 1e-15:
-                if not np.isfinite(y).all():  # SciPy would refuse it with an error of its own
+                if not np.isfinite(y).all():  # SciPy would raise an error of its own
                     return states, instants(crossings), False
                 if self.past_limit(y) > 1e-9:
                     self.outside[AT.conducting] = drive.toggle_conduction(self.outside[AT.conducting])
@@ -259,7 +259,7 @@ class Model:
         return states, instants(crossings), True
 
     def _note(self, crossings: Crossings, result: Any) -> None:
-        """Add what a solve has seen, with the mass injected by then [kg]."""
+        """Add the crossings of a solve, with the mass injected by then [kg]."""
         injected = self.at.core + self.core.row("nozzle.injected")
         for records, times, states in zip(crossings, result.t_events, result.y_events, strict=False):
             records.extend((float(t), float(y[injected])) for t, y in zip(times, states, strict=True))
@@ -279,7 +279,7 @@ class Model:
         try:
             result = solve_ivp(self._rhs, (start, stop), y, "LSODA", lband=self.band, uband=self.band, **common)
         except _Crawling:
-            self._evaluations = 10**9  # DOP853 is explicit: many evaluations, but it never sticks
+            self._evaluations = 10**9  # DOP853 is explicit: it needs many evaluations, but never sticks
             result = solve_ivp(self._rhs, (start, stop), y, "DOP853", **common)
         if result.success and result.status == 0:
             self.last = result.y[:, -1].copy()
@@ -307,9 +307,9 @@ class Model:
 
     @property
     def band(self) -> int:
-        """Half-width of the Jacobian: the injector's block couples among itself and to the pipes' ends.
+        """Half-width of the Jacobian: the injector's block is coupled internally and to the ends of the pipes.
 
-        The pipe's inlet needs the rail's mass only where the rail has a volume; that far corner is left to the
+        The pipe's inlet depends on the rail's mass only for a rail volume; that far corner is left to the
         iteration, which converges without it.
         """
         return self.at.line - self.at.core + 2
@@ -323,7 +323,7 @@ class Model:
         return self.slopes(t, y)
 
     def slopes(self, t: float, y: Floats) -> Floats:
-        """The right-hand side."""
+        """Right-hand side."""
         at_time = [value_at(course, t) for course in courses(self.point)]
         self.outside[:3], self.outside[AT.trace] = at_time[:3], at_time[3]
         self.y[:] = y
@@ -372,7 +372,7 @@ def solution(model: Model, time: Floats, states: Floats, instants: Instants, fin
 
 
 def _pressures(model: Model, time: Floats, states: Floats) -> dict[str, Floats]:
-    """In the volumes, in the rail and at the feed pipe's inlet; these two differ where the rail is a volume."""
+    """In the volumes, in the rail and at the feed pipe's inlet; the last two differ for a rail volume."""
     hydraulics, masses, c = make_hydraulics(model.variant), wiring(model.variant).positions, model.c
     control: list[float] = []
     needle_side: list[tuple[float, float]] = []
@@ -400,7 +400,7 @@ def _pressures(model: Model, time: Floats, states: Floats) -> dict[str, Floats]:
 
 
 def _balance(model: Model, states: Floats) -> float:
-    """Balance of `relative_to_injected`."""
+    """Missing mass relative to the injected mass, see `relative_to_injected`."""
     gain = states[-1] - states[0]
     core = model.core.load(gain, model.at.core, 1)
     per_cell = model.c.feed_pipe.travel_time / model.cells[0] / model.c.feed_pipe.impedance

@@ -1,9 +1,9 @@
-"""Loops of the reference engine that are compiled: the right-hand side, and the explicit march.
+"""Compiled loops of the reference engine: the right-hand side, and the explicit march.
 
 The march is the classical Runge–Kutta method of order 4 at small steps, several times faster than LSODA and free of
-Python, to simulate many truths at once. Steps end at every sample, edge of the schedule and knot of
-a trace; the PWM switches inside a step, where its current meets the limit. Between them steps are of one length unless
-the SAC, the stiffest of the volumes, settles sooner. A state that runs away is seen, not raised.
+Python, for simulating many truths at once. Steps end at every sample, edge of the schedule and knot of
+a trace; the PWM switches inside a step, when its current meets the limit. In between steps have one length unless
+the SAC, the stiffest of the volumes, settles sooner. A diverging state is reported, not raised.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ def rates_entries(*words: str) -> dict[str, Any]:
     return {"rates": (of_table(slopes, RATES), TABLE)}
 
 
-# Runge's stages: where in the step each is taken (there is no fifth), and what its slope contributes
+# Runge's stages: times within the step (there is no fifth), and weights of the slopes
 AHEAD = (0.0, 0.5, 0.5, 1.0, 0.0)
 SHARE = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
-MET = 1e-9  # the current meets its limit, relative to the band
+MET = 1e-9  # distance of the current from its limit that counts as zero, relative to the band
 SETTLED = 1.0  # share of the SAC's settling time that a step may take; Runge-Kutta's limit of stability is 2.8
-SHORTEST = 0.02  # of the step: shorter it does not get for that
-TRIES = 40  # to meet it; three suffice
+SHORTEST = 0.02  # share of the step below which it is not shortened for that
+TRIES = 40  # to meet the limit; three suffice
 
 
 class Fixed(NamedTuple):
@@ -84,7 +84,7 @@ def march_entries(*words: str) -> dict[str, Any]:
 
 @physics
 def set_all(target: Any, source: Any) -> None:
-    """Copy an array; by a slice it would be into memory of its own first, lest the two overlap."""
+    """Copy an array element by element: slice assignment makes a temporary in case the arrays overlap."""
     for i in range(len(source)):
         target[i] = source[i]
 
@@ -129,9 +129,9 @@ def stride(left: float, step: float) -> float:
 
 
 def make_march(variant: Variant) -> Callable[..., int]:
-    """Function (plan, fixed, step, start, states, recorded, memory) that is 1 if all stayed finite, else 0.
+    """Make the function (plan, fixed, step, start, states, recorded, memory) that is 1 if all stayed finite, else 0.
 
-    `memory`: arrays (fields of `equations.Outside`,) and (4, entries of the state) to work in.
+    `memory`: work arrays (fields of `equations.Outside`,) and (4, entries of the state).
     """
     load, frame, air_gap = wiring(variant).coefficients.load, make_frame(variant), make_air_gap(variant)
     flux_row, injected_row = core_of(variant).row("solenoid.flux"), core_of(variant).row("nozzle.injected")
@@ -140,7 +140,7 @@ def make_march(variant: Variant) -> Callable[..., int]:
 
     @physics
     def runge_kutta(work: Any, now: float, h: float, outside: Any, course: Any, fixed: Any) -> None:
-        """From the state in the first row of `work` to the one after a step of length h from `now`, in the second."""
+        """Advance the state in the first row of `work` by a step of length h from `now`, into the second row."""
         plan, k = course
         y, new, trial, slope = work[0], work[1], work[2], work[3]
         for i in range(len(y)):

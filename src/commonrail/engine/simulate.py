@@ -40,7 +40,7 @@ from commonrail.physics.variants import Variant
 
 ROUNDING = 1e-6  # relative difference from a whole number of steps that counts as rounding
 
-# Simulations, by their parameters in memory: 20 MB, and on a GPU, which needs many to be busy, 160 MB.
+# Simulations at a time, by their parameters in memory: 20 MB, and on a GPU, which needs many to be busy, 160 MB.
 AT_A_TIME = {Engine.LANES: 16_384, Engine.CUDA: 131_072}
 
 
@@ -78,18 +78,18 @@ def simulate(
     ----------
     injector : Injector
     point : OperatingPoint, optional
-        Or its fields by keyword: `rail_pressure` with `energising_time` or `energisings`, and where they differ from
-        the defaults `cylinder_pressure`, `return_pressure`, `drive` and `horizon`.
+        Or its fields by keyword: `rail_pressure` with `energising_time` or `energisings`, and, if not by
+        default, `cylinder_pressure`, `return_pressure`, `drive` and `horizon`.
     engine : Engine or str
         "lanes" (fast, fixed step), "cuda" (the same on an NVIDIA GPU; useful for comparison only, one injection cannot
         fill it) or "reference" (slow, error-controlled).
     time_step : float or str
-        The fixed step [s], or text such as ``"1 us"``; from 1 ns to 100 us.
+        Fixed step [s], or text such as ``"1 us"``; from 1 ns to 100 us.
     sample_interval : float or str, optional
         Spacing of the samples [s], or text; by default the fixed step, 3 us for the reference. A whole number of fixed
         steps.
     precision : Precision or str
-        "f64" or "f32", of the fast engines; the reference is f64 alone.
+        "f64" or "f32", for the fast engines; the reference is always f64.
     rail_pressure, cylinder_pressure, return_pressure : float, str or Trace, optional
         [Pa], or text such as ``"160 MPa"``.
     energising_time : float or str, optional
@@ -104,10 +104,10 @@ def simulate(
     Raises
     ------
     ConfigurationError
-        If an argument is of the wrong kind or beyond its limits, the settings contradict each other, or the engine is
-        not available on this machine. A simulation that fails returns a `Solution` whose status says so.
+        If an argument is of the wrong type or beyond its limits, the settings contradict each other, or the engine is
+        not available on this machine. A failed simulation returns a `Solution` with that status.
     SimulationError
-        If parameters far from any injector's lead to a division by zero or a number beyond all bounds.
+        If parameters far from those of any injector lead to a division by zero or an overflow.
 
     Examples
     --------
@@ -150,12 +150,12 @@ def simulate(
             return simulate_reference(injector, point, sample_interval or 3e-6)
         stride = 1 if sample_interval is None else _stride(sample_interval, time_step)
         return _simulate_course(injector, plan.prepare(injector, [point], time_step), stride, engine, real, alike)
-    except ArithmeticError as error:  # parameters far from any injector's
+    except ArithmeticError as error:  # parameters far from those of any injector
         raise SimulationError(_beyond_numbers(injector, error)) from error
 
 
 def _read_point(point: OperatingPoint | None, keywords: dict[str, Any]) -> OperatingPoint:
-    """Operating point of `simulate`, which is given whole or by its fields."""
+    """Operating point of `simulate`, given as such or by its fields."""
     if point is not None:
         instance(point, OperatingPoint, "point")
         if keywords:
@@ -240,7 +240,7 @@ def simulate_batch(
     """Simulate many candidates at many operating points.
 
     Candidates and points fill the lanes of the processor together: one injector at eight points takes as long as eight
-    candidates at one point. The figures of each have the bits that they have alone.
+    candidates at one point. The figures of each have the same bits as in a run alone.
 
     Parameters
     ----------
@@ -249,12 +249,12 @@ def simulate_batch(
     names : sequence of str
         Dotted names of the parameters that vary, each once.
     values : (candidates, names), optional
-        Their SI values, or texts with units; one candidate, the injector itself, if left out. A candidate with a value
+        SI values, or texts with units; default: one candidate, the injector itself. A candidate with a value
         that is not finite or outside its domain has the status OUTSIDE_DOMAIN.
     time_step : float or str
         [s], or text such as ``"1 us"``; from 1 ns to 100 us.
     threads : int, optional
-        All usable processors by default. The result does not depend on it.
+        Default: all usable processors. The result does not depend on it.
     misfit : Misfit, optional
         Rate samples to compare with inside the loop.
     stop_when_closed : bool
@@ -262,17 +262,17 @@ def simulate_batch(
     precision : Precision or str
         "f64", or "f32": twice as fast, with an L1 error of the rate below 0.01 % from rounding.
     prepared : Prepared, optional
-        `plan.prepare` of the same injector, points and time step: saves time where many batches follow each other.
+        `plan.prepare` of the same injector, points and time step: saves time in a series of batches.
     engine : Engine or str
         "lanes", or "cuda" for one simulation on each thread of an NVIDIA GPU; `threads` is then ignored.
     same_bits : bool
-        Compute with machine code in which nothing is fused or reordered: equal bits on every x86-64 processor and in an
+        Use machine code without fused or reordered operations: equal bits on every x86-64 processor and in an
         exported library. Lanes only. docs/performance.md states the cost.
 
     Raises
     ------
     ConfigurationError
-        If an argument is of the wrong kind or beyond its limits, a name is unknown or repeated, the settings contradict
+        If an argument is of the wrong type or beyond its limits, a name is unknown or repeated, the settings contradict
         each other, or the engine is not available on this machine.
     """
     instance(injector, Injector, "injector")
@@ -368,7 +368,7 @@ def _run(
 def _simulate(
     names: Sequence[str], candidates: Floats, prepared: Prepared, run: Callable[..., tuple[Outcome, Floats]]
 ) -> Batch:
-    """A part of a population that is small enough to have all its parameters in memory."""
+    """Simulate a part of a population whose parameters fit into memory."""
     injector, points = prepared.injector, prepared.points
     inside = admissible(names, candidates, injector.fuel, injector.variant.actuation)
     if not inside.all():
@@ -418,9 +418,9 @@ def sampled_rates(
 ) -> Floats:
     """Mean mass flow between time bounds [s] for each candidate: (candidates, bounds − 1) [kg/s].
 
-    Rows of failed simulations, those whose step is too long included, are NaN.
+    Rows of failed simulations, including those with too long a step, are NaN.
 
-    `bounds` (n,): [s]; `prepared` (Prepared, optional): of the injector at this point and time step, known already;
+    `bounds` (n,): [s]; `prepared` (Prepared, optional): of the injector at this point and time step;
     `injector`, `point`, `names`, `values`, `time_step`, `threads`, `same_bits`: as in `simulate_batch`.
     """
     prepared = prepared or plan.prepare(injector, [point], time_step)

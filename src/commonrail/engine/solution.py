@@ -1,4 +1,4 @@
-"""Results of simulations: one injection, as it is and as a meter shows it, and figures of many."""
+"""Results of simulations: one injection, directly and through a meter, and figures of many."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ if TYPE_CHECKING:
 
 # Mass balance of a whole simulation, from the traced state.
 
-SMALL = 1e-6  # a small pilot's mass [kg]: without an injection there is nothing to be relative to
+SMALL = 1e-6  # least reference mass, as of a small pilot [kg]: without an injection the error would be undefined
 
 _VOLUMES = ("control_chamber.fuel.mass", "accumulation.fuel.mass", "sac.mass")
 
 
 def relative_balance(c: SharedCoefficients, states: Mapping[str, Floats], dt: float) -> float:
-    """Balance of `relative_to_injected`.
+    """Missing mass relative to the injected mass, see `relative_to_injected`.
 
-    In: drawn from the rail. Out: injected, returned. Stored: the volumes that the injector has and the feed pipe.
+    In: drawn from the rail. Out: injected, returned. Stored: in the volumes and the feed pipe.
 
     `c`: `plan.coefficients_at` that step; `states` (mapping of str to (steps + 1,)): state after every step, by the
     names of `lanes.trace_paths`; `dt`: time step [s].
@@ -48,7 +48,7 @@ def relative_balance(c: SharedCoefficients, states: Mapping[str, Floats], dt: fl
     stored += _pipe(states["waves.down"], c.delays.feed, dt * c.feed_pipe.admittance / 2)
     stored += _pipe(states["waves.up"], c.delays.feed, dt * c.feed_pipe.admittance / 2)
     inlet, end = states["feed_pipe.inlet_flow"][-1], states["feed_pipe.end_flow"][-1]
-    # the ends' friction of the last step, taken off when a wave leaves and when it arrives, is still on its way
+    # the friction of the last step, subtracted when a wave leaves and when it arrives, is still under way
     late = feed_pipe.end_loss(c.feed_pipe, float(inlet)) - feed_pipe.end_loss(c.feed_pipe, float(end))
     stored += dt * c.feed_pipe.admittance / 2 * late
     injected = float(states["nozzle.injected"][-1])
@@ -64,7 +64,7 @@ def relative_to_injected(left: float, injected: float) -> float:
 
 
 def _pipe(wave: Floats, delay: float, share: float) -> float:
-    """Gain in fuel under way [kg]: the waves that have left but not arrived, less those at the start."""
+    """Gain in fuel under way [kg]: waves that have left but not arrived, minus those at the start."""
     whole_steps = int(min(max(delay, 1.0), len(wave)))  # a wave under way longer than the simulation has not left yet
     fraction = max(delay, 1.0) - whole_steps
     weights = np.concatenate((np.ones(whole_steps), [fraction]))
@@ -72,7 +72,7 @@ def _pipe(wave: Floats, delay: float, share: float) -> float:
     return float(share * np.sum(weights[: len(recent)] * (recent - wave[0])))
 
 
-# Channels of a solution, read off the states of an engine.
+# Channels of a solution, from the states of an engine.
 
 States = Mapping[str, Floats]
 
@@ -98,11 +98,11 @@ def read_channels(c: Any, variant: Variant, point: OperatingPoint, time: Floats,
     pressures = {name: pressure_states[path] for name, path in _PRESSURES.items() if path in pressure_states}
     cylinder = values_at(point.cylinder_pressure, time)
     channels = all_channels(c, variant, states, pressures, cylinder)
-    return {name: np.ascontiguousarray(values) for name, values in channels.items()}  # the trace need not be kept
+    return {name: np.ascontiguousarray(values) for name, values in channels.items()}  # frees the trace
 
 
 def all_channels(c: Any, variant: Variant, states: States, pressures: States, cylinder: Floats) -> dict[str, Floats]:
-    """Lifts, the given pressures, and what follows from flux and lift reached, as any engine names them.
+    """Lifts, the given pressures, and values that follow from flux and lift, with the names shared by all engines.
 
     `c`: of the variant's actuation; `states`, `pressures`: (mapping of str to (samples,)).
     """
@@ -126,15 +126,15 @@ def all_channels(c: Any, variant: Variant, states: States, pressures: States, cy
 
 
 def _discharge(law: Callable[..., Any], c: Any, at: tuple[Floats, Floats, Floats], foreign: bool) -> Floats:
-    """Discharge coefficient at the samples of lift, SAC and cylinder pressure; a foreign law is given one at a time."""
-    if foreign or len(at[0]) == 1:  # a foreign law may branch; one sample takes the stepper a tenth of the time so
+    """Discharge coefficient at the samples of lift, SAC and cylinder pressure; a foreign law is called one by one."""
+    if foreign or len(at[0]) == 1:  # a foreign law may branch; for one sample this is ten times as fast
         return np.array([law(c, *sample) for sample in zip(*at, strict=True)])
     return np.asarray(_of_arrays(law)(c, *at))
 
 
 @functools.cache
 def _of_arrays(law: Callable[..., Any]) -> Callable[..., Any]:
-    """The same law for arrays, to the same bits: it takes `max` and `min` element by element, and does not branch."""
+    """The same law for arrays, to the same bits: `max` and `min` act element by element, and it does not branch."""
     names = law.__globals__
     called = {name: _of_arrays(names[name]) for name in law.__code__.co_names if inspect.isfunction(names.get(name))}
     return FunctionType(law.__code__, {**names, **called, "max": np.maximum, "min": np.minimum}, None, law.__defaults__)
@@ -162,21 +162,21 @@ class Solution(Shown):
         Instant at which the needle's tip first rises by 5 um [s]; NaN if it never does.
     closing, first_closing : float
         Instants at which the tip meets the seat for the last and for the first time after it was open [s]. It is open
-        above 5 um, and in a reopening below that through which more than 0.1 % of all that was injected flows; ringing
-        and smaller bounces do not count. The two differ where the needle reopens. NaN where there is none; no last one
-        where the needle is above 5 um at the end.
+        above 5 um, and in a lower reopening through which more than 0.1 % of the injected mass flows; ringing
+        and smaller bounces do not count. The two differ if the needle reopens. NaN if absent; no last closing
+        if the needle is above 5 um at the end.
     reference_density : float
-        Fuel at cylinder pressure at rest (`OperatingPoint.at_start`) and fuel temperature [kg/m³]: turns mass into
+        Fuel at cylinder pressure at rest (`OperatingPoint.at_start`) and fuel temperature [kg/m³]: converts mass to
         the volume that a rate meter shows.
     status : Status
     engine : str
         "lanes" or "reference".
     balance : float
-        In − out − stored, relative to the injected mass, or to 1 mg where less was injected.
+        In − out − stored, relative to the injected mass, at least 1 mg.
     find_longest_step : function () -> float, optional
         Gives `longest_step`.
     point : OperatingPoint, optional
-        The one that was simulated.
+        The simulated one.
     """
 
     presenter = "commonrail.report.notebook:SOLUTION"
@@ -201,13 +201,13 @@ class Solution(Shown):
     def longest_step(self) -> float:
         """Longest stable time step of the fast engines for this injector [s]; infinite for the reference.
 
-        Computed at the first access, which takes about half as long as the simulation.
+        Computed at first access, which takes about half as long as the simulation.
         """
         return math.inf if self.find_longest_step is None else self.find_longest_step()
 
     @property
     def sentence(self) -> str:
-        """End of the simulation in words; for a step that is too long, one that is short enough."""
+        """End of the simulation in words; for too long a step with one that is short enough."""
         if self.status is not Status.STEP_UNSTABLE:
             return self.status.sentence
         return f"{self.status.sentence} {step_advice(self.longest_step)}"
@@ -219,17 +219,17 @@ class Solution(Shown):
 
     @property
     def rate(self) -> Floats:
-        """Rate of injection by volume (samples,) [m³/s] at the reference density, at `rate_time`."""
+        """Injection rate by volume (samples,) [m³/s] at the reference density, at `rate_time`."""
         return np.asarray(self.mass_rate / self.reference_density)
 
     @property
     def rate_mg_per_ms(self) -> Floats:
-        """Rate of injection by mass (samples,) [mg/ms], at `rate_time`."""
+        """Injection rate by mass (samples,) [mg/ms], at `rate_time`."""
         return np.asarray(self.mass_rate * 1e3)
 
     @property
     def rate_mm3_per_ms(self) -> Floats:
-        """Rate of injection by volume (samples,) [mm³/ms], at `rate_time`."""
+        """Injection rate by volume (samples,) [mm³/ms], at `rate_time`."""
         return np.asarray(self.rate * 1e6)
 
     @property
@@ -279,7 +279,7 @@ class Batch(Shown):
 
     @property
     def failed(self) -> Bools:
-        """Mask of the simulations that failed."""
+        """Mask of failed simulations."""
         return ~np.isin(self.status, (Status.OK, Status.STILL_INJECTING))
 
     @property
@@ -293,14 +293,14 @@ class Batch(Shown):
         return np.asarray(self.returned_mass / self.reference_density)
 
 
-# A single simulation as a meter shows it.
+# A single simulation through a meter.
 
 UNEVEN = 1e-6  # relative difference between intervals that counts as rounding
 
 
 @dataclass(frozen=True)
 class Metered:
-    """Rate and quantity of one injection as a meter shows them.
+    """Rate and quantity of one injection through a meter.
 
     Attributes
     ----------
@@ -308,7 +308,7 @@ class Metered:
     rate : (samples,)
         Means between the same bounds as the simulated rate [m³/s].
     quantity : float
-        Per stroke, by gain and offset, as for a map [m³].
+        Per stroke, with gain and offset, as for a map [m³].
     """
 
     meter: Meter
@@ -324,7 +324,7 @@ class Metered:
 def metered(solution: Solution, meter: Meter, injector: Injector, point: OperatingPoint) -> Metered:
     """Show a simulated injection as a meter would.
 
-    The flow is taken as zero before the first and after the last sample; a zero-phase filter, which sees ahead, needs a
+    The flow is zero before the first and after the last sample; a zero-phase filter, which looks ahead, needs a
     simulation that ends after the injection.
 
     Parameters
@@ -334,14 +334,14 @@ def metered(solution: Solution, meter: Meter, injector: Injector, point: Operati
     meter : Meter
         Its values are used unchanged; fitted ones have their start values.
     injector : Injector
-        The one that was simulated; its fuel gives the density at a temperature of the meter.
+        The simulated one; its fuel gives the density at a temperature of the meter.
     point : OperatingPoint
-        The one that was simulated.
+        The simulated one.
 
     Raises
     ------
     ConfigurationError
-        If an argument is of another kind, or the intervals of the samples differ.
+        If an argument is of the wrong type, or the intervals of the samples differ.
     """
     instance(solution, Solution, "solution")
     from commonrail.physics.meters import Flow, Meter, given_values, shown_quantities, shown_rates
@@ -363,7 +363,7 @@ def metered(solution: Solution, meter: Meter, injector: Injector, point: Operati
 
 
 def _density(solution: Solution, meter: Meter, injector: Injector, point: OperatingPoint) -> float:
-    """Density [kg/m³] that makes the meter's volumes."""
+    """Density [kg/m³] of the meter's volumes."""
     if "temperature" in meter.values:
         warmth = np.array([[meter.values["temperature"]]])
         return float(reference_densities(injector, [point], [FUEL_TEMPERATURE], warmth)[0, 0])

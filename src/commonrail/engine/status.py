@@ -1,4 +1,4 @@
-"""Status of a simulation, whose sentence says what to do."""
+"""Status of a simulation, with a sentence that says what to do."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from commonrail.physics.variants import DRIVE, RETURN, reader_of, unread_inputs
 
 
 class Status(IntEnum):
-    """Outcome of one simulation. What `failed` costs +inf in a study; so does a needle still open in a quantity map."""
+    """Outcome of one simulation. A `failed` one costs +inf in a study, like a needle still open in a quantity map."""
 
     OK = 0
     NOT_CLOSED_AT_START = 1
@@ -33,7 +33,7 @@ class Status(IntEnum):
     NOT_FINITE = 4
     STILL_INJECTING = 5
     OUTSIDE_DOMAIN = 6
-    CONDITION_NOT_MET = 7  # of a study; no simulation by itself ends so
+    CONDITION_NOT_MET = 7  # set by a study only
 
     @property
     def sentence(self) -> str:
@@ -74,23 +74,23 @@ OK, STILL_INJECTING = int(Status.OK), int(Status.STILL_INJECTING)  # NumPy takes
 
 
 def which_failed(statuses: NDArray[np.integer[Any]]) -> Bools:
-    """`Status.failed` of many."""
+    """Mask of failed statuses."""
     return np.asarray((statuses != OK) & (statuses != STILL_INJECTING))
 
 
-# Checks of an operating point against the injector that is simulated at it.
+# Checks of an operating point against its injector.
 
 # Largest R q/Z of a feed pipe [1]. Fast engine against reference, virtual-lino-2016 with pipes of 0.3 to 3 m, 1 to
 # 2.5 mm and f of 0.03 and 0.1, 160 MPa, 700 us: 0.03 % at 0.15, 0.08 % at 0.2, 0.16 % at 0.31, 0.66 to 0.75 % at 0.48,
 # 1.6 % at 0.97, 4.9 % at 1.6.
 MOST_LOSS = 0.3
-ROUNDING = 1e-9  # of a pressure: a conversion of units must not lie outside a range
+ROUNDING = 1e-9  # of a pressure: tolerates the rounding of unit conversions
 
 
 def check_inputs(injector: Injector, point: OperatingPoint) -> None:
-    """Refuse measured courses that the injector does not read, which would be ignored in silence.
+    """Refuse measured courses that the injector does not read and would silently ignore.
 
-    Raises ConfigurationError if the point has a measured drive and the injector another kind of drive, or a course of
+    `ConfigurationError` if the point has a measured drive and the injector another kind of drive, or a course of
     the return pressure and the injector no return.
     """
     unread = unread_inputs(injector.variant)
@@ -109,9 +109,9 @@ def check_inputs(injector: Injector, point: OperatingPoint) -> None:
 def check_point(injector: Injector, point: OperatingPoint) -> None:
     """Refuse a point that the injector's model or its fuel does not cover.
 
-    Pressure waves inside the injector may pass the fuel's range; its polynomials are fitted beyond it for that.
+    Pressure waves inside the injector may exceed the fuel's range; its polynomials are fitted beyond it.
 
-    Raises ConfigurationError if a boundary pressure lies outside the fuel's range, or a rail that is a volume is given
+    `ConfigurationError` if a boundary pressure lies outside the fuel's range, or a rail volume is given
     a pressure trace.
     """
     if injector.variant.boundary is Boundary.VOLUME and isinstance(point.rail_pressure, Trace):
@@ -132,7 +132,7 @@ def check_point(injector: Injector, point: OperatingPoint) -> None:
 
 
 def note_limits(injector: Injector, points: Sequence[OperatingPoint]) -> None:
-    """Say where a law of an injector's own values is held at its limit, each sentence once in a process."""
+    """Note laws that are held at their limit by the injector's own values, each once per process."""
     if injector.variant.nozzle_law:
         return
     pressures = [point.at_start(point.rail_pressure) for point in points]
@@ -150,7 +150,7 @@ def note_limits(injector: Injector, points: Sequence[OperatingPoint]) -> None:
 
 @functools.lru_cache(maxsize=64)
 def _greatest_discharge(p: nozzle.Parameters, rail_pressure: float) -> float:
-    """Largest discharge coefficient that growth and shape ask of a nozzle [1], before it is held at 1.
+    """Largest discharge coefficient of a nozzle by growth and shape [1], before it is limited to 1.
 
     `rail_pressure`: at time zero [Pa].
     """
@@ -162,7 +162,7 @@ def _greatest_discharge(p: nozzle.Parameters, rail_pressure: float) -> float:
 
 
 def note_narrow_pipe(injector: Injector, points: Sequence[OperatingPoint]) -> None:
-    """Say where the feed pipe rubs more than the fast engines resolve, by an injector's own values."""
+    """Note a feed pipe with more friction than the fast engines resolve, by the injector's own values."""
     pressure = max(point.at_start(point.rail_pressure) for point in points)
     loss = pipe_loss(injector, pressure)
     if loss > MOST_LOSS:
@@ -175,9 +175,9 @@ def note_narrow_pipe(injector: Injector, points: Sequence[OperatingPoint]) -> No
 
 
 def pipe_loss(injector: Injector, rail_pressure: float) -> float:
-    """Friction of the feed pipe at the nozzle's full flow q, over the head of its wave: R q/Z [1].
+    """Friction of the feed pipe at the nozzle's full flow q, relative to its wave: R q/Z [1].
 
-    `rail_pressure`: at time zero [Pa], which the nozzle then has before it.
+    `rail_pressure`: at time zero [Pa], taken upstream of the nozzle.
     """
     parts, temperature = injector.parameters, injector.values[FUEL_TEMPERATURE]
     density, speed = _density_and_speed(injector.fuel, rail_pressure, temperature)

@@ -1,4 +1,4 @@
-"""Threads among which the simulations of a batch are shared out."""
+"""Threads that share the simulations of a batch."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from commonrail.base.hooks import check_unheld_stop
 
 
 def usable_threads() -> int:
-    """Processors this process may use."""
+    """Processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-# Threads that stay: to start some for every batch takes a good part of a small batch's own time.
+# Permanent threads: starting some for every batch would cost a good part of a small batch's time.
 
 
 class _Task(NamedTuple):
@@ -34,7 +34,7 @@ class _Crew:
         self._growth = threading.Lock()
 
     def grow(self, size: int) -> None:
-        """Have at least so many threads."""
+        """Start threads up to this number."""
         with self._growth:
             while len(self.threads) < size:
                 thread = threading.Thread(target=self._serve, name="commonrail", daemon=True)
@@ -50,7 +50,7 @@ class _Crew:
                 done.put(error)
             else:
                 done.put(None)
-            del work, item, done  # or the arrays of a batch would stay until the next one
+            del work, item, done  # frees the arrays of a batch before the next one
 
 
 _crew = _Crew()
@@ -66,12 +66,12 @@ if hasattr(os, "register_at_fork"):  # a forked process inherits the crew's task
 
 
 def side_by_side(work: Callable[[int], None], items: Sequence[int]) -> None:
-    """Call `work` with every item at the same time: with the first in the calling thread, the others in threads.
+    """Call `work` with every item at the same time: the first in the calling thread, the others in threads.
 
-    `KeyboardInterrupt` before that if a stop was asked for, see `check_unheld_stop`.
+    `KeyboardInterrupt` before that if a stop was requested, see `check_unheld_stop`.
     """
     check_unheld_stop()
-    if threading.current_thread() in _crew.threads:  # which must not wait for one another
+    if threading.current_thread() in _crew.threads:  # threads must not wait for one another
         for item in items:
             work(item)
         return

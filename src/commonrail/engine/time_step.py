@@ -1,4 +1,4 @@
-"""Time steps of the fast engines: their limits, round ones, advice."""
+"""Time steps of the fast engines: limits, round values, advice."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths
 from commonrail.physics.variants import Variant
 
-# Longest time step of the fast engines for an injector: stability of what moves, travel times of the waves.
+# Longest time step of the fast engines for an injector: stability of the moving masses, travel times of the waves.
 #
 # Leapfrog with dampers at the extrapolated velocity (3 v_{n−1/2} − v_{n−3/2})/2 is stable for M z̈ + C ż + K z = 0 as
 # long as 4 M − dt² K − 4 dt C is positive definite; where it is not, the mode of period 2 dt grows. Numerov's
@@ -33,13 +33,13 @@ Values = Mapping[str, Any]
 # well below one. The contact's damping counts at this speed of impact [m/s].
 RESOLVED, IMPACT = 0.35, 1.0
 RIGID = 0.7  # largest ω dt of one rigid mass on its seat and stop: of second order, and all its energy in that mode
-# Share of the accumulation volume that a wave may draw through the seat's bore in a step: with a SAC as large as the
-# volume itself the flow through the seat begins to alternate at about one.
+# Share of the accumulation volume that a wave may draw through the seat's bore in a step. With a SAC as large as the
+# volume the flow through the seat begins to alternate at about one.
 DRAWN = 0.5
-STOP = "plunger_needle.stop_lift"  # ends what a risen plunger takes from the control chamber
-_DIGITS = 60  # halvings of the interval in which the longest step is sought
+STOP = "plunger_needle.stop_lift"  # limits the volume that the plunger displaces from the control chamber
+_DIGITS = 60  # bisections for the longest step
 
-# Parameters that shorten the longest step as they grow, and as they shrink.
+# Parameters that shorten the longest step as they grow, and those that do as they shrink.
 SHORTENS = (
     *(f"plunger_needle.k{i}" for i in range(1, 8)),
     "plunger_needle.joint_stiffness",
@@ -65,7 +65,7 @@ LENGTHENS = (
     "rail.volume",
 )
 
-# The same of a direct-acting injector.
+# The same for a direct-acting injector.
 DIRECT_SHORTENS = (
     "armature.contact_stiffness",
     "armature.spring_stiffness",
@@ -116,7 +116,7 @@ def sound_speed(fuel: Fuel, temperature: float, pressure: float) -> float:
 
 
 def is_stable(variant: Variant, values: Values, medium: Medium, dt: float) -> Any:
-    """True where a step is short enough.
+    """True for a stable step.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def _rigid_is_stable(values: Values, medium: Medium, dt: float) -> Any:
 def _enclosed_fuel_stiffness(values: Values, medium: Medium) -> tuple[Any, Any, Any]:
     """Stiffness [N/m] of the enclosed fuel on the plunger's top, the needle's shoulder and its tip.
 
-    Shoulder and tip share the accumulation volume: twice each one's own stiffness bounds the two together.
+    Shoulder and tip share the accumulation volume: twice their individual stiffnesses bounds the pair.
     """
     top = pipe_area(values["plunger_needle.plunger_diameter"])
     guide, stem = (pipe_area(values[f"plunger_needle.{name}_diameter"]) for name in ("guide", "stem"))
@@ -238,7 +238,7 @@ def limiting(actuation: Actuation) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 @functools.cache
 def _columns(actuation: Actuation) -> dict[str, int]:
-    """Places in a flat parameter vector of what the longest step depends on."""
+    """Indices in a flat parameter vector of the parameters that affect the longest step."""
     paths = parameter_paths(actuation)
     stop = () if actuation is Actuation.DIRECT else (STOP,)
     return {name: paths.index(name) for group in (*limiting(actuation), stop) for name in group}
@@ -250,7 +250,7 @@ def _volumes_at_lift(actuation: Actuation, values: Values, lift: Any) -> Values:
 
 
 def room_left(values: Values, lift: Any) -> Any:
-    """Control chamber [m³] that a plunger risen by `lift` [m], at most to its stop, leaves; never quite nothing."""
+    """Control chamber [m³] after the plunger has risen by `lift` [m], at most to its stop; never exactly zero."""
     risen = np.clip(lift, 0.0, values[STOP])
     with np.errstate(all="ignore"):  # an infinite area gives NaN, for which no step is stable
         taken = pipe_area(values["plunger_needle.plunger_diameter"]) * risen
@@ -276,7 +276,7 @@ def longest_step(injector: Injector, theta: Floats, medium: Medium, lift: float 
 
 
 def longest(variant: Variant, values: Values, medium: Medium) -> float:
-    """Longest step [s] for an injector's values by dotted name, 0 if none is short enough."""
+    """Longest stable step [s] for an injector's values by dotted name, 0 if there is none."""
     with np.errstate(all="ignore"):
         try:
             if not is_stable(variant, values, medium, 1e-15):
@@ -307,8 +307,8 @@ def too_long(
     dt : float
         [s].
     lift : float or (n,)
-        Greatest lift of the needle [m]: the plunger takes as much from the control chamber, and a chamber that is
-        nearly gone is a stiff spring.
+        Greatest lift of the needle [m]: the plunger reduces the control chamber by it, and a nearly
+        vanished chamber is a stiff spring.
     """
     acts = injector.variant.actuation
     columns, shortens = _columns(acts), (*limiting(acts)[0], STOP)
@@ -328,7 +328,7 @@ def too_long(
 
 
 def stiffest_corner(values: Mapping[str, float], lower: Mapping[str, float], upper: Mapping[str, float]) -> Values:
-    """Values with which an injector needs the shortest step of all within bounds, the rest being as they are."""
+    """Values within bounds that need the shortest step, other values unchanged."""
     return {
         **values,
         **{name: upper[name] for name in upper if name in _OF_BOTH_ACTUATIONS[0]},
@@ -346,7 +346,7 @@ def check_step(time_step: Quantity) -> float:
 
 
 def step_advice(longest: float) -> str:
-    """Sentence that names a time step within the longest one [s]."""
+    """Sentence that recommends a time step below the longest one [s]."""
     step = nice_step(longest)
     return f"A step of {step * 1e6:g} us would do." if step >= TIME_STEPS.low else "No step is short enough."
 

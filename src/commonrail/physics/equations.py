@@ -103,8 +103,8 @@ def drain_flow(
     A small volume of liquid at the valve's outlet, which the line's impedance fills within `OUTLET_TIME`, gives the
     pressure there; it holds the vapour pressure while liquid is missing, as the other volumes do.
 
-    `hole`: the A-hole; `gap_cda2`: (c_d A)² of the valve's gap [m⁴]; `outlet`: of `Core` [Pa]; not used where there is
-    no line; `wave`: that arrives in the line; the tank's pressure where there is no line [Pa].
+    `hole`: the A-hole; `gap_cda2`: (c_d A)² of the valve's gap [m⁴]; `outlet`: of `Core` [Pa]; not used without a
+    line; `wave`: arriving in the line; the tank's pressure without a line [Pa].
     """
     z = c.return_line.impedance
     behind = pressure_behind(c, outlet, wave)

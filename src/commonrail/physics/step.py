@@ -185,8 +185,8 @@ def body_loads(c: Coefficients, s: State, low: float) -> Loads:
 def move_valve(c: Coefficients, s: State, hole: Hole, gap_cda2: float, film: float, dt: float) -> valve.State:
     """Armature and shutter after the step: Newton's second law, with F_ev of Eq. (12).
 
-    `hole`: the A-hole; `gap_cda2`: (c_d A)² of the seat's gap at its start [m⁴]; `film`: damping coefficient of what is
-    squeezed [N s/m].
+    `hole`: the A-hole; `gap_cda2`: (c_d A)² of the seat's gap at its start [m⁴]; `film`: damping coefficient of the
+    squeeze film [N s/m].
     """
     pressure = seat_pressure(c, hole, gap_cda2, s.control_chamber.fuel.pressure, s.return_line.pressure)
     magnetic_force = solenoid.magnetic_force(c.solenoid, s.solenoid.pulling_flux)
@@ -225,10 +225,13 @@ def fill_sac(
     here, store, area, dt = s.sac, s.accumulation.fuel.density, c.needle_seat.area, geometry.dt
     opened = needle_seat.opening_between(geometry.old.tip, geometry.new.tip)
     volume = PARTS * (c.sac.volume + area * opened.mean)
-    # what a needle displaces before it lands in this step acts as from the start: the earlier, the more of it
-    landed = 1.0 - opened.share if geometry.new.tip < geometry.old.tip else 0.0
+    # what a needle displaces before it lands acts longer than half of the step, all of it if it lands at the start;
+    # what it draws once it rises acts less long
+    landing, shut = geometry.new.tip < geometry.old.tip, 1.0 - opened.share
+    at_start = shut * shut if landing else 0.0
+    acting = 1.0 + shut - at_start if landing else opened.share
     displaced = here.density * (geometry.before.sac - geometry.after.sac)
-    early_rise = here.stiffness * displaced * landed * c.sac.per_volume
+    early_rise = here.stiffness * displaced * at_start * c.sac.per_volume
     pressure = here.pressure + early_rise
     gap = seat_cda2(c, upstream, pressure, opened.mean)
     seat = jet(gap.cda2_dp, store, c.needle_seat.offset)
@@ -245,7 +248,7 @@ def fill_sac(
     weight = (3.0 * soft + stiff) / (6.0 * soft + stiff)
     room = volume * seat.root + gain * weight * slope
     early = spray.mass_flow - weight * spray.mass_flow
-    supply = lacking + stiffness * displaced - volume * early_rise + gain * (seat.mass_flow - early)
+    supply = lacking + stiffness * displaced * acting - volume * early_rise + gain * (seat.mass_flow - early)
     balance = 2.0 * (room * here.density * through.cda2_dp + growing * seat.root * supply)
     half = room * c.nozzle.offset + gain * weight * growing * seat.root
     size = half + math.sqrt(half * half + room * abs(balance))

@@ -81,7 +81,7 @@ class Variant(_Wired):
             group, what = INSTALLED_LAWS[field]
             if plain_text(name, field) and registry.find(group, name) is None:
                 raise ConfigurationError(
-                    f'There is no {what} "{name}"{nearest(name, registry.installed(group))}: no installed package '
+                    f'There is no {what} "{name}"{nearest(name, registry.find_installed(group))}: no installed package '
                     f"registers it in commonrail.{group}."
                 )
         return super().__new__(

@@ -21,7 +21,7 @@ from commonrail.base.arguments import Quantity, flag, instance
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.choices import Actuation
 from commonrail.base.errors import CommonrailError, ConfigurationError
-from commonrail.base.text import number, percent, pressure, signed
+from commonrail.base.text import number, percent, pressure, to_signed
 from commonrail.base.units import to_text
 from commonrail.cli.verbs.simulate import Beside
 from commonrail.engine.operating_point import OperatingPoint, values_at
@@ -361,7 +361,7 @@ def _figures(estimate: Heating) -> Iterator[tuple[str, str]]:
     note = "; above the fuel data, held constant" if estimate.beyond else ""
     yield "fuel temperatures", ", ".join(texts) + note
     if estimate.effect is not None:
-        injected, returned = (signed(100.0 * value, 1) for value in estimate.effect[:2])
+        injected, returned = (to_signed(100.0 * value, 1) for value in estimate.effect[:2])
         leak = (
             f" and the guides leaked {estimate.leak_factor:.2g} times as much"
             if np.isfinite(estimate.leak_factor)

@@ -7,7 +7,7 @@ from pathlib import Path
 from zipfile import BadZipFile, ZipFile
 
 from commonrail.base.errors import InputError
-from commonrail.base.input import LARGEST_FILE, opened
+from commonrail.base.input import LARGEST_FILE, open_plain
 
 _FIRST = 4096  # bytes that are looked at
 
@@ -93,7 +93,7 @@ def refuse_unread(path: Path) -> None:
 def _first_bytes(path: Path) -> bytes:
     """First bytes of a plain file; none if it cannot be read."""
     try:
-        with opened(path, sys.maxsize) as stream:
+        with open_plain(path, sys.maxsize) as stream:
             return stream.read(_FIRST)
     except InputError:
         return b""
@@ -102,7 +102,7 @@ def _first_bytes(path: Path) -> bytes:
 def _members(path: Path) -> list[str]:
     """Names of the files in a ZIP archive; none if it is damaged or too large."""
     try:
-        with opened(path, LARGEST_FILE) as stream, ZipFile(stream) as archive:
+        with open_plain(path, LARGEST_FILE) as stream, ZipFile(stream) as archive:
             return archive.namelist()
     except (InputError, BadZipFile, OSError, ValueError, NotImplementedError):
         return []

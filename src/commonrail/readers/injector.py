@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 from pydantic import BeforeValidator, Field, PlainValidator, create_model
 
-from commonrail.base.arguments import file_path, not_whole, source_of
+from commonrail.base.arguments import file_path, not_whole, read_source
 from commonrail.base.choices import Actuation, Body, Boundary, Drive
 from commonrail.base.errors import InputError
 from commonrail.base.hooks import note
 from commonrail.base.input import check_sum
 from commonrail.base.registry import Catalogue
-from commonrail.base.text import counted, listed
+from commonrail.base.text import count_noun, join_words
 from commonrail.base.units import to_text
 from commonrail.physics.components.plunger_needle import cylinder_mass, cylinder_stiffness
 from commonrail.physics.fuel import Fuel
@@ -293,11 +293,11 @@ def _incomplete(missing: Mapping[str, Q], has_fuel: bool, actuation: Actuation, 
         values = (f"{i.name} {to_text(i.values[path], q.unit)} {i.sources[path].mark}" for i in alike)
         notes[path] = f"{q.meaning}: {', '.join(values)}"
     first = [f"{path} ({notes[path].partition(':')[0]})" for path in list(notes)[:2]]
-    others = [counted(len(notes) - 2, "other")] if len(notes) > 2 else []
+    others = [count_noun(len(notes) - 2, "other")] if len(notes) > 2 else []
     names = " or ".join(f'"{injector.name}"' for injector in alike)
     error = at.error(
-        f"there is no value for {listed([*first, *others])}; add {'it' if len(notes) == 1 else 'all of them'}, or take "
-        f"what is missing, marked E, from another injector with base = {names} at the top"
+        f"there is no value for {join_words([*first, *others])}; add {'it' if len(notes) == 1 else 'all of them'}, or "
+        f"take what is missing, marked E, from another injector with base = {names} at the top"
     )
     for path, text in notes.items():
         error.add_note(f"  {path}, {text}")
@@ -448,7 +448,7 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     ConfigurationError
         If `source` is neither a name nor a path.
     """
-    source = source_of(source, "source of an injector")
+    source = read_source(source, "source of an injector")
     if isinstance(source, Path):
         check_sum(source)
         return injector_of(read_toml(source)[0], Place(str(source)), source.stem, reach)

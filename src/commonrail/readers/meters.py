@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, GetCoreSchemaHandler, PlainValidator, TypeAdapter, create_model
 from pydantic_core import CoreSchema, core_schema
 
-from commonrail.base.registry import installed_text
+from commonrail.base.registry import read_installed
 from commonrail.physics.injector import Source
 from commonrail.physics.law import Q
 from commonrail.physics.meters import HIGHEST_ORDER, QUANTITIES, LowPass, Meter, parameter_name
@@ -140,7 +140,7 @@ def installed_meters(names: Iterable[str | None], described: Collection[str]) ->
     """
     meters: dict[str, MeterHead] = {}
     for name in sorted({name for name in names if name and name not in described}):
-        if text := installed_text("meters", name):
+        if text := read_installed("meters", name):
             at = Place(f"{name}.toml")
             tables: Mapping[str, MeterHead] = read_model(_MeterFile, parse_toml(text, at.file), at).meters
             if name not in tables:

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 from commonrail.base.arguments import plain_text, shown
 from commonrail.base.errors import InputError
 from commonrail.base.registry import part_digits
-from commonrail.base.text import counted, listed
+from commonrail.base.text import count_noun, join_words
 from commonrail.readers.injector import CATALOGUE
 
 LENGTH, GROUP = 10, 7  # digits of a part number, and of its beginning that tells the kind of injector, as 0445110
@@ -66,11 +66,11 @@ def find_part(number: str) -> tuple[PartMatch, ...]:
 def _reason(digits: str, kind: str, name: str, numbers: Sequence[str]) -> str:
     if kind == "nearest":
         return (
-            f"No type of the catalogue names {digits}; near it in number: {listed(numbers)}, of {name}. Neighbours are "
-            f"of one type {SAME_TYPE}: compare lifts, drive or test plan first."
+            f"No type of the catalogue names {digits}; near it in number: {join_words(numbers)}, of {name}. Neighbours "
+            f"are of one type {SAME_TYPE}: compare lifts, drive or test plan first."
         )
     if kind == "partial":
-        return f"{name} has {counted(len(numbers), 'part')} with {digits} in the number, as {numbers[0]}."
+        return f"{name} has {count_noun(len(numbers), 'part')} with {digits} in the number, as {numbers[0]}."
     if f"specification of part {digits}" in CATALOGUE.text(name):
         return f"{name} has the lifts, the residual gap and the drive of {digits}."
     return f"{digits} is of the type {name}, with the lifts, residual gap and drive of another part of it."

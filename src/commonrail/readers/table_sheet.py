@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from commonrail.base.csv_output import restored, restored_note
+from commonrail.base.csv_output import restore, restore_note
 from commonrail.base.errors import InputError
 from commonrail.base.units import fits, read_decimal
 from commonrail.physics.law import Domain
@@ -165,7 +165,7 @@ class WrittenTable(TableSheet):
                 break
             begin = number
             if line.strip() and len(comments) < MOST_COMMENTS:
-                comments.append(restored_note(line.lstrip()[1:].strip()))
+                comments.append(restore_note(line.lstrip()[1:].strip()))
 
         def each() -> NumberedRows:
             lines = ((n, line) for n, line in lines_of(path, data) if n > begin and line.strip())
@@ -174,7 +174,7 @@ class WrittenTable(TableSheet):
                 width = width or len(row)
                 if len(row) != width:
                     raise InputError(f"{path}, line {line}: the row has {len(row)} cells, the header {width}.")
-                yield line, [restored(str(cell)) for cell in row]
+                yield line, [restore(str(cell)) for cell in row]
 
         self.path, self.grid, self.comments = path, Grid(path, each, (), False, tuple(comments)), comments
         self.header = [str(cell) for cell in next(each(), (0, []))[1]]

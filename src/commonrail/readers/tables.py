@@ -95,7 +95,7 @@ def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
     """
     if reader := _format(format_of(path)):
         opener = reader.load()
-        with reader.blamed(f"fails on {path}"):
+        with reader.blame(f"fails on {path}"):
             return cast(Sheet, opener(path, form))
     refuse_unread(path)
     return open_table(path, form)

@@ -8,10 +8,10 @@ from typing import Any, Protocol, TypeVar
 
 from commonrail.base.chart import Bars, Chart
 from commonrail.base.csv_output import write_csv
-from commonrail.base.output import summed, write_text
+from commonrail.base.output import write_set, write_text
 from commonrail.base.record import Interval
 from commonrail.base.table import Table
-from commonrail.base.text import MISSING, command, duration, listed, significant
+from commonrail.base.text import MISSING, command, duration, join_words, significant
 from commonrail.calibration.study import Study
 from commonrail.data.records import Record
 from commonrail.report.figure import drawings
@@ -60,7 +60,7 @@ def _write(folder: Path, table: str, result: Analysis) -> None:
     record_file = Path(table).with_suffix(".json").name
     notes = (record["title"], "simulated, not measured; SI units", *synthetic_lines(record))
     heads = list(dict.fromkeys(key for row in rows for key in row))
-    with summed(folder):
+    with write_set(folder):
         write_record(folder / record_file, record)
         write_csv(folder / table, notes, heads, ([_cell(row.get(head)) for head in heads] for row in rows))
 
@@ -115,7 +115,7 @@ def result_html(
         figures=drawn[1:],
         tables=tables,
         commands=[],
-        facts=[("Injector", study.injector.title), ("Data", listed([data.name for data in study.data]))],
+        facts=[("Injector", study.injector.title), ("Data", join_words([data.name for data in study.data]))],
     )
 
 

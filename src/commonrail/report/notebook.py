@@ -14,8 +14,8 @@ from commonrail.base.arguments import instance, integer
 from commonrail.base.chart import Chart
 from commonrail.base.display import load_library
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import counted, fixed, quantity, significant
+from commonrail.base.table import Column, Table, table_from_columns
+from commonrail.base.text import count_noun, quantity, significant, to_fixed
 from commonrail.calibration.record import CalibrationRecord, read_as
 from commonrail.calibration.result import result_record
 from commonrail.calibration.run import Calibration
@@ -38,8 +38,9 @@ LONGEST = 100  # letters of a title within a line
 
 def _solution_lines(s: Solution) -> list[str]:
     return [
-        f"{s.status.name}; {fixed(s.injected_volume, 2, MM3)} mm³ injected, {fixed(s.returned_volume, 2, MM3)} mm³ "
-        f"returned; opens at {fixed(s.opening, 1, MICROSECOND)} µs, closes at {fixed(s.closing, 1, MICROSECOND)} µs"
+        f"{s.status.name}; {to_fixed(s.injected_volume, 2, MM3)} mm³ injected, {to_fixed(s.returned_volume, 2, MM3)} "
+        f"mm³ returned; opens at {to_fixed(s.opening, 1, MICROSECOND)} µs, closes at "
+        f"{to_fixed(s.closing, 1, MICROSECOND)} µs"
     ]
 
 
@@ -55,7 +56,7 @@ def _injector_lines(injector: Injector) -> list[str]:
 
 def _study_lines(study: Study) -> list[str]:
     names = ", ".join(data.name for data in study.data[:4]) + (", …" if len(study.data) > 4 else "")
-    parameters = counted(study.space.dimension, "parameter")
+    parameters = count_noun(study.space.dimension, "parameter")
     return [f"“{study.title}”: {parameters} of {study.injector.name}; data {names}"]
 
 
@@ -74,8 +75,8 @@ def _study_tables(study: Study) -> list[Table]:
         ("points", lambda d: str(len(d.points))),
     ]
     return [
-        tabulated("Free parameters", study.space.parameters, free),
-        tabulated("Data", study.data, data, "", 3),
+        table_from_columns("Free parameters", study.space.parameters, free),
+        table_from_columns("Data", study.data, data, "", 3),
     ]
 
 
@@ -175,7 +176,7 @@ class Picture:
 
     def __repr__(self) -> str:
         """Title and number of figures."""
-        return f"<Picture: {self.title}, {counted(len(self.figures), 'figure')}>"
+        return f"<Picture: {self.title}, {count_noun(len(self.figures), 'figure')}>"
 
     def _repr_html_(self) -> str:
         """Figures, drawn, and the HTML after them."""
@@ -213,7 +214,7 @@ def charts_of(result: Any, point: OperatingPoint | None = None) -> list[Chart]:
     """Figures of a result as plain numbers; errors as of `picture_of`."""
     if isinstance(result, Solution):
         point = instance(point, OperatingPoint | None, "point") or result.point
-        return [registry.needed("simulations", "figure").call(result, point)]
+        return [registry.require("simulations", "figure").call(result, point)]
     if point is not None:
         raise ConfigurationError(f"A {type(result).__name__} has no point; omit it.")
     if not (figures := list(presenter_of(result).figures(result))):
@@ -243,7 +244,7 @@ def picture_of(result: Any, point: OperatingPoint | None = None) -> Picture:
     """
     figures, beside = charts_of(result, point), ""
     if isinstance(result, Solution):
-        beside = registry.needed("simulations", "section").call(result, point or result.point)
+        beside = registry.require("simulations", "section").call(result, point or result.point)
     shown = figures[:MOST_FIGURES]
     more = f", the first {MOST_FIGURES} of {len(figures)}" if len(figures) > MOST_FIGURES else ""
     return Picture(f"{next(iter(presenter_of(result).lines(result)))[:LONGEST]}{more}", shown, beside)

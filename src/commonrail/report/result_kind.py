@@ -74,8 +74,8 @@ class ResultKind(NamedTuple):
 
 def kind_of(folder: Path) -> ResultKind:
     """Kind of a folder; a calibration if no record is found."""
-    shipped = registry.shipped("results")
-    entry = _first(shipped, folder) or _first(registry.installed("results"), folder) or shipped[RESULT]
+    shipped = registry.find_shipped("results")
+    entry = _first(shipped, folder) or _first(registry.find_installed("results"), folder) or shipped[RESULT]
     kind: ResultKind = entry.load()
     return kind
 

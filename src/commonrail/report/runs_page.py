@@ -15,8 +15,8 @@ from markupsafe import Markup
 
 from commonrail.base.chart import MARKERS, Figure, Panel, Series, points
 from commonrail.base.errors import CommonrailError
-from commonrail.base.table import Table, tabulated
-from commonrail.base.text import MISSING, duration, listed, quantity_range, significant
+from commonrail.base.table import Table, table_from_columns
+from commonrail.base.text import MISSING, duration, join_words, quantity_range, significant
 from commonrail.calibration.record import CalibrationRecord, read_as
 from commonrail.data.records import MICROSECOND, MM3_PER_MS, Traces
 from commonrail.report.data.curves import RATE
@@ -87,7 +87,7 @@ def _read(run: Run) -> _Read | str:
 
 def _line(runs: Sequence[Run], read: int, shown: int, faults: int) -> str:
     states = {state: sum(run.state == state for run in runs) for state in dict.fromkeys(run.state for run in runs)}
-    counts = listed([f"{count} {state}" for state, count in states.items()])
+    counts = join_words([f"{count} {state}" for state, count in states.items()])
     more = f"; charts are of the first {shown} of {read} calibrations with a result" if shown < read else ""
     lost = f"; the results of {faults} cannot be read" if faults else ""
     return f"{len(runs)} runs: {counts}{more}{lost}."
@@ -185,7 +185,7 @@ def _differences(read: Sequence[_Read]) -> Table | None:
         (_name(result), lambda key, settings=settings: settings.get(key, MISSING))
         for result, settings in zip(read, stated, strict=True)
     ]
-    return tabulated("What the studies differ in", keys, columns, "Of parameters their bounds.")
+    return table_from_columns("What the studies differ in", keys, columns, "Of parameters their bounds.")
 
 
 def _settings(record: CalibrationRecord) -> Iterator[tuple[str, str]]:

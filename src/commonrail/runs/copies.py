@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from commonrail.base.errors import CommonrailError, InputError, StudyError
-from commonrail.base.input import SUMS, listed, read_plain, sha256
+from commonrail.base.input import SUMS, read_plain, read_sums, sha256
 from commonrail.base.output import replacing, writing
-from commonrail.base.registry import shipped
+from commonrail.base.registry import find_shipped
 from commonrail.readers.location import plain_lines
 from commonrail.runs.folder import DRAWS, MEMBER, RESULT, STUDY, TRACES
 from commonrail.runs.journal import JOURNAL, LOCK, Input, read_about, read_inputs
@@ -45,7 +45,7 @@ def copy_paths(sources: Iterable[Path], main: str, results: Sequence[str] = ()) 
 
 
 def _is_reserved(name: str) -> bool:
-    return name in RESERVED or name in shipped("openings")
+    return name in RESERVED or name in find_shipped("openings")
 
 
 def _is_result(place: Path, results: Sequence[str]) -> bool:
@@ -163,6 +163,6 @@ def refuse_file_of_run(path: Path, option: str) -> None:
 
 def _is_own(folder: Path, name: str) -> bool:
     """True for the name of a file that the run in a folder has written or copied."""
-    if (folder / SUMS).is_file() and name in listed(folder / SUMS):
+    if (folder / SUMS).is_file() and name in read_sums(folder / SUMS):
         return True
     return _is_reserved(name.lower()) and any((folder / file).is_file() for file in (SUMS, JOURNAL))

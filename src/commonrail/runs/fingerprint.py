@@ -13,7 +13,7 @@ import numpy as np
 
 from commonrail.base.errors import InputError, StudyError
 from commonrail.base.input import fingerprint, sha256
-from commonrail.base.output import summed, write_text
+from commonrail.base.output import write_set, write_text
 from commonrail.base.text import command
 from commonrail.calibration.objective import Objective
 from commonrail.calibration.plausibility import Finding, make_finding
@@ -148,7 +148,7 @@ def check_files(journal: Journal, as_begun: bool) -> None:
     about, inputs = journal.about, journal.inputs
     if inputs and about.get("before") and fingerprint(journal.folder / inputs[0].name) == about["before"]:
         # a crash came between the journal's note of more generations and the file
-        with summed(journal.folder):
+        with write_set(journal.folder):
             write_text(journal.folder / inputs[0].name, about.get("study", ""))
     for i, item in enumerate(inputs):
         path = journal.folder / item.name

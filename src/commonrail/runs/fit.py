@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from commonrail.base.arguments import file_path, flag, instance, integer, thread_count
 from commonrail.base.errors import CommonrailError, ConfigurationError, StudyError
-from commonrail.base.hooks import held_interrupts
+from commonrail.base.hooks import hold_interrupts
 from commonrail.base.input import SUMS, sha256
-from commonrail.base.output import PART, summed, write_text, writing
+from commonrail.base.output import PART, write_set, write_text, writing
 from commonrail.base.text import command
 from commonrail.calibration.identifiability import Identified, identify
 from commonrail.calibration.objective import Objective
@@ -145,7 +145,7 @@ class FitKind(Generic[_Study, _Fit]):
                 raise StudyError(self._nothing_to_resume(folder))
             check_files(journal, as_begun)
             settings = self._begun_with(journal, study)
-            with summed(folder, inputs={item.name: item.copy for item in journal.inputs}):
+            with write_set(folder, inputs={item.name: item.copy for item in journal.inputs}):
                 pass  # as they are in the journal, if the checksums were lost or are those of an earlier version
             if generations:
                 settings = _extended(journal, settings, generations)
@@ -174,7 +174,7 @@ class FitKind(Generic[_Study, _Fit]):
                 text = set_in_text(text, (name,), value)
         if total != _generations(as_read):
             text = set_in_text(text, ("optimiser", "generations"), total)
-        with summed(folder):
+        with write_set(folder):
             places = copy_paths(study.files, self.file, self.results)
             inputs, text = copy_files(study.files, folder, places, text)
         files = {folder.absolute() / item.name: item.copy for item in inputs}
@@ -214,7 +214,7 @@ class FitKind(Generic[_Study, _Fit]):
 def _run(journal: Journal, study: _Study, checkpoint: Checkpoint | None, work: Work[_Study, _Fit]) -> _Fit:
     """A session of a run; the journal notes what ended it too early, if that can still be done."""
     journal.start_session()
-    with held_interrupts():  # once the search has ended, its result is written whatever keys are hit
+    with hold_interrupts():  # once the search has ended, its result is written whatever keys are hit
         try:
             fit = work(study, journal, checkpoint)
             journal.end_session(fit.status, fit.reason)
@@ -285,7 +285,7 @@ def _extended(journal: Journal, study: _Study, more: int) -> _Study:
         longer = _changed(longer, text=facts["study"])
     journal.describe(facts, inputs)
     if inputs:
-        with summed(journal.folder):
+        with write_set(journal.folder):
             write_text(journal.folder / inputs[0].name, facts["study"])
         journal.describe({"before": ""})
     return longer
@@ -441,7 +441,7 @@ def _work(
         listener.note("judging how well the data determine each parameter ...")
         many = starts or int(journal.about.get(STARTS) or 1)
         try:
-            with held_interrupts() as stop:
+            with hold_interrupts() as stop:
                 if calibration.status == State.INTERRUPTED:
                     stop.asked = False  # that was the search; its best values are judged
                 identified = identify(calibration, threads, starts=many)

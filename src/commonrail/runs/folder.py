@@ -18,7 +18,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
 from commonrail.base.hooks import check_unheld_stop, note
 from commonrail.base.input import check_sum, check_sums, read_arrays
-from commonrail.base.output import PART, replacing, summed, write_text, writing
+from commonrail.base.output import PART, replacing, write_set, write_text, writing
 from commonrail.base.text import command
 from commonrail.calibration.result import result_record
 from commonrail.calibration.run import Calibration
@@ -218,7 +218,7 @@ def write_run(folder: str | Path, calibration: Calibration, identified: Mapping[
     folder = file_path(folder, "folder")
     instance(calibration, Calibration, "calibration")
     mapping(identified, "identified", "what identify(calibration) returns")
-    with summed(folder):
+    with write_set(folder):
         write_text(folder / STUDY, calibration.study.text)
         write_results(folder, calibration, identified)
 
@@ -237,7 +237,7 @@ def write_results(folder: Path, calibration: Calibration, identified: Mapping[st
     notes = {name: f'calibrated by "{title}"' for name in calibration.best if not is_of_meter(name)}
     others = {MEMBER.format(number): member for number, member in enumerate(calibration.members[1:], 2)}
     former = {path.name for path in folder.glob(MEMBER.format("*"))} | {DRAWS}
-    with summed(folder, *former):
+    with write_set(folder, *former):
         dump_injector(calibration.injector, folder / CALIBRATED, notes, meters=calibration.meters)
         for name, injector in others.items():
             dump_injector(injector, folder / name, notes)

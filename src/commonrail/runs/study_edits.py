@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from commonrail.base.errors import InputError, StudyError, nearest
-from commonrail.base.registry import installed_text
+from commonrail.base.registry import read_installed
 from commonrail.base.units import parse, to_text
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.study import Study
@@ -32,7 +32,7 @@ def complete(document: Any, free: Sequence[str]) -> None:
     import tomlkit  # slow to import
 
     for name in dict.fromkeys(block.get("meter") for block in document["data"]):
-        if name and name not in document.get("meters", {}) and (text := installed_text("meters", name)):
+        if name and name not in document.get("meters", {}) and (text := read_installed("meters", name)):
             meters = document.setdefault("meters", tomlkit.table(is_super_table=True))
             meters[name] = tomlkit.parse(text)["meters"][name]
     if "type" in document and not document.get("parameter"):
@@ -93,6 +93,12 @@ def widen_bound(parameter: Mapping[str, Any], is_log: bool = False) -> MovedBoun
     return MovedBound(parameter["name"], side, parameter["unit"], bound, after)
 
 
+def can_widen(parameter: Mapping[str, Any]) -> bool:
+    """True if the bound that a parameter has met can be moved: it is no end of the domain nor of what is built."""
+    moved = widen_bound(parameter)
+    return moved.name != FUEL_TEMPERATURE and abs(moved.after - moved.before) > 1e-9 * abs(moved.before)
+
+
 def widen_study(path: Path, run: Path) -> tuple[Study, list[MovedBound]]:
     """Read a study with the bounds that a run of it had, those that it has met moved; the file stays as it is.
 
@@ -103,9 +109,8 @@ def widen_study(path: Path, run: Path) -> tuple[Study, list[MovedBound]]:
     free = {parameter.name: parameter for parameter in study.space.parameters}
     if {row["name"] for row in parameters} != set(free):
         raise StudyError(f"{run}: this run has other parameters than {path}; name a run of that study.")
-    met = [row for row in parameters if row["at_bound"] and row["name"] != FUEL_TEMPERATURE]
-    widened = [widen_bound(row, free[row["name"]].scale == "log") for row in met]
-    moved = [bound for bound in widened if bound.after != bound.before]
+    met = [row for row in parameters if row["at_bound"] and can_widen(row)]
+    moved = [widen_bound(row, free[row["name"]].scale == "log") for row in met]
     if not moved:
         raise StudyError(f"{run}: no parameter has met a bound that can be widened; calibrate without --widen.")
 

@@ -101,7 +101,7 @@ class Workers:
         StudyError
             If the cluster has no workers.
         """
-        backend = registry.needed("workers", "cluster")
+        backend = registry.require("workers", "cluster")
         return cls(backend.call(address, usable_threads() if count is None else count), limits)
 
     def run(

@@ -15,7 +15,7 @@ from scipy.stats import t
 
 from commonrail.base.choices import Drive
 from commonrail.base.errors import CommonrailError, InputError
-from commonrail.base.text import signed
+from commonrail.base.text import to_signed
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
@@ -281,7 +281,7 @@ def test_beside_nominal_quantities_a_next_test_is_told_by_shares_of_a_sound_part
     drawn = run_plan(
         injector, TestPlan("next", (first.test,)), cylinder_pressure=CYLINDER, return_pressure=BACK, threads=1
     )
-    share = f"{signed(100.0 * (first.expected[0] / drawn.score.values[0] - 1.0), 1)} %"
+    share = f"{to_signed(100.0 * (first.expected[0] / drawn.score.values[0] - 1.0), 1)} %"
     assert (share in diagnosis_lines(diagnosis.record())[-1]) == nominal
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import commonrail as cr
 from commonrail.base.csv_output import write_csv
-from commonrail.base.output import summed
+from commonrail.base.output import write_set
 from commonrail.runs.folder import write_record
 from tests.plugins.family.samples import INJECTOR, MASS, PRELOAD
 
@@ -74,7 +74,7 @@ def fleet_folder(path: Path, *preloads: float) -> Path:
     head = ["injector", "status", f"{PRELOAD} [N]", f"{PRELOAD} standard error [N]", f"{PRELOAD} verdict"]
     rows = [[f"SN{i}", "finished", repr(x), "1.0", "determined"] for i, x in enumerate(preloads)]
     rows.append(["SN", "failed", "", "", ""])
-    with summed(path):
+    with write_set(path):
         write_csv(path / "results.csv", ["SYNTHETIC: made up"], head, rows)
         parameter = {"name": PRELOAD, "lower": 40.0, "upper": 100.0, "prior": None}
         record = {"kind": "fleet", "title": "line 4", "synthetic": "made up", "parameters": [parameter], "fixed": []}

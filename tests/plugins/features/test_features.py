@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -104,13 +105,13 @@ def test_a_threshold_is_a_share_or_a_rate() -> None:
     assert half.value("opening") == pytest.approx(375e-6, abs=1e-12)
     absolute = find_features(trapezoid(), settings=FeatureSettings(threshold="25 mm3/ms"))
     assert absolute.value("opening") == pytest.approx(375e-6, abs=1e-12)
-    with pytest.raises(ConfigurationError, match="kg/s, and the rate in m3/s"):
+    with pytest.raises(ConfigurationError, match=r"kg/s.* m3/s"):
         find_features(trapezoid(), settings=FeatureSettings(threshold="2 mg/ms"))
 
 
 @pytest.mark.parametrize(("threshold", "read"), [("2", '"2"'), (2.0, "2"), ("-1 mm3/ms", '"-1 mm3/ms"')])
 def test_a_threshold_without_its_unit_is_refused_as_it_was_written(threshold: object, read: str) -> None:
-    with pytest.raises(ConfigurationError, match=f'with its unit, such as "2 mm3/ms", not {read}[.]$'):
+    with pytest.raises(ConfigurationError, match=f" {read}[.]$"):
         FeatureSettings(threshold=threshold)
 
 
@@ -162,7 +163,7 @@ def test_an_offset_at_rest_is_subtracted_if_asked() -> None:
     found = find_features(raised, settings=FeatureSettings(zero_at_rest=True))
     assert found.value("quantity") == pytest.approx(QUANTITIES["quantity"], rel=1e-9)
     assert find_features(raised).value("quantity") > 1.05 * QUANTITIES["quantity"]
-    with pytest.raises(ConfigurationError, match="no sample before the first energising"):
+    with pytest.raises(ConfigurationError, match="zero_at_rest"):
         find_features(RateTrace(trace.bounds, trace.rate), settings=FeatureSettings(zero_at_rest=True))
 
 
@@ -207,7 +208,7 @@ def test_a_record_is_plain_data() -> None:
 def test_what_has_no_rate_is_refused(source: object, word: str) -> None:
     with pytest.raises(ConfigurationError, match=word):
         find_features(source)
-    with pytest.raises(ConfigurationError, match="no feature"):
+    with pytest.raises(ConfigurationError, match='"opning"'):
         find_features(trapezoid()).value("opning")
 
 
@@ -226,5 +227,5 @@ def test_a_feature_of_a_package_that_fails_is_named_with_it(tmp_path: Path) -> N
             find_features(trapezoid())
     assert names - set(FEATURES) == {"bad"}
     sentences = " ".join(str(one.message) for one in warned)
-    assert '"second" of commonrail.features is to be a Feature of this name' in sentences
-    assert '"quantity" of commonrail.features is not used, because commonrail has a part' in sentences
+    assert re.search('"second" of commonrail.features .*"another"', sentences)
+    assert '"quantity" of commonrail.features' in sentences

@@ -184,19 +184,19 @@ def test_a_candidate_without_the_feature_is_told_with_the_reason(regulated: Inje
     missing = score.missing()
     assert len(missing) == 15
     assert missing[0].status == "NO_FEATURE"
-    assert "opening_delay 1: The rate does not rise above the threshold" in missing[0].sentence
+    assert missing[0].sentence.startswith("opening_delay 1: ")
     assert not np.isfinite(data.misfit(score.values))
 
 
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        (TRAIN + targets(target("quantity", 3)), r"features\[1\]\.injection: there is no energising 3"),
-        (TRAIN + targets(target("quantity"), target("quantity")), "quantity 1 is there more than once"),
-        (TRAIN + targets(target("separation", 1)), "no separation of injection 1"),
-        (TRAIN + targets('{ feature = "return_quantity", tolerance = "1 mm3" }'), "state its value"),
-        (TRAIN + 'threshold = "2 bar"\n' + targets(target("quantity")), "threshold must be a share"),
-        (TRAIN + targets('{ feature = "quantity", tolerance = "0 mm3" }'), "tolerance must be greater than zero"),
+        (TRAIN + targets(target("quantity", 3)), r"features\[1\]\.injection: "),
+        (TRAIN + targets(target("quantity"), target("quantity")), r"features: quantity 1\b"),
+        (TRAIN + targets(target("separation", 1)), "separation of injection 1"),
+        (TRAIN + targets('{ feature = "return_quantity", tolerance = "1 mm3" }'), r"features\[1\]\.value: "),
+        (TRAIN + 'threshold = "2 bar"\n' + targets(target("quantity")), "threshold"),
+        (TRAIN + targets('{ feature = "quantity", tolerance = "0 mm3" }'), r"features\[1\]\.tolerance: "),
     ],
 )
 def test_a_target_that_makes_no_sense_is_refused(regulated: Injector, tmp_path: Path, keys: str, words: str) -> None:

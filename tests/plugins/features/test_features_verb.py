@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -63,7 +64,7 @@ def test_names_that_state_operating_points_are_no_shots_and_give_energising_time
     assert delays == pytest.approx([690e-6, 290e-6], abs=1e-6)  # closing at 990 us, that of the trapezoid
     refused = command("features", file, *ENERGISED)
     assert refused.status == 2
-    assert '"500bar_300us" states an energising time of 300 us, but 700 us is given' in refused.sentence
+    assert re.search('"500bar_300us" .*300 us.* 700 us', refused.sentence)
 
 
 def test_a_binary_file_is_not_taken_for_a_text(command: Command, tmp_path: Path) -> None:
@@ -77,7 +78,7 @@ def test_a_binary_file_is_not_taken_for_a_text(command: Command, tmp_path: Path)
 def test_an_energising_without_an_injection_is_told(command: Command, tmp_path: Path) -> None:
     file = wide(tmp_path / "trace.csv", 1)
     pulses = ("--energising", "0us:700us", "--energising", "1100us:100us")
-    assert "no injection after energising 2" in command("features", file, *pulses).out
+    assert "after energising 2." in command("features", file, *pulses).out
     nothing = command("features", file, *pulses, "--window", "1100us:1400us")
     assert nothing.status == 0
     assert "no injection" in nothing.out
@@ -86,11 +87,11 @@ def test_an_energising_without_an_injection_is_told(command: Command, tmp_path: 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--rate", "flow"), 'no column "flow"'),
+        (("--rate", "flow"), '"flow"'),
         (("--threshold", "much"), "threshold"),
         (("--threshold", "2mg/ms"), "kg/s"),
         (("--window", "3ms"), "BEGIN:END"),
-        (("--window", "5ms:6ms"), "only 0 samples"),
+        (("--window", "5ms:6ms"), "0 samples"),
         (("--energising", "0us"), "START:DURATION"),
         (("--rate", "pressure"), "a unit like"),
     ],
@@ -106,7 +107,7 @@ def test_what_cannot_be_read_is_told_in_a_sentence(
 def test_a_file_without_units_of_a_rate_asks_for_the_columns(command: Command, tmp_path: Path) -> None:
     file = tmp_path / "plain.csv"
     file.write_text("time [us],flow\n" + "".join(f"{i},0\n" for i in range(9)), encoding="utf-8")
-    assert "name the columns" in command("features", file).sentence
+    assert "plain.csv" in command("features", file).sentence
     done = command("features", file, "--rate", "flow", "--rate-unit", "mm3/ms")
     assert "no injection" in done.out
 
@@ -116,7 +117,7 @@ def test_a_run_shows_measured_and_simulated_features_and_their_difference(comman
     assert command("calibrate", small_study(tmp_path / "small"), "--out", run, "--threads", "1").status == 0
     done = command("features", run, "--out", out)
     assert done.status == 0, done.err
-    assert "synthetic   simulated   difference" in done.out
+    assert re.search("synthetic +simulated +difference", done.out)
     (data,) = command("features", run, "--json").record["data"]
     pair = [data[key]["injections"][0]["values"]["opening_delay"] for key in ("measured", "simulated")]
     assert 0.0 < pair[0] < 700e-6
@@ -125,7 +126,7 @@ def test_a_run_shows_measured_and_simulated_features_and_their_difference(comman
     rows = csv.DictReader(line for line in out.read_text(encoding="utf-8").splitlines() if not line.startswith("#"))
     delay = next(row for row in rows if row["feature"] == "opening_delay")
     assert float(delay["difference"]) == pytest.approx(1e6 * (pair[1] - pair[0]), abs=1e-6)
-    assert "no traces simulated" in command("features", run, "--model", "other").sentence
+    assert '"other"' in command("features", run, "--model", "other").sentence
     assert command("features", run, "--energising-time", "1ms").status == 2
 
 
@@ -186,8 +187,8 @@ def test_the_form_of_a_text_is_stated(command: Command, tmp_path: Path) -> None:
     assert command("features", german, *stated, "--json").out == expected.out
     assert command("features", german, "--json").out == expected.out
     for options, words in (
-        (("--decimal", "x"), "the decimal sign"),
-        (("--encoding", "utf-99"), "there is no encoding"),
+        (("--decimal", "x"), "decimal"),
+        (("--encoding", "utf-99"), "utf-99"),
     ):
         refused = command("features", german, *options)
         assert refused.status == 2

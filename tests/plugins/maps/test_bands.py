@@ -109,7 +109,7 @@ def test_quantities_at_a_stated_density_have_bands_at_that_of_the_map(run: Path,
 
 def test_another_injector_than_the_calibrated_one_has_no_bands(run: Path, found: InjectionMap) -> None:
     other = replace(found, injector=found.injector.with_values({"control_chamber.a_hole_diameter": 0.2e-3}))
-    with pytest.raises(cr.errors.ConfigurationError, match="omit the changes or the bands"):
+    with pytest.raises(cr.errors.ConfigurationError, match=r"control_chamber\.a_hole_diameter"):
         add_bands(other, *read_fit(run))
 
 
@@ -131,7 +131,6 @@ def test_files_and_page_of_a_map_hold_the_bands(run: Path, tmp_path: Path) -> No
     assert any("quantity_band_50_lower [mm3],quantity_band_50_upper [mm3]" in row for row in rows)
     text = page.read_text(encoding="utf-8")
     assert text.count("half width of the 90 % band") >= 2
-    assert "areas are the 90 % bands" in text
 
 
 def test_a_quantity_map_with_bands_is_read_back_as_data(run: Path, tmp_path: Path) -> None:
@@ -149,4 +148,4 @@ def test_bands_are_those_of_the_calibrated_injector_alone(run: Path) -> None:
     assert run_command("map", run, *SMALL, "--bands", "none", "--json").record["maps"][0]["bands"] is None
     refused = run_command("map", run, *SMALL, *changed, "--bands", "draws")
     assert refused.status == 2
-    assert "only a fit has bands" in refused.sentence
+    assert "--bands" in refused.sentence

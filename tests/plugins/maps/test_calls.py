@@ -57,9 +57,9 @@ def test_a_sweep_has_variables_and_a_base(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_what_cannot_be_used_is_refused() -> None:
     injector = cr.load_injector("virtual-lino-2016")
-    with pytest.raises(cr.errors.ConfigurationError, match="There is no rail of an operating point"):
+    with pytest.raises(cr.errors.ConfigurationError, match=r"\brail\b.* rail_pressure"):
         cr.maps.sweep(injector, {"dwell": ["1 ms"]}, rail="1 MPa")
-    with pytest.raises(cr.errors.ConfigurationError, match="must increase strictly"):
+    with pytest.raises(cr.errors.ConfigurationError, match=r"rail pressures .* 80 MPa"):
         cr.maps.quantity_map(injector, pressures=["160 MPa", "80 MPa"])
     for resolution in ("0.4 us", ("0.4 us",), ("0.4 mm3", None), (0.0, None)):
         with pytest.raises(cr.errors.ConfigurationError):

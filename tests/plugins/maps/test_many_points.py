@@ -52,5 +52,5 @@ def test_a_point_that_the_fuel_does_not_cover_is_refused_wherever_it_is(
 ) -> None:
     monkeypatch.setattr("commonrail.plugins.maps.response.AT_A_TIME", 1)
     points = [*POINTS[:5], cr.OperatingPoint(900e6, 3e-4)]
-    with pytest.raises(cr.errors.ConfigurationError, match="The rail pressure reaches 900 MPa, but the fuel"):
+    with pytest.raises(cr.errors.ConfigurationError, match="900 MPa"):
         simulate_many(INJECTOR, points, Conditions(threads=threads))

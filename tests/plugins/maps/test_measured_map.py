@@ -58,7 +58,7 @@ def test_decimal_commas_are_detected_and_said(tmp_path: Path) -> None:
 
 
 def test_points_and_commas_together_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r'some numbers have a decimal comma, and "800\.5" has a point'):
+    with pytest.raises(InputError, match=r'"800\.5"'):
         found(tmp_path, QUANTITY + DOWN.replace("10.25", "10,25"))
 
 
@@ -70,12 +70,12 @@ def test_axes_without_names_are_told_by_what_makes_sense(tmp_path: Path) -> None
 
 def test_axes_that_could_be_either_are_refused(tmp_path: Path) -> None:
     text = "quantity [mm3]\n;100;200\n100;1;2\n200;3;4\n"
-    with pytest.raises(InputError, match="it is open which axis is the rail pressure"):
+    with pytest.raises(InputError, match="rail pressure"):
         found(tmp_path, text, given=GivenUnits("MPa", "us"))
 
 
 def test_missing_units_are_named_and_can_be_given(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no unit of the quantity is in the header or the corner"):
+    with pytest.raises(InputError, match="unit of the quantity"):
         found(tmp_path, DOWN)
     check(found(tmp_path, DOWN, given=GivenUnits(quantity="mm3")))
 
@@ -102,8 +102,8 @@ def test_masses_are_divided_by_the_density(tmp_path: Path) -> None:
     ("text", "word"),
     [
         ("a,b\nc,d\n", "no rows of numbers"),
-        (QUANTITY + DOWN + "text;1;2;3\n", "line 5: a row of a map is expected"),
-        (QUANTITY + DOWN + "60;1;2;3;4\n", "line 5: a row of a map is expected"),
+        (QUANTITY + DOWN + "text;1;2;3\n", "line 5: "),
+        (QUANTITY + DOWN + "60;1;2;3;4\n", "line 5: "),
         (LONG + "400,x,1\n", "line 8"),
         ("", "no rows"),
     ],
@@ -122,7 +122,7 @@ def test_what_is_no_map_is_refused_with_its_line(tmp_path: Path, text: str, word
     ],
 )
 def test_units_that_contradict_each_other_are_refused_and_can_be_stated(tmp_path: Path, text: str, units: str) -> None:
-    with pytest.raises(InputError, match=f"the units {units} contradict each other"):
+    with pytest.raises(InputError, match=units):
         found(tmp_path, text)
     check(found(tmp_path, text, given=GivenUnits("MPa", "us", "mm3")))
 
@@ -149,10 +149,10 @@ def test_three_decimals_throughout_are_read(tmp_path: Path) -> None:
 def test_an_unknown_encoding_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "map.csv"
     path.write_text(LONG)
-    with pytest.raises(InputError, match="there is no encoding"):
+    with pytest.raises(InputError, match="utf-99"):
         read_grid(path, FileForm("utf-99"))
     path.write_bytes(b"\xff\xfe1")
-    with pytest.raises(InputError, match="this is no text"):
+    with pytest.raises(InputError, match=r"map\.csv: "):
         read_grid(path)
 
 
@@ -172,7 +172,7 @@ def test_a_workbook_is_read_as_a_map(tmp_path: Path) -> None:
     read = find_map(read_grid(path))
     check(read)
     assert 'sheet "map"' in read.said  # the first one is empty
-    with pytest.raises(InputError, match=r'there is no sheet "mapp" \(did you mean "map"'):
+    with pytest.raises(InputError, match=r'"mapp".*"map"'):
         read_grid(path, FileForm(sheet="mapp"))
 
 
@@ -180,7 +180,7 @@ def test_a_damaged_workbook_is_refused(tmp_path: Path) -> None:
     pytest.importorskip("openpyxl", reason="the extra [excel] is not installed")
     path = tmp_path / "bench.xlsx"
     path.write_bytes(b"PK\x03\x04 no workbook")
-    with pytest.raises(InputError, match="this is no workbook that can be read"):
+    with pytest.raises(InputError, match=r"bench\.xlsx: "):
         read_grid(path)
 
 

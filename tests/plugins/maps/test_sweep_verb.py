@@ -20,8 +20,8 @@ def test_a_sweep_is_printed_and_written(command: Command, tmp_path: Path) -> Non
     csv, report = tmp_path / "dwell.csv", tmp_path / "dwell.html"
     done = command("sweep", "virtual-lino-2016", "--vary", "dwell=0,2000us", *TWO, "--out", csv, "--report", report)
     assert done.status == 0, done.err
-    assert "1 are fused" in done.out
-    assert "rail pressure, MPa   dwell, µs" in done.out
+    assert re.search(r"\b1 .*fused", done.out)
+    assert "dwell, µs" in done.out
     lines = [line for line in csv.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
     assert lines[0] == "dwell [us],quantity [mm3],second_quantity [mm3],fused"
     assert lines[1].endswith(",,yes")
@@ -39,7 +39,7 @@ def test_a_sweep_is_printed_and_written(command: Command, tmp_path: Path) -> Non
 def test_an_option_that_states_what_is_varied_is_refused(command: Command) -> None:
     done = command("sweep", "virtual-lino-2016", "--vary", "rail_pressure=80,120MPa", "--rail-pressure", "20MPa")
     assert done.status == 2
-    assert "--rail-pressure: --vary rail_pressure gives its values" in done.err
+    assert re.search("--rail-pressure: .*--vary rail_pressure", done.err)
 
 
 def test_a_sweep_of_parameters_and_temperature_as_json(command: Command) -> None:
@@ -121,22 +121,22 @@ def test_the_change_over_dwell_and_pressure_is_one_map(command: Command, tmp_pat
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        (("--vary", "energising_time=1ms", "--out", "a.csv", "--change"), "vary rail_pressure and dwell alone"),
-        (("--vary", "energising_time=1ms", "--change"), "--change: without --out FILE it does nothing"),
-        (("--vary", "dwell"), "expected NAME=VALUES"),
-        (("--vary", "dwel=1ms"), "There is no variable"),
-        (("--vary", "dwell=1,2ms"), "give the energising time of the first one too"),
-        (("--vary", "energising_time=1ms", "--out", "a.dcm"), "a sweep is written as .csv"),
+        (("--vary", "energising_time=1ms", "--out", "a.csv", "--change"), "--first-energising-time"),
+        (("--vary", "energising_time=1ms", "--change"), "--change: without --out FILE"),
+        (("--vary", "dwell"), "NAME=VALUES"),
+        (("--vary", "dwel=1ms"), '"dwel"'),
+        (("--vary", "dwell=1,2ms"), "dwell"),
+        (("--vary", "energising_time=1ms", "--out", "a.dcm"), "a.dcm: "),
         (
             ("--vary", "rail_pressure=80MPa", "--first-energising-time", "-5us"),
-            "greater than zero, or zero for a single",
+            "-5e-06 s",
         ),
         (("--vary", "temperature=20,392.85degC"), "is defined from"),
-        (("--vary", "energising_time=1ms", "--out", "-"), "name a file or folder"),
-        (("--vary", "energising_time=1ms", "--hold", "1mm3"), "vary rail_pressure and dwell alone"),
-        ((*TWO[:2], "--vary", "temperature=80degC", "--hold", "1mm3"), "one condition of a single injection"),
-        (("--vary", "rail_pressure=100MPa", "--hold", "1mm3"), "one condition of a single injection"),
-        (("--vary", "energising_time=1ms", "--longest", "3ms"), "--longest: without --hold it does nothing"),
+        (("--vary", "energising_time=1ms", "--out", "-"), "file or folder"),
+        (("--vary", "energising_time=1ms", "--hold", "1mm3"), "rail_pressure and dwell"),
+        ((*TWO[:2], "--vary", "temperature=80degC", "--hold", "1mm3"), "rail_pressure and"),
+        (("--vary", "rail_pressure=100MPa", "--hold", "1mm3"), "rail_pressure and"),
+        (("--vary", "energising_time=1ms", "--longest", "3ms"), "--longest: without --hold"),
         (("--vary", "energising_time=1ms", "--label", "ti"), "--label: without --hold or --change and a file of --out"),
     ],
 )

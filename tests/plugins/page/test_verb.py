@@ -61,7 +61,7 @@ def test_without_zig_it_names_what_to_install(monkeypatch: pytest.MonkeyPatch, t
 def test_what_is_compiled_for_a_page_is_said_once(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(console, "_said", False)
+    monkeypatch.setattr(console, "_said_once", set())
     with console.compiling(), console.compiling():  # the module needs the text of the physics
         pass
     with console.compiling():  # and the fits near the best one their kernel
@@ -84,7 +84,7 @@ def test_a_page_and_an_export_say_that_they_compile_for_a_minute(
     calls = (("page", "cri2-16", "--out", "b.html"), ("export", "library", "cri2-16"), ("export", "fmu", "cri2-16"))
     monkeypatch.chdir(tmp_path)
     for words in calls:
-        monkeypatch.setattr(console, "_said", False)
+        monkeypatch.setattr(console, "_said_once", set())
         assert f"{console.COMPILING} ({ALL_ENTRIES})" in run_command(*words).err
     assert duration().startswith("ten seconds on an idle machine")
 

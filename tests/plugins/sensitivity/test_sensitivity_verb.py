@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -21,7 +22,7 @@ def test_an_injector_becomes_a_folder_with_a_report(command: Command, tmp_path: 
     done = command("sensitivity", "virtual-lino-2016", *SMALL, *ranges, "--out", folder)
     assert done.status == 0, done.err
     assert done.out.startswith("SYNTHETIC: ")
-    assert "Sobol' indices of 2 parameters on 2 outputs, from 8 base points: 37 simulations." in done.out
+    assert re.search("2 parameters on 2 outputs, .*8 base points: 37 simulations", done.out)
     table = (folder / "sensitivity.csv").read_text(encoding="utf-8").splitlines()
     assert table[3].startswith("output,point,unit,parameter,at_low,at_high,swing,first,")
     assert len(table) == 4 + 4
@@ -62,16 +63,16 @@ def test_a_study_and_its_run_have_j_in_their_bounds(command: Command, study: Pat
     ("arguments", "words"),
     [
         (("virtual-lino-2017", *POINT), "virtual-lino-2017"),
-        (("virtual-lino-2016", "--rail-pressure", "160MPa"), "Give both --rail-pressure and --energising-time"),
-        (("virtual-lino-2016",), "An injector has no data: give operating points"),
-        (("virtual-lino-2016", *POINT, "--feature", "quantitty"), 'did you mean "quantity"'),
-        (("virtual-lino-2016", *POINT, "--parameter", "valve.lft"), 'did you mean "valve.lift"'),
-        (("virtual-lino-2016", *POINT, "--parameter", "valve.lift=50um"), "expected NAME=LOW:HIGH"),
+        (("virtual-lino-2016", "--rail-pressure", "160MPa"), "--energising-time"),
+        (("virtual-lino-2016",), "--rail-pressure and --energising-time"),
+        (("virtual-lino-2016", *POINT, "--feature", "quantitty"), '"quantity"'),
+        (("virtual-lino-2016", *POINT, "--parameter", "valve.lft"), '"valve.lift"'),
+        (("virtual-lino-2016", *POINT, "--parameter", "valve.lift=50um"), "NAME=LOW:HIGH"),
         (("virtual-lino-2016", *POINT, "--parameter", "valve.lift=50MPa:60um"), "is a pressure"),
-        (("virtual-lino-2016", *POINT, "--samples", "100"), "must be a power of two"),
+        (("virtual-lino-2016", *POINT, "--samples", "100"), "128"),
         (("virtual-lino-2016", *POINT, "--design", "fast"), "--design"),
-        ((".", *POINT), "not a run folder of commonrail calibrate"),
-        (("nothing.toml", *POINT), "nothing.toml: there is no such file"),
+        ((".", *POINT), "run folder"),
+        (("nothing.toml", *POINT), "nothing.toml: "),
     ],
 )
 def test_bad_input_ends_with_2_and_one_sentence(
@@ -96,4 +97,4 @@ def test_a_return_pressure_without_a_return_is_refused(command: Command) -> None
         given = ("--vary", "dwell=1ms") if verb == "sweep" else () if verb == "map" else ("--energising-time", "1ms")
         done = command(verb, "direct-acting-kr@regulated", *point, *given)
         assert done.status == 2
-        assert "--return-pressure: direct-acting-kr has no return" in done.sentence
+        assert "--return-pressure: direct-acting-kr" in done.sentence

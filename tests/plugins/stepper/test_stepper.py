@@ -123,9 +123,9 @@ def test_a_failed_step_leaves_the_state_as_it_was(pwm: Injector) -> None:
     stepper = cr.Stepper(pwm, POINT)
     stepper.step("100 us")
     before = stepper.states
-    with pytest.raises(cr.errors.ConfigurationError, match="cylinder pressure must stay below the rail pressure"):
+    with pytest.raises(cr.errors.ConfigurationError, match=r"cylinder pressure .*rail pressure"):
         stepper.step("10 us", cylinder_pressure="170 MPa")
-    with pytest.raises(cr.errors.ConfigurationError, match="declared from"):
+    with pytest.raises(cr.errors.ConfigurationError, match="900 MPa"):
         stepper.step("10 us", rail_pressure="900 MPa")
     assert stepper.states == before
     assert stepper.step("10 us")["rail_pressure"] == 160e6
@@ -134,11 +134,11 @@ def test_a_failed_step_leaves_the_state_as_it_was(pwm: Injector) -> None:
 @pytest.mark.parametrize(
     ("given", "sentence"),
     [
-        ({"duration": "1.5 us"}, "whole number of time steps of 1 µs, and 1.5 µs is 1.5 of them"),
-        ({"duration": 0.0}, "whole number of time steps"),
-        ({"duration": 1e300}, "must be at most 1 s"),
-        ({"duration": "10 us", "current": "10 A"}, "pwm drive, which takes no current; give command"),
-        ({"duration": "10 us", "command": 1}, "command must be True or False"),
+        ({"duration": "1.5 us"}, "time steps of 1 µs.* 1.5 µs"),
+        ({"duration": 0.0}, "time steps of 1 µs"),
+        ({"duration": 1e300}, "1e\\+300 s"),
+        ({"duration": "10 us", "current": "10 A"}, "pwm .*current.* command"),
+        ({"duration": "10 us", "command": 1}, "command .*True or False"),
         ({"duration": "10 us", "rail_pressure": "1 m"}, "rail pressure"),
     ],
 )
@@ -150,10 +150,10 @@ def test_what_cannot_be_used_is_a_sentence(pwm: Injector, given: dict[str, objec
 @pytest.mark.parametrize(
     ("variant", "given", "words"),
     [
-        (Variant("rigid", "volume", "pwm"), "rail_pressure", "fed from a rail volume"),
-        (Variant("rigid", "volume", "pwm"), "current", "pwm drive, which takes no current"),
-        (Variant("rigid", "ideal", "current trace"), "command", "does not read a command; give current"),
-        (Variant(drive="regulated", actuation="direct"), "return_pressure", "without a return"),
+        (Variant("rigid", "volume", "pwm"), "rail_pressure", "rail_boundary"),
+        (Variant("rigid", "volume", "pwm"), "current", "pwm .*current"),
+        (Variant("rigid", "ideal", "current trace"), "command", "command.* current"),
+        (Variant(drive="regulated", actuation="direct"), "return_pressure", "return_pressure"),
     ],
 )
 def test_an_input_that_the_variant_does_not_read_is_refused(variant: Variant, given: str, words: str) -> None:
@@ -164,14 +164,14 @@ def test_an_input_that_the_variant_does_not_read_is_refused(variant: Variant, gi
 
 
 def test_a_step_that_is_too_long_for_the_injector_is_refused(pwm: Injector) -> None:
-    with pytest.raises(cr.errors.SimulationError, match="time step is too long"):
+    with pytest.raises(cr.errors.SimulationError, match="time step"):
         cr.Stepper(pwm, POINT, "50 us")
 
 
 def test_a_state_of_another_injector_is_refused(pwm: Injector) -> None:
     longer = pwm.with_values({"feed_pipe.length": "2 m"})
     kept = cr.Stepper(longer, POINT).save()
-    with pytest.raises(cr.errors.ConfigurationError, match="another wiring, pipe or time step"):
+    with pytest.raises(cr.errors.ConfigurationError, match="wiring"):
         cr.Stepper(pwm, POINT).restore(kept)
 
 
@@ -192,7 +192,7 @@ def test_a_damaged_state_is_refused_and_the_stepper_keeps_its_own(pwm: Injector,
         damaged = kept.memory.copy()
         damaged[-1] = np.nan  # the last slot of a wave, which no channel shows
         change = {"memory": damaged}
-    with pytest.raises(cr.errors.ConfigurationError, match="state is damaged"):
+    with pytest.raises(cr.errors.ConfigurationError, match="save"):
         stepper.restore(kept._replace(**change))  # type: ignore[arg-type]
     assert stepper.states == before
     stepper.restore(kept)
@@ -341,9 +341,9 @@ def test_waves_travel_through_the_linear_model(linear: cr.models.LinearModel) ->
 
 
 def test_unknown_inputs_and_outputs_are_named(open_needle: cr.Stepper) -> None:
-    with pytest.raises(cr.errors.ConfigurationError, match='no input "rail"'):
+    with pytest.raises(cr.errors.ConfigurationError, match=r'input "rail".* rail_pressure'):
         open_needle.linearise("5 us", ("rail",))
-    with pytest.raises(cr.errors.ConfigurationError, match='no output "rate"'):
+    with pytest.raises(cr.errors.ConfigurationError, match=r'output "rate".* mass_rate'):
         open_needle.linearise("5 us", outputs=("rate",))
 
 
@@ -367,11 +367,11 @@ def test_a_current_that_the_caller_gives_is_that_of_a_trace() -> None:
 @pytest.mark.parametrize(
     ("names", "sentence"),
     [
-        ({"inputs": 3}, 'inputs must be a list, such as ."rail_pressure".'),
-        ({"inputs": "rail_pressure"}, "inputs must be a list"),
-        ({"inputs": [["rail_pressure"]]}, r"There is no input \['rail_pressure'\]; choose from rail_pressure"),
-        ({"outputs": None}, 'outputs must be a list, such as ."mass_rate".'),
-        ({"outputs": ["rate"]}, 'There is no output "rate"; choose from mass_rate, needle_lift'),
+        ({"inputs": 3}, 'inputs .*"rail_pressure"'),
+        ({"inputs": "rail_pressure"}, "inputs .*list"),
+        ({"inputs": [["rail_pressure"]]}, r"input \['rail_pressure'\].* rail_pressure"),
+        ({"outputs": None}, 'outputs .*"mass_rate"'),
+        ({"outputs": ["rate"]}, 'output "rate".* mass_rate, needle_lift'),
     ],
 )
 def test_names_that_are_no_list_of_names_are_a_sentence(

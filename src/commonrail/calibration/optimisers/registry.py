@@ -39,18 +39,18 @@ def find_optimiser(method: str) -> Registered | None:
 def _of(entry: registry.Entry) -> Registered:
     optimiser = entry.load_as(Registered, "a Registered")
     if optimiser.name != entry.name:
-        raise entry.refused(f'has the method "{optimiser.name}"')
+        raise entry.part_error(f'has the method "{optimiser.name}"')
     return optimiser
 
 
 def shipped_methods() -> list[str]:
     """Names of the optimisers that ship."""
-    return [*(entry.name for entry in REGISTERED), *registry.shipped("optimisers")]
+    return [*(entry.name for entry in REGISTERED), *registry.find_shipped("optimisers")]
 
 
 def methods() -> list[str]:
     """Names of all optimisers, those that ship first."""
-    return [*shipped_methods(), *registry.installed("optimisers")]
+    return [*shipped_methods(), *registry.find_installed("optimisers")]
 
 
 def registered(settings: object) -> Registered | None:
@@ -59,17 +59,17 @@ def registered(settings: object) -> Registered | None:
 
 
 def blamed(optimiser: type[Optimiser]) -> AbstractContextManager[None]:
-    """Name the installed package of an optimiser in what its code raises inside, as `Entry.blamed`."""
+    """Name the installed package of an optimiser in what its code raises inside, as `Entry.blame`."""
     if optimiser.__module__.startswith(f"{registry.PACKAGE}."):
         return nullcontext()  # without a search for installed packages, which takes longer than many a fit
-    entry = registry.installed("optimisers").get(optimiser.method)
-    return nullcontext() if entry is None else entry.blamed("fails")
+    entry = registry.find_installed("optimisers").get(optimiser.method)
+    return nullcontext() if entry is None else entry.blame("fails")
 
 
 def _all() -> Iterator[Registered]:
     """All that can be loaded, those that ship first."""
     yield from REGISTERED
-    for parts in (registry.shipped, registry.installed):
+    for parts in (registry.find_shipped, registry.find_installed):
         for entry in parts("optimisers").values():
             with suppress(PluginError):  # another's settings do not depend on it
                 yield _of(entry)

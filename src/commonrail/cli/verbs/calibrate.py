@@ -11,7 +11,7 @@ import click
 from commonrail.base.errors import InputError
 from commonrail.base.units import to_text
 from commonrail.cli.console import say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import (
     ClusterAddress,
     Json,
@@ -24,10 +24,8 @@ from commonrail.cli.options import (
     stem_of,
 )
 
-Full = Annotated[bool, Option("--full", help="Print all tables too; a family and an FMU have theirs in any case.")]
 
-
-@verb
+@table_verb
 def calibrate(
     study: StudyFile,
     *,
@@ -55,7 +53,6 @@ def calibrate(
         tuple[str, ...], Option(metavar="NAME", help="Parameter to free besides, see below; may be repeated.")
     ] = (),
     no_live: NoLive = False,
-    full: Full = False,
     json: Json = False,
 ) -> None:
     """Fit a study and write a run folder.
@@ -99,13 +96,13 @@ def calibrate(
         outcome = run_study(loaded, out or free_run_folder(stem_of(study)), threads, crew, strict=strict)
     if (moved or free) and not json:
         click.echo(f"{outcome.folder}/{STUDY} has the changes; {study} is as it was: change it there to keep them.")
-    print_outcome(outcome, json, full=full, strict=strict, live=not no_live)
+    print_outcome(outcome, json, strict=strict, live=not no_live)
 
 
 # commonrail resume: resume a stopped run, of a family or an FMU too, or extend a finished one by generations.
 
 
-@verb
+@table_verb
 def resume(
     run: Annotated[Path, Argument(metavar="RUN", help="Run folder, which may have been moved or copied.")],
     *,
@@ -119,7 +116,6 @@ def resume(
     workers: WorkerCount = None,
     cluster: ClusterAddress = None,
     no_live: NoLive = False,
-    full: Full = False,
     json: Json = False,
 ) -> None:
     """Resume a stopped run, or extend a finished one.
@@ -132,7 +128,7 @@ def resume(
     Example:
       commonrail resume runs/paper-1 --generations 30
     """
-    from commonrail.cli.fit import print_outcome, reported
+    from commonrail.cli.fit import print_outcome, run_and_report
     from commonrail.cli.study_kind import RunOptions, kind_of_run
     from commonrail.runs.fit import resume as go_on
     from commonrail.runs.folder import RESULT, STUDY
@@ -153,11 +149,11 @@ def resume(
                 "give that command again."
             )
     with open_workers(workers, cluster) as crew:
-        outcome = reported(
+        outcome = run_and_report(
             f"resuming {run}",
             run,
             lambda listener: go_on(
                 run, generations=generations, as_begun=as_begun, threads=threads, workers=crew, listener=listener
             ),
         )
-    print_outcome(outcome, json, full=full, live=not no_live)
+    print_outcome(outcome, json, live=not no_live)

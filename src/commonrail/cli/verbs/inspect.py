@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from commonrail.base.errors import InputError
 from commonrail.cli.console import print_json, print_pairs, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import DecimalSign, Encoding, Json, SheetName, check_file, read_form
 
 if TYPE_CHECKING:
     from commonrail.readers.quantity_matrix import FoundMap
 
 
-@verb
+@table_verb
 def inspect(
     file: Annotated[Path, Argument(metavar="FILE", help="CSV, Excel, MDF, TDMS, LabVIEW, MAT, Parquet, DCM file ...")],
     *,
@@ -45,33 +45,38 @@ def inspect(
 
     check_file(out, "--out")
     form = read_form(encoding, decimal, sheet, [file])
-    given = GivenUnits(pressure_unit, time_unit, quantity_unit)
-    found = survey(file, form, given)
-    if not found.taken_for:  # by an inspector of an installed package
-        _show({"file": str(file), **found.facts}, json)
+    stated_units = GivenUnits(pressure_unit, time_unit, quantity_unit)
+    overview = survey(file, form, stated_units)
+    if not overview.taken_for:  # by an inspector of an installed package
+        _show({"file": str(file), **overview.facts}, json)
         return
-    if found.quantity_map is None and (out is not None or any(given.by_kind().values())):
-        reason = found.facts.get("reason", f"it is taken for {found.taken_for}.")
+    if overview.quantity_map is None and (out is not None or any(stated_units.by_kind().values())):
+        reason = overview.facts.get("reason", f"it is taken for {overview.taken_for}.")
         raise InputError(f"{file}: {reason}")
-    if out is not None and found.quantity_map is not None:
-        _write(out, found.quantity_map, file)
-    facts = {"file": str(file), "taken for": found.taken_for, **found.facts}
-    facts |= {"read as": found.said} if found.said else {}
-    facts |= {"marked as": found.synthetic} if found.synthetic else {}
+    if out is not None and overview.quantity_map is not None:
+        _write(out, overview.quantity_map, file)
+    facts = {"file": str(file), "taken for": overview.taken_for, **overview.facts}
+    facts |= {"read as": overview.said} if overview.said else {}
+    facts |= {"marked as": overview.synthetic} if overview.synthetic else {}
     _show(facts | ({"files": [str(out)]} if out is not None else {}), json)
     if out is not None and not json:
         say(f"wrote {out}")
 
 
-def _write(path: Path, found: FoundMap, source: Path) -> None:
+def _write(path: Path, quantity_map: FoundMap, source: Path) -> None:
     """Write the map as a study reads it."""
     from commonrail.base.csv_output import write_csv
 
     names = ("rail_pressure", "energising_time", "quantity")
-    units = (found.units[name] for name in ("rail pressure", "energising time", "quantity"))
+    units = (quantity_map.units[name] for name in ("rail pressure", "energising time", "quantity"))
     header = [f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)]
-    rows = zip(found.rail_pressure.tolist(), found.energising_time.tolist(), found.quantity.tolist(), strict=True)
-    write_csv(path, [f"from {source.name}: {found.form}"], header, ([f"{v:.12g}" for v in row] for row in rows))
+    rows = zip(
+        quantity_map.rail_pressure.tolist(),
+        quantity_map.energising_time.tolist(),
+        quantity_map.quantity.tolist(),
+        strict=True,
+    )
+    write_csv(path, [f"from {source.name}: {quantity_map.form}"], header, ([f"{v:.12g}" for v in row] for row in rows))
 
 
 def _show(facts: dict[str, Any], json: bool) -> None:

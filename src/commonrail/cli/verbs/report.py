@@ -51,10 +51,10 @@ def report(
         say(lacking)
     printed = print_pdf(path) if pdf else None
     if json:
-        made = {"report": str(path)} | ({"pdf": str(printed)} if printed else {})
-        print_json({"kind": "report", **made} | ({"pages": list(map(str, pages))} if page else {}))
+        files = {"report": str(path)} | ({"pdf": str(printed)} if printed else {})
+        print_json({"kind": "report", **files} | ({"pages": list(map(str, pages))} if page else {}))
     else:
-        click.echo("\n".join(str(made) for made in (path, printed, *pages) if made))
+        click.echo("\n".join(str(file) for file in (path, printed, *pages) if file))
 
 
 def _make_pages(run: Path) -> list[Path]:
@@ -68,9 +68,9 @@ def _make_pages(run: Path) -> list[Path]:
             "page of an injector with `commonrail page`."
         )
     written = []
-    for name, part in registry.entries("pages").items():
+    for name, entry in registry.entries("pages").items():
         try:
-            write_text(run / name, part.call(run))
+            write_text(run / name, entry.call(run))
         except PluginError as error:
             say(f"commonrail: {error}")
         else:

@@ -11,7 +11,7 @@ import click
 
 from commonrail.base.output import write_text, writing
 from commonrail.cli.console import print_json, print_rows, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import Json, check_file
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _DAY = 86400.0
 
 
-@verb
+@table_verb
 def runs(
     folder: Annotated[Path, Argument(metavar="DIR", help="Folder with run folders in it. [default: runs]")] = Path(
         "runs"
@@ -44,19 +44,19 @@ def runs(
     from commonrail.runs.listing import list_runs
 
     check_file(html, "--html")
-    found = list_runs(folder)
+    runs_below = list_runs(folder)
     if html is not None:
         from commonrail.report.runs_page import runs_html
 
         with writing(html, "--html"):
-            write_text(html, runs_html(folder, found, html))
+            write_text(html, runs_html(folder, runs_below, html))
     if json:
-        print_json({"kind": "runs", "runs": [_record(run) for run in found]})
-    elif not found:
+        print_json({"kind": "runs", "runs": [_record(run) for run in runs_below]})
+    elif not runs_below:
         click.echo(f"{folder}: no runs in it.")
     else:
         heads = ("run", "state", "generation", "refined", "best J", "age", "title")
-        print_rows(heads, [_row(run) for run in found])
+        print_rows(heads, [_row(run) for run in runs_below])
     if html is not None:
         say(f"wrote {html}")
 

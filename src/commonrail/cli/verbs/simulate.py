@@ -14,7 +14,7 @@ from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.text import FieldUnit, field_unit, number, quantity
 from commonrail.base.units import parse
 from commonrail.cli.console import SIMULATING, print_json, print_pairs, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import (
     CylinderPressure,
     Json,
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from commonrail.physics.meters import Meter
 
 
-@verb
+@table_verb
 def simulate(
     injector: Annotated[
         str,
@@ -120,28 +120,28 @@ def simulate(
     _writer(out)
     check_report(report)
     check_distinct(out, report)
-    named = read_model_name(injector)
-    seen = _meter(named, meter, study)
+    model = read_model_name(injector)
+    seen = _meter(model, meter, study)
     point = OperatingPoint(
         parse(rail_pressure, "Pa", "--rail-pressure"),
         read_energisings(energising_time, energising),
-        *read_pressures(cylinder_pressure, return_pressure, named.folder),
+        *read_pressures(cylinder_pressure, return_pressure, model.folder),
         horizon=None if horizon is None else parse(horizon, "s", "--horizon"),
     )
     step = parse(time_step or "1us", "s", "--time-step")
-    chosen = with_overrides(named.injector, set_)
-    refuse_return_pressure(chosen)
+    changed = with_overrides(model.injector, set_)
+    refuse_return_pressure(changed)
     begin = time.perf_counter()
-    solution = solve(chosen, point, engine, step, precision)
-    run = Run(chosen, point, solution, step, time.perf_counter() - begin, precision)
+    solution = solve(changed, point, engine, step, precision)
+    run = Run(changed, point, solution, step, time.perf_counter() - begin, precision)
     if seen is not None:
         from commonrail.engine.solution import metered
 
-        run = run._replace(shown=metered(solution, seen, chosen, point))
+        run = run._replace(shown=metered(solution, seen, changed, point))
     fast = engine is Engine.LANES and precision is Precision.F64  # whose code is there: a second simulation is cheap
     if heating := registry.find("simulations", "heating"):
-        run = run._replace(heating=heating.call(chosen, point, solution, step if fast else None))
-    files = _write(run, out, report, None if set_ else named.run)
+        run = run._replace(heating=heating.call(changed, point, solution, step if fast else None))
+    files = _write(run, out, report, None if set_ else model.run)
     if json:
         print_json(record(run) | {"files": files})
     else:
@@ -168,8 +168,8 @@ def _meter_of(model: NamedModel, name: str) -> Meter:
     for meter in model.meters:
         if meter.name == name:
             return meter
-    there = f"has the meters {', '.join(m.name for m in model.meters)}" if model.meters else "has no meters"
-    raise InputError(f"--meter {name}: {model.text} {there}; name a study or a calibrated.toml with --study.")
+    meters_text = f"has the meters {', '.join(m.name for m in model.meters)}" if model.meters else "has no meters"
+    raise InputError(f"--meter {name}: {model.text} {meters_text}; name a study or a calibrated.toml with --study.")
 
 
 def _writer(out: Path | None) -> registry.Entry | None:
@@ -178,8 +178,8 @@ def _writer(out: Path | None) -> registry.Entry | None:
     if suffix in ("", ".csv"):
         return None
     if (writer := registry.find("simulations", suffix)) is None:
-        known = [".csv", *(name for name in registry.entries("simulations") if name.startswith("."))]
-        raise InputError(f"--out {out}: a simulation is written as {', '.join(known)}; name a file that ends so.")
+        endings = [".csv", *(name for name in registry.entries("simulations") if name.startswith("."))]
+        raise InputError(f"--out {out}: a simulation is written as {', '.join(endings)}; name a file that ends so.")
     return writer
 
 
@@ -278,15 +278,15 @@ def figures(run: Run) -> list[tuple[str, str]]:
         ("needle closes", _instant(r["closing"], r["closing_delay"], "end")),
         *([("for the first time", _instant(r["first_closing"], r["first_closing"] - end, "end"))] if again else []),
         ("largest rate", f"{r['peak_rate'] * 1e6:.2f} mm³/ms"),
-        *_shown(run.shown),
+        *_meter_figures(run.shown),
         ("largest needle lift", f"{r['greatest_lift'] * 1e6:.1f} µm"),
+        *([("synthetic", run.injector.synthetic)] if run.injector.synthetic else []),
         ("reference density", f"{s.reference_density:.1f} kg/m³"),
         *run.heating.figures,
         ("status", f"{s.status.name}: {s.sentence}"),
         ("mass balance", f"{s.balance:.1e} of the injected mass, of 1 mg if that is more"),
         ("engine", f"{s.engine}, {run.precision.value}, {run.seconds:.2f} s with loading or compiling"),
         ("injector", f"{run.injector.title} ({run.injector.variant.label})"),
-        *([("synthetic", run.injector.synthetic)] if run.injector.synthetic else []),
     ]
 
 
@@ -327,7 +327,7 @@ def record(run: Run) -> dict[str, Any]:
         "closing_delay": number(s.closing - end),
         "first_closing": number(s.first_closing),
         "peak_rate": number(s.rate.max()),
-        **_shown_record(run.shown),
+        **_meter_record(run.shown),
         "greatest_lift": number(s.channels["needle_lift"].max()),
         "balance": number(s.balance),
         **run.heating.record,
@@ -335,7 +335,7 @@ def record(run: Run) -> dict[str, Any]:
     }
 
 
-def _shown(shown: Metered | None) -> list[tuple[str, str]]:
+def _meter_figures(shown: Metered | None) -> list[tuple[str, str]]:
     """Names and texts of what a meter shows."""
     if shown is None:
         return []
@@ -343,7 +343,7 @@ def _shown(shown: Metered | None) -> list[tuple[str, str]]:
     return [(f"by meter {shown.meter.name}", f"largest rate {peak:.2f} mm³/ms, quantity {volume:.2f} mm³")]
 
 
-def _shown_record(shown: Metered | None) -> dict[str, Any]:
+def _meter_record(shown: Metered | None) -> dict[str, Any]:
     """Figures of what a meter shows [SI], under the key "meter"; empty without one."""
     if shown is None:
         return {}

@@ -13,7 +13,7 @@ import numpy as np
 from commonrail.base.arguments import Limits, amount, array, plain_text, settle
 from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.text import fixed, listed, number, significant
+from commonrail.base.text import join_words, number, significant, to_fixed
 from commonrail.data.records import MM3
 from commonrail.data.study_block import Context
 from commonrail.physics.law import Domain
@@ -273,9 +273,9 @@ def baseline_record(model: Any, baseline: Any, *, text: str, **more: Any) -> dic
     limit = significant(figures["limit_quantity"], 3, MM3)
     keys = [item for item in _DECISIVE if number(other[item[0]]) is not None]
     worse = [item for item in keys if number(figures[item[0]]) is None or not figures[item[0]] < other[item[0]]]
-    pairs = listed(
+    pairs = join_words(
         [
-            f"{fixed(figures[key], decimals, scale)} against {fixed(other[key], decimals, scale)} {unit} rms "
+            f"{to_fixed(figures[key], decimals, scale)} against {to_fixed(other[key], decimals, scale)} {unit} rms "
             + words.format(limit)
             for key, words, decimals, scale, unit in keys
         ]

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 from commonrail.physics.law import physics
 
+TINY_PATH = 1e-15  # what counts as no path [m]
+
 
 class Contact(NamedTuple):
     """Elastic force [N], never pulling, and damping coefficient [N s/m] against approach and separation equally.
@@ -32,17 +34,37 @@ def contact(depth: float, stiffness: float, damping_factor: float) -> Contact:
     return Contact(elastic, elastic * damping_factor)
 
 
-@physics
-def mean_overlap(depth: float, move: float) -> float:
-    """Mean of max(δ, 0) [m] over a path from `depth` − `move` to `depth` + `move`, weighted 1 − |s| as leapfrog does.
+class Overlap(NamedTuple):
+    """Mean of max(δ, 0) [m] over a leapfrog step, and the share of it in which bodies touch [1]."""
 
-    Midpoint rule on the four quarters of the path: exact where the bodies neither touch nor part on it.
+    mean: float
+    share: float
+
+
+@physics
+def overlap_over_step(depth: float, move: float) -> Overlap:
+    """Overlap over a path from `depth` − `move` to `depth` + `move`, weighted 1 − |s| as leapfrog does; exact.
+
+    With x = δ/|move| in −1 … 1 the mean is |move| ((1 + x)³ − 2 max(x, 0)³)/6 and the share (1 + x)²/2 − max(x, 0)²,
+    twice and once differentiable: no step in which bodies touch or part makes a kink.
 
     `depth`: overlap δ in the middle of the path [m]; `move`: half the path [m]; its sign does not matter.
     """
-    near = max(depth - 0.25 * move, 0.0) + max(depth + 0.25 * move, 0.0)
-    far = max(depth - 0.75 * move, 0.0) + max(depth + 0.75 * move, 0.0)
-    return 0.375 * near + 0.125 * far
+    size = abs(move) + TINY_PATH
+    x = min(max(depth / size, -1.0), 1.0)
+    over, past = 1.0 + x, max(x, 0.0)
+    share = 0.5 * over * over - past * past
+    mean = size * (1.0 / 6.0) * (over * over * over - 2.0 * past * past * past)
+    return Overlap(mean + max(depth - size, 0.0), share)
+
+
+@physics
+def mean_overlap(depth: float, move: float) -> float:
+    """Mean of max(δ, 0) [m] of `overlap_over_step`.
+
+    `depth`: overlap δ in the middle of the path [m]; `move`: half the path [m].
+    """
+    return overlap_over_step(depth, move).mean
 
 
 @physics
@@ -53,15 +75,15 @@ def contact_over_step(
 
     Leapfrog changes the velocity from t − dt/2 to t + dt/2 by the mean of the force under the weight 1 − |s|, s from
     −1 to 1 being time in steps; up to dt⁴ that is F + dt²/12 F″. The overlap is averaged along the path, so
-    that touching and parting may fall anywhere inside a step, and the rest follows from δ̈ and
-    m δ⃛ = −k δ̇ − k β (δ̇² + δ δ̈):
+    that touching and parting may fall anywhere inside a step. The rest follows, for the share of the step in which
+    bodies touch, from δ̈ and m δ⃛ = −k δ̇ − k β (δ̇² + δ δ̈):
 
         elastic force  k δ̄ + (k + c²/m) dt²/12 δ̈,      c = k β δ̄
         damping        c (1 + (k + k β δ̇) dt²/(12 m)) + k β dt²/4 δ̈
 
     the damping being applied to the mean of the velocities before and after the step, which is δ̇ + dt²/6 δ⃛. In these
     small terms δ̇ is half a step old, and the rate of the other forces is neglected: hence third order. A
-    step in which bodies touch or part remains second order, with an error some seven times smaller (`mean_overlap`).
+    step in which bodies touch or part remains second order, with a far smaller error (`overlap_over_step`).
 
     `depth`: overlap δ at the start of the step [m]; `speed`: dδ/dt, half a step before [m/s]; `outer`: all other forces
     on the mass [N], positive when they increase the overlap; `per_mass`: 1/m [1/kg]; `law` (float, float): stiffness k
@@ -69,11 +91,12 @@ def contact_over_step(
     """
     stiffness, factor = law
     per_step = dt * dt * per_mass
-    overlap = mean_overlap(depth, dt * speed)
+    now = speed + 0.5 * dt * per_mass * (outer - stiffness * max(depth, 0.0))  # at the start of the step
+    overlap, share = overlap_over_step(depth, dt * now)
     damper = stiffness * factor
     damping = damper * overlap
     resisting = stiffness + damper * speed
-    curvature = per_step * (outer - resisting * overlap) if depth > 0.0 else 0.0  # dt² δ̈
+    curvature = share * per_step * (outer - resisting * overlap)  # dt² δ̈
     return Contact(
         stiffness * overlap + (stiffness + damping * damping * per_mass) * curvature * (1.0 / 12.0),
         max(damping * (1.0 + per_step * resisting * (1.0 / 12.0)) + 0.25 * damper * curvature, 0.0),

@@ -264,10 +264,10 @@ def toggle_conduction(conducting: float) -> float:
 def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float) -> Change:
     """Two-point current control: first rise by +boost, then +supply and −quench in turn, switching inside the step.
 
-    `now` has the gap of mid-step; the armature's motion is taken off both ends, so that the current is compared with
-    its limit where the step begins and where energising or the step ends. The instant at which it meets the limit is
-    interpolated between them, and the voltage averaged. Where the rest of the step would carry the current past the
-    other limit too, it switches in turn there: on the average it stays at that limit.
+    `now` has the gap of mid-step; the armature's motion is subtracted at both ends, to compare the current with
+    its limit at the start of the step and at the end of energising or of the step. The instant at which it meets the
+    limit is interpolated between them, and the voltage averaged. Where the rest of the step would carry the current
+    past the other limit too, it switches in turn there: on the average it stays at that limit.
     """
     plan = supply.schedule
     in_peak = plan.peak >= 0.5 * plan.on

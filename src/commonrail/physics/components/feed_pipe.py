@@ -113,7 +113,7 @@ def middle_loss(c: Coefficients, ends: State, down: float, up: float) -> float:
 
 @physics
 def arrive(c: Coefficients, ends: State, down: float, up: float) -> Travelling:
-    """Waves at the ends that they reach, the friction of Eq. (6) taken off but for that of the flow there now.
+    """Waves that arrive at the ends, minus the friction of Eq. (6) except that of the present flow there.
 
     `ends`: flows at both ends [kg/s]; `down`, `up`: waves p + Z q and p − Z q [Pa] that arrive, as they left.
     """

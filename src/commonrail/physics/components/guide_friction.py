@@ -91,7 +91,8 @@ def advance_body(c: Coefficients, seat: SeatContact, s: rigid_body.State, load: 
     """
     free = rigid_body.advance(c, seat, s, load, dt).v
     per_mass = dt / c.total_mass
-    contact_damping = plunger_needle.at_stop(c.guides, s.z).damping + plunger_needle.on_seat(seat, s.z).damping
+    rest = plunger_needle.on_seat(seat, s.z, dt * s.v)
+    contact_damping = plunger_needle.at_stop(c.guides, s.z).damping + rest.damping
     touching = 1.0 + 0.5 * per_mass * contact_damping
     first = _slow_down(c.guides, s.v, touching * free, touching, (per_mass, s.v))
     v = _slow_down(c.guides, s.v, touching * free, touching, (per_mass, 0.5 * (s.v + first)))

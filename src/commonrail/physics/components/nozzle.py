@@ -144,8 +144,8 @@ def grown_discharge(p: Parameters, rail_pressure: float) -> float:
 def shape(p: Parameters) -> Shape:
     """Piecewise linear change of c_d(z): value before the first knot [1], knots [m], changes of slope [1/m].
 
-    A knot of lift zero behind the first is none: the value of the knot before it holds on. Knots that do not rise are
-    moved apart, whatever a search proposes.
+    A knot of zero lift after the first does not count: the previous value holds. Knots that do not rise are
+    separated, whatever a search proposes.
     """
     s1 = p.shape_1
     s2 = p.shape_2 if p.knot_2 > 0.0 else s1

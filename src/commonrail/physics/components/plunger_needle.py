@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable
 from typing import Annotated, Any, NamedTuple
 
-from commonrail.physics.components.contact import Contact, contact, velocity_gain
+from commonrail.physics.components.contact import Contact, contact, mean_overlap, overlap_over_step, velocity_gain
 from commonrail.physics.flow import Guide, guide_of, pipe_area
 from commonrail.physics.law import Domain, Q, physics
 
@@ -374,17 +374,18 @@ _product = each(Nine, lambda x, y: x * y)
 
 
 @physics
-def numerov_correction(c: Coefficients, seat: SeatContact, z: Nine, gain: Nine) -> Nine:
+def numerov_correction(c: Coefficients, seat: SeatContact, z: Nine, seated: float, gain: Nine) -> Nine:
     """Gain of velocity [m/s] by dt²/12 d²F/dt² of k1 to k7, of the joint and of the seat's elastic force.
 
     Numerov's correction: with it leapfrog is of fourth order in these springs; not in needle spring and upper stop. The
     plunger rings on after an injection; the phase of its waves decides the pressure in the control chamber at which the
     next one begins.
 
-    `z`: positions [m]; `gain`: dt times the accelerations at t_n, without contact damping [m/s].
+    `z`: positions [m]; `seated`: share of the step in which needle and seat touch [1]; `gain`: dt times the
+    accelerations at t_n, without contact damping [m/s].
     """
     joint = c.joint_stiffness * (gain.i6 - gain.i7) if z.i6 < z.i7 else 0.0
-    rest = seat.stiffness * gain.i9 if z.i9 < 0.0 else 0.0
+    rest = seat.stiffness * seated * gain.i9
     f = nodal_forces(_springs(c.k, across(gain)), joint)
     return _product(c.numerov, with_ends(f, f.i1, f.i9 - rest))
 
@@ -399,9 +400,9 @@ def at_stop(g: Guides, top: float) -> Contact:
 
 
 @physics
-def on_seat(seat: SeatContact, tip: float) -> Contact:
-    """Contact with the needle seat; `tip`: lift of the needle's tip [m]."""
-    return contact(-tip, seat.stiffness, seat.damping)
+def on_seat(seat: SeatContact, tip: float, move: float) -> Contact:
+    """Contact with the needle seat; `tip`: lift of the needle's tip [m]; `move`: in a step, zero at an instant [m]."""
+    return contact(mean_overlap(-tip, move), seat.stiffness, seat.damping)
 
 
 _advanced = each(Nine, lambda x, step, rate: x + step * rate, shared="step")
@@ -411,11 +412,11 @@ _sum = each(Nine, lambda x, y: x + y)
 @physics
 def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
     """State after one leapfrog step; dampers see the velocity extrapolated to t_n; `load`: pressure forces at t_n."""
-    f = forces(c, s.z, _extrapolated(s.v, s.gain), load)
-    stop, rest = at_stop(c.guides, s.z.i1), on_seat(seat, s.z.i9)
-    m = c.impulse
+    f, m = forces(c, s.z, _extrapolated(s.v, s.gain), load), c.impulse
+    seated = overlap_over_step(-s.z.i9, dt * s.v.i9)
+    stop, rest = at_stop(c.guides, s.z.i1), contact(seated.mean, seat.stiffness, seat.damping)
     first = _product(m, with_ends(f, f.i1 - stop.force, f.i9 + rest.force))
-    free = _sum(first, numerov_correction(c, seat, s.z, first))
+    free = _sum(first, numerov_correction(c, seat, s.z, seated.share, first))
     gain = with_ends(
         free,
         velocity_gain(s.v.i1, free.i1, 0.5 * m.i1 * stop.damping),
@@ -432,7 +433,7 @@ def accelerations(c: Coefficients, seat: SeatContact, z: Nine, v: Nine, load: Lo
     `z`: positions [m]; `v`: velocities [m/s].
     """
     f = forces(c, z, v, load)
-    stop, rest = at_stop(c.guides, z.i1), on_seat(seat, z.i9)
+    stop, rest = at_stop(c.guides, z.i1), on_seat(seat, z.i9, 0.0)
     top = f.i1 - stop.force - stop.damping * v.i1
     return _product(c.per_mass, with_ends(f, top, f.i9 + rest.force - rest.damping * v.i9))
 

@@ -28,7 +28,7 @@ def force(c: Coefficients, z: float, load: Loads) -> float:
 @physics
 def advance(c: Coefficients, seat: SeatContact, s: State, load: Loads, dt: float) -> State:
     """State after one leapfrog step; `load`: pressure forces at t_n."""
-    stop, rest = at_stop(c.guides, s.z), on_seat(seat, s.z)
+    stop, rest = at_stop(c.guides, s.z), on_seat(seat, s.z, dt * s.v)
     per_mass = dt / c.total_mass
     impulse = per_mass * (force(c, s.z, load) + rest.force - stop.force)
     half = 0.5 * per_mass * (rest.damping + stop.damping)
@@ -42,7 +42,7 @@ def accelerations(c: Coefficients, seat: SeatContact, z: float, v: float, load: 
 
     `z`: lift [m], positive when opening; `v`: velocity [m/s].
     """
-    stop, rest = at_stop(c.guides, z), on_seat(seat, z)
+    stop, rest = at_stop(c.guides, z), on_seat(seat, z, 0.0)
     resting = rest.force - stop.force - (rest.damping + stop.damping) * v
     return (force(c, z, load) + resting) / c.total_mass
 

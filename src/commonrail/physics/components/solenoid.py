@@ -4,8 +4,8 @@ Flux φ links N turns. The magnetomotive force N i drives it through n_g air gap
 
     N i = n_g l_a φ/(μ0 A_g) + l_s H_s(φ/A_g),    N dφ/dt = v − R i,    F_ev = n_g φ_f²/(2 μ0 A_g)
 
-Eq. (11) prints one air gap, Eq. (12) two: their number n_g is a parameter here and enters flux and
-force alike. Eddy currents, which the paper neglects, delay the flux that pulls: dφ_f/dt = (φ − φ_f)/τ;
+Eq. (11) prints one air gap, Eq. (12) two: their number n_g is a parameter here and enters both flux and
+force. Eddy currents, which the paper neglects, delay the flux that pulls: dφ_f/dt = (φ − φ_f)/τ;
 τ = 0 switches them off.
 """
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 from commonrail.base.chart import Figure, Panel
 from commonrail.base.choices import Actuation, Drive
-from commonrail.base.table import Table, tabulated
-from commonrail.base.text import fixed, quantity
+from commonrail.base.table import Table, table_from_columns
+from commonrail.base.text import quantity, to_fixed
 from commonrail.data.records import MICROSECOND, MM3
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.simulate import simulate
@@ -128,16 +128,16 @@ def _of_pressures(panel: Panel, count: int, end: float) -> Panel:
 def _figures(e: Exhibit) -> Table:
     """Quantities, delays and peaks by rail pressure."""
     end = sum(e.points[0].pulses[0])
-    return tabulated(
+    return table_from_columns(
         "Simulated figures",
         e.solutions.items(),
         (
             ("rail pressure", lambda row: row[0]),
-            ("quantity, mm³", lambda row: fixed(row[1].injected_volume, 2, MM3)),
-            ("opening delay, µs", lambda row: fixed(row[1].opening, 0, MICROSECOND)),
-            ("closing delay, µs", lambda row: fixed(row[1].closing - end, 0, MICROSECOND)),
-            ("peak rate, mm³/ms", lambda row: fixed(max(row[1].rate_mm3_per_ms), 2)),
-            ("largest lift, µm", lambda row: fixed(max(row[1].channels["needle_lift"]) * 1e6, 0)),
+            ("quantity, mm³", lambda row: to_fixed(row[1].injected_volume, 2, MM3)),
+            ("opening delay, µs", lambda row: to_fixed(row[1].opening, 0, MICROSECOND)),
+            ("closing delay, µs", lambda row: to_fixed(row[1].closing - end, 0, MICROSECOND)),
+            ("peak rate, mm³/ms", lambda row: to_fixed(max(row[1].rate_mm3_per_ms), 2)),
+            ("largest lift, µm", lambda row: to_fixed(max(row[1].channels["needle_lift"]) * 1e6, 0)),
             ("outcome", lambda row: row[1].sentence),
         ),
         note="Quantities by volume at the density at cylinder pressure.",
@@ -150,9 +150,9 @@ def _overview(e: Exhibit) -> tuple[str, ...]:
     last, solution = e.points[-1], list(e.solutions.values())[-1]
     place = f"{quantity(last.initial_pressures()[0], 'Pa', 3)}, {quantity(last.pulses[0].duration, 's', 3)}"
     return (
-        fixed(values["nozzle.holes"], 0),
-        fixed(values["nozzle.hole_diameter"], 3, 1e3),
-        f"{fixed(solution.injected_volume, 1, MM3)} at {place}",
+        to_fixed(values["nozzle.holes"], 0),
+        to_fixed(values["nozzle.hole_diameter"], 3, 1e3),
+        f"{to_fixed(solution.injected_volume, 1, MM3)} at {place}",
         f"{counts['M']} of {sum(counts.values())}",
     )
 
@@ -167,7 +167,7 @@ def _origin(injector: Injector) -> str:
 def _values(injector: Injector) -> Table:
     """Every value of the file with its mark and source."""
     rows = [(name, q, injector.sources[name]) for name, q in injector.quantities.items() if name in injector.sources]
-    return tabulated(
+    return table_from_columns(
         "Values",
         rows,
         (

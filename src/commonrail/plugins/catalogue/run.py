@@ -78,7 +78,7 @@ def _meters() -> list[dict[str, Any]]:
 
     return [
         {"name": name, "law": f"{m.law.value}, order {m.order}", "quantities": ", ".join(m.values)}
-        for name, m in _load_all(installed_meter, list(registry.installed("meters"))).items()
+        for name, m in _load_all(installed_meter, list(registry.find_installed("meters"))).items()
     ]
 
 

@@ -9,14 +9,14 @@ from typing import Annotated
 from commonrail.base.errors import InputError
 from commonrail.base.registry import part_digits
 from commonrail.cli.console import print_json, print_rows, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import Json
 from commonrail.plugins.catalogue.run import Section
 
 NO_SUCH_PART = "; the part numbers of the catalogue are Bosch's, as 0445110191 and 0445120077"
 
 
-@verb
+@table_verb
 def catalogue(
     section: Annotated[
         Section | None,

@@ -8,7 +8,7 @@ import numpy as np
 
 from commonrail.base.chart import Figure
 from commonrail.base.table import Table
-from commonrail.base.text import counted
+from commonrail.base.text import count_noun
 from commonrail.calibration.identifiability import ParameterVerdict
 from commonrail.calibration.record import CertaintyRecord, ParameterRecord, read_as
 from commonrail.plugins.certainty.file import Certainty
@@ -20,7 +20,7 @@ from commonrail.report.presenter import Array, Arrays, Presenter
 def _lines(certainty: Certainty) -> list[str]:
     """Number of parameters by verdict, then the sentences of the report."""
     counts = Counter(judged.verdict for judged in certainty.verdicts)
-    size = counted(len(certainty.verdicts), "parameter")
+    size = count_noun(len(certainty.verdicts), "parameter")
     counted_verdicts = [f"{counts[verdict]} {verdict.value}" for verdict in ParameterVerdict if counts[verdict]]
     return [f"{size}: {', '.join(counted_verdicts)}", *certainty_lines(read_as(CertaintyRecord, certainty.record()))]
 

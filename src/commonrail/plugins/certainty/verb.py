@@ -8,14 +8,14 @@ from typing import Annotated
 import click
 
 from commonrail.base.stages import telling
-from commonrail.cli.console import Bar, print_json, print_lines, print_table, shown_by
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.console import Bar, print_json, print_lines, print_table, show_stages_on
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import Json, Threads, check_folder
 
 STARTS, LIMIT = 8, 10.0  # of the search; half width [%] up to which a parameter is determined
 
 
-@verb
+@table_verb
 def certainty(
     run: Annotated[Path, Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
     *,
@@ -49,7 +49,7 @@ def certainty(
     read_result(run)
     check_folder(run)
     report = None
-    with Bar(f"{run}: time left is that of the present search, at most") as bar, telling(shown_by(bar)):
+    with Bar(f"{run}: time left is that of the present search, at most") as bar, telling(show_stages_on(bar)):
         if combination or limit != LIMIT:
             study, best = read_fit(run)
             asked = {"combinations": combination, "limit": 0.01 * limit, "starts": starts}

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from commonrail.base.arrays import Floats
-from commonrail.base.text import listed, quantity, significant
+from commonrail.base.text import join_words, quantity, significant
 from commonrail.calibration.identifiability import LIMIT, ParameterVerdict
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.plugins.certainty.covariance import student
@@ -86,7 +86,7 @@ def _words(estimate: Estimate, case: _Case, reason: str, limit: float) -> tuple[
         return ParameterVerdict.COMBINED, f"only in combination with {name} ({figure})", cure
     if verdict is ParameterVerdict.COMBINED:
         others = _partners(estimate, case)
-        words = f" with {listed(others)}" if others else ""
+        words = f" with {join_words(others)}" if others else ""
         cure = "measure at another rail pressure or energising time, or state a prior of one of them"
         return ParameterVerdict.COMBINED, f"only in combination{words} ({figure})", cure
     cure = "measure it on the part, or where it acts more; the fitted value means nothing"
@@ -117,7 +117,7 @@ def _row_text(row: Floats, names: Sequence[str]) -> str:
     above, below = np.flatnonzero(row > 0.0).tolist(), np.flatnonzero(row < 0.0).tolist()
     if len(above) == len(below) == 1:
         return f"{names[below[0]]} < {names[above[0]]}"
-    return f"between {listed([names[i] for i in np.flatnonzero(row).tolist()])}"
+    return f"between {join_words([names[i] for i in np.flatnonzero(row).tolist()])}"
 
 
 def _blamed(estimate: Estimate, case: _Case) -> tuple[str, str] | None:

@@ -13,7 +13,7 @@ from pydantic import ConfigDict, Field, field_validator
 from commonrail.base import registry
 from commonrail.base.input import read_plain
 from commonrail.base.output import write_text
-from commonrail.base.text import counted
+from commonrail.base.text import count_noun
 from commonrail.calibration.optimisers.registry import find_optimiser
 from commonrail.cli.model_name import read_model_name
 from commonrail.compiler.target import package_versions
@@ -188,7 +188,7 @@ def _values(sources: Mapping[str, Source], kind: str) -> Iterator[Use]:
     stated = {name: source for name, source in sources.items() if source != UNSTATED}
     for source in dict.fromkeys(stated.values()):
         names = [name for name, other in stated.items() if other == source]
-        others = f" and {counted(len(names) - 1, 'other')}" if len(names) > 1 else ""
+        others = f" and {count_noun(len(names) - 1, 'other')}" if len(names) > 1 else ""
         yield Use(kind, names[0] + others, f"{MARKS[source.mark]}: {source.text}")
 
 
@@ -223,7 +223,7 @@ def _packages(
     }
     entries: dict[str, registry.Entry] = {}
     for group, names in used.items():
-        for name, entry in registry.installed(group).items():
+        for name, entry in registry.find_installed(group).items():
             if name in names:
                 entries.setdefault(entry.distribution, entry)
     for name, entry in entries.items():

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from commonrail.cli.console import print_lines, print_result, print_rows
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.console import print_result, print_rows
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import Json, check_file
 
 
-@verb
+@table_verb
 def cite(
     run: Annotated[
         str,
@@ -39,8 +39,8 @@ def cite(
         write_bibtex(out, works)
 
     def show() -> None:
-        print_rows(("used", "name", "source"), uses, run)
-        print_lines(["To be cited:", *(f"- {work.sentence()}" for work in works)])
+        print_rows(("to be cited",), [(work.sentence(),) for work in works])
+        print_rows(("used", "name", "source"), uses, f"Parts of {run}")
 
     cited = [{"key": work.key, "text": work.sentence(), "bibtex": work.bibtex()} for work in works]
     record = {"kind": "citation", "run": run, "used": [use._asdict() for use in uses], "references": cited}

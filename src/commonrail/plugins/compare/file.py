@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from commonrail.base.output import summed, writing
+from commonrail.base.output import write_set, writing
 from commonrail.calibration.result import data_records
 from commonrail.data.records import MEASURED, record_head
 from commonrail.physics.injector import Injector, parameter_quantities
@@ -79,6 +79,6 @@ def write_comparison(folder: Path, comparison: Comparison, record: Mapping[str, 
         "a row is the mean rate of one sample, whose middle is the time; J is the sum of |model - measured|",
     )
     curves = rate_curves(comparison.data, comparison.scores)
-    with writing(folder), summed(folder):
+    with writing(folder), write_set(folder):
         write_record(folder / RECORD, record)
         write_traces(folder / TRACES, notes, (MEASURED, *comparison.models), curves)

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from commonrail.base.chart import Figure
-from commonrail.base.table import Part, Table, table_of
-from commonrail.base.text import counted, fixed, listed, number, pressure, quantity, significant
+from commonrail.base.table import Part, Table, table_from_parts
+from commonrail.base.text import count_noun, join_words, number, pressure, quantity, significant, to_fixed
 from commonrail.data.records import MICROSECOND, Record, Traces
 from commonrail.plugins.compare.file import RECORD
 from commonrail.report.data.view import Plotted
@@ -40,7 +40,7 @@ def difference_table(record: Record) -> Table:
         Part(("parameter", "meaning"), lambda d: (d["name"], d["meaning"])),
         Part(labels, lambda d: [quantity(d["values"].get(label), d["unit"]) for label in labels]),
     )
-    return table_of("Parameters that differ", record["differences"], parts, "", 2)
+    return table_from_parts("Parameters that differ", record["differences"], parts, "", 2)
 
 
 def failure_table(data: Sequence[Record]) -> Table:
@@ -52,14 +52,14 @@ def failure_table(data: Sequence[Record]) -> Table:
                 rows.setdefault((d["name"], label, failure["sentence"]), []).append(failure)
     heads = ("data set", "model", "points", "reason", "number of points")
     cells = ((name, label, _points(points), reason, str(len(points))) for (name, label, reason), points in rows.items())
-    return table_of("Points without a number", cells, (Part(heads, lambda row: row),), "", 4)
+    return table_from_parts("Points without a number", cells, (Part(heads, lambda row: row),), "", 4)
 
 
 def _points(failures: Sequence[Record]) -> str:
     """Points in words: "80 MPa: 1000, 1400 µs; 120 MPa: 250 µs"."""
     by_rail: dict[str, list[str]] = {}
     for f in failures:
-        by_rail.setdefault(pressure(f["rail_pressure"]), []).append(fixed(f["energising_time"], 0, MICROSECOND))
+        by_rail.setdefault(pressure(f["rail_pressure"]), []).append(to_fixed(f["energising_time"], 0, MICROSECOND))
     return "; ".join(f"{rail}: {', '.join(times)} µs" for rail, times in by_rail.items())
 
 
@@ -111,13 +111,13 @@ def comparison_figures(record: Record, traces: Traces) -> list[Figure]:
 def comparison_lines(record: Record) -> list[str]:
     """Sentences on models and data, the nearest model to each data set, and points without a number."""
     labels, data = list(record["labels"]), record["data"]
-    lines = [f"{counted(len(labels), 'model')} on {counted(len(data), 'data set')}; nothing was fitted."]
+    lines = [f"{count_noun(len(labels), 'model')} on {count_noun(len(data), 'data set')}; nothing was fitted."]
     if len(labels) > 1:
         for view, kind_data in by_kind(data):
             lines += _nearest(*view.leading(kind_data), [d["name"] for d in kind_data], labels)
     failed = sum(len(failures) for d in data for failures in d.get("failures", {}).values())
     if failed:
-        lines.append(f"{counted(failed, 'point')} could not be simulated or judged; the last table says why.")
+        lines.append(f"{count_noun(failed, 'point')} could not be simulated or judged; the last table says why.")
     return lines
 
 
@@ -146,8 +146,8 @@ def _nearest(what: str, errors: Sequence[Record], names: Sequence[str], labels: 
     if not nearest:
         return []
     first, *others = sorted(nearest.items(), key=lambda item: -len(item[1]))
-    parts = [f"“{first[0]}” has {what} on {listed(first[1])}"]
-    return ["; ".join(parts + [f"“{label}” on {listed(names)}" for label, names in others]) + "."]
+    parts = [f"“{first[0]}” has {what} on {join_words(first[1])}"]
+    return ["; ".join(parts + [f"“{label}” on {join_words(names)}" for label, names in others]) + "."]
 
 
 def _facts(record: Record) -> list[tuple[str, str]]:
@@ -155,6 +155,6 @@ def _facts(record: Record) -> list[tuple[str, str]]:
     titles = [f"{s['title']}{' (' + s['file'] + ')' if s.get('file') else ''}" for s in record["studies"]]
     return [
         ("Data of", "; ".join(titles)),
-        ("Time step", listed(list(steps))),
+        ("Time step", join_words(list(steps))),
         ("Software", ", ".join(f"{name} {version}" for name, version in record.get("software", {}).items())),
     ]

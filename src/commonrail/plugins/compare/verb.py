@@ -11,7 +11,7 @@ import click
 
 from commonrail.base.errors import SimulationError
 from commonrail.cli.console import SIMULATING, print_json, print_lines, print_table, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import Json, Settings, Threads, read_models
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from commonrail.plugins.compare.run import Comparison
 
 
-@verb
+@table_verb
 def compare(
     models: Annotated[
         tuple[str, ...],
@@ -109,7 +109,7 @@ def _print(record: dict[str, Any]) -> None:
     from commonrail.plugins.compare.page import comparison_lines, comparison_tables
 
     if record["synthetic"]:
-        click.echo(f"SYNTHETIC: {record['synthetic']}")
+        print_lines([f"SYNTHETIC: {record['synthetic']}"])
     print_lines(comparison_lines(record))
     click.echo("")
     for table in comparison_tables(record):

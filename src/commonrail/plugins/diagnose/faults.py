@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo
 
 from commonrail.base.arguments import file_path
 from commonrail.base.arrays import Floats
-from commonrail.base.text import quantity, signed
+from commonrail.base.text import quantity, to_signed
 from commonrail.calibration.study_keys import known_parameter
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.variants import RETURN, unread_inputs, unread_parameters
@@ -55,7 +55,9 @@ class Fault(NamedTuple):
         sound = injector.values.get(first.name, 0.0)
         value = float(first.of(np.array(sound), size))
         share = (
-            f" ({signed(100.0 * (value / sound - 1.0), 0 if abs(value / sound - 1.0) > 0.1 else 1)} %)" if sound else ""
+            f" ({to_signed(100.0 * (value / sound - 1.0), 0 if abs(value / sound - 1.0) > 0.1 else 1)} %)"
+            if sound
+            else ""
         )
         return f"{quantity(value, _unit(first.name), 3)}{share}"
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from commonrail.base.chart import MARKERS, Bars, Figure, Panel, Series, points
 from commonrail.base.csv_output import comment_line
-from commonrail.base.table import LARGE, SMALL, Cell, Part, Table, table_of, tabulated
-from commonrail.base.text import fixed, listed, megapascal, percent, signed
+from commonrail.base.table import LARGE, OPERATING_POINT, SMALL, Cell, Part, Table, table_from_columns, table_from_parts
+from commonrail.base.text import join_words, megapascal, percent, to_fixed, to_signed
 from commonrail.data.records import MEASURED, MICROSECOND, MM3, Record
 from commonrail.plugins.diagnose.run import BENCHES, FAILS, USUAL
 from commonrail.plugins.plans.page import (
@@ -66,24 +66,26 @@ def _outside(record: Record) -> str:
         for row in record["tests"]
         if row["state"] != State.INSIDE.value
     ]
-    return f" Outside the band: {listed(names)}." if names else ""
+    return f" Outside the band: {join_words(names)}." if names else ""
 
 
 def _place(item: Record) -> str:
     """Measure, rail pressure and energising time of a next test."""
     what = "return" if item["measure"] == "return" else "delivery"
-    return f"{what} at {megapascal(item['rail_pressure'])} MPa and {fixed(item['energising_time'], 0, MICROSECOND)} µs"
+    return (
+        f"{what} at {megapascal(item['rail_pressure'])} MPa and {to_fixed(item['energising_time'], 0, MICROSECOND)} µs"
+    )
 
 
 def _next_sentence(item: Record, nominal: bool) -> str:
     """The test and what is expected; beside nominal quantities those of the model are no more than relative."""
     (first, second), (first_value, other) = item["names"], item["expected"]
     at = _place(item)
-    expected = f"{fixed(first_value, 2, MM3)} mm³ if {first}, {fixed(other, 2, MM3)} mm³ if {second}"
+    expected = f"{to_fixed(first_value, 2, MM3)} mm³ if {first}, {to_fixed(other, 2, MM3)} mm³ if {second}"
     if nominal and item["sound"]:
-        away = (f"{signed(100.0 * (value / item['sound'] - 1.0), 1)} %" for value in (first_value, other))
+        away = (f"{to_signed(100.0 * (value / item['sound'] - 1.0), 1)} %" for value in (first_value, other))
         expected = f"{expected} by the model alone ({' and '.join(away)} from a sound part)"
-    separation = f"{fixed(item['separation'], 1)} standard deviations apart"
+    separation = f"{to_fixed(item['separation'], 1)} standard deviations apart"
     if item["tells"]:
         return f"Next test: {at}; expected {expected}, {separation}."
     return f"No single test tells {first} and {second} apart; the best is {at}: {expected}, {separation}."
@@ -98,24 +100,24 @@ def _test_table(record: Record) -> Table:
 
     def measured(row: Record) -> tuple[str, Cell]:
         far = _distance(row, "measured")
-        return fixed(row["measured"], 2, MM3), Cell(signed(far, 1), SMALL if abs(far) <= USUAL else LARGE)
+        return to_fixed(row["measured"], 2, MM3), Cell(to_signed(far, 1), SMALL if abs(far) <= USUAL else LARGE)
 
     parts = [
         Part(("test",), lambda row: (test_name(row),)),
         Part(
-            ("rail, MPa", "energising, µs"),
-            lambda row: (megapascal(row["rail_pressure"]), fixed(row["energising_time"], 0, MICROSECOND)),
+            OPERATING_POINT,
+            lambda row: (megapascal(row["rail_pressure"]), to_fixed(row["energising_time"], 0, MICROSECOND)),
         ),
         Part(("measured", "st. dev. off"), measured),
         Part(
             ("sound ± 2 st. dev.",),
-            lambda row: (f"{fixed(row['sound'], 2, MM3)} ± {fixed(USUAL * row['deviation'], 2, MM3)}",),
+            lambda row: (f"{to_fixed(row['sound'], 2, MM3)} ± {to_fixed(USUAL * row['deviation'], 2, MM3)}",),
         ),
         Part(("plan",), lambda row: (_FAILS[row["usual"]] if row["state"] != State.INSIDE.value else "passes",)),
     ]
     if best != "sound":
-        parts.append(Part((f"with {best}",), lambda row: (fixed(row["leading"], 2, MM3),)))
-    return table_of("Quantities, mm³ per stroke", record["tests"], parts)
+        parts.append(Part((f"with {best}",), lambda row: (to_fixed(row["leading"], 2, MM3),)))
+    return table_from_parts("Quantities, mm³ per stroke", record["tests"], parts, inputs=OPERATING_POINT)
 
 
 def diagnosis_tables(record: Record) -> list[Table]:
@@ -124,7 +126,7 @@ def diagnosis_tables(record: Record) -> list[Table]:
 
 
 def _fault_table(record: Record) -> Table:
-    return tabulated(
+    return table_from_columns(
         "Diagnoses",
         record["diagnoses"],
         [
@@ -173,7 +175,7 @@ def diagnosis_figures(record: Record) -> list[Figure]:
 def _tiles(record: Record) -> list[Tile]:
     best, verdict = record["diagnoses"][0], record["verdict"]
     level = CARE if verdict in ("cannot be told", "unexplained", FAILS) else GOOD if verdict == "sound" else BAD
-    tiles = [Tile("diagnosis", verdict, listed(record["leading"]) if verdict == "cannot be told" else "", level)]
+    tiles = [Tile("diagnosis", verdict, join_words(record["leading"]) if verdict == "cannot be told" else "", level)]
     if verdict != "unexplained":
         tiles.append(Tile("probability", _share(best["probability"]), f"of {best['name']}"))
     if best["size"]:
@@ -230,7 +232,7 @@ def corrections_text(record: Record) -> str:
 
 
 def _code(record: Record) -> str:
-    return f"{record['code']}, in steps of {fixed(record['step'], 2, MICROSECOND)} µs."
+    return f"{record['code']}, in steps of {to_fixed(record['step'], 2, MICROSECOND)} µs."
 
 
 def trim_lines(record: Record) -> list[str]:
@@ -238,36 +240,37 @@ def trim_lines(record: Record) -> list[str]:
     points = record["points"]
     before, after = (sum(p[key] ** 2 for p in points) ** 0.5 for key in ("spread", "left"))
     ends = [f(p["correction"] for p in points) for f in (min, max)]
-    low, high = (signed(1e6 * value, 1) for value in ends)
+    low, high = (to_signed(1e6 * value, 1) for value in ends)
     return [
         f"{record['plan']}: {_code(record)}",
         f"Corrections at {len(points)} points of the map: {low} to {high} µs. A linear model estimates that parts "
-        f"within makers' tolerances then scatter by {fixed(after / before, 2)} of what they do without a trim.",
+        f"within makers' tolerances then scatter by {to_fixed(after / before, 2)} of what they do without a trim.",
         *([record["synthetic"]] if record["synthetic"] else []),
     ]
 
 
 def trim_table(record: Record) -> Table:
     """Tests with the classes of the part."""
-    return tabulated(
+    return table_from_columns(
         "Tests",
         record["tests"],
         [
             ("test", "test"),
             ("rail, MPa", lambda t: megapascal(t["rail_pressure"])),
-            ("energising, µs", lambda t: fixed(t["energising_time"], 0, MICROSECOND)),
-            ("nominal, mm³", lambda t: fixed(t["nominal"], 2, MM3)),
-            ("measured, mm³", lambda t: fixed(t["measured"], 2, MM3)),
-            ("st. dev. off", lambda t: signed(t["distance"], 1)),
-            ("class", lambda t: signed(t["class"], 0)),
-            ("correction, µs", lambda t: signed(1e6 * t["correction"], 1)),
+            ("energising, µs", lambda t: to_fixed(t["energising_time"], 0, MICROSECOND)),
+            ("nominal, mm³", lambda t: to_fixed(t["nominal"], 2, MM3)),
+            ("measured, mm³", lambda t: to_fixed(t["measured"], 2, MM3)),
+            ("st. dev. off", lambda t: to_signed(t["distance"], 1)),
+            ("class", lambda t: to_signed(t["class"], 0)),
+            ("correction, µs", lambda t: to_signed(1e6 * t["correction"], 1)),
         ],
+        inputs=OPERATING_POINT,
     )
 
 
 def trim_section(record: Record) -> Section:
     """Code of a part and its corrections."""
-    tile = Tile("trim", record["code"], f"steps of {fixed(record['step'], 2, MICROSECOND)} µs")
+    tile = Tile("trim", record["code"], f"steps of {to_fixed(record['step'], 2, MICROSECOND)} µs")
     note = "A trim is for sound parts and no repair."
     return Section("Trim", trim_lines({**record, "synthetic": ""}), [tile], [], [trim_table(record)], note)
 

@@ -16,7 +16,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.hooks import note
-from commonrail.base.text import listed, numbers
+from commonrail.base.text import join_words, numbers
 from commonrail.data.records import record_head
 from commonrail.data.simulator import Simulator
 from commonrail.engine.operating_point import Energising
@@ -358,8 +358,8 @@ def _note_edges(data: PlanData, sound: Response) -> None:
     names = [t.name for t, far in zip(data.tests, wide, strict=True) if far and t.measure is Measure.DELIVERY]
     if names:
         note(
-            f"{data.name}: sound parts scatter by more than {100.0 * EDGE:.0f} % at {listed(names)}, at the edge of "
-            "injection; the probabilities are surer than they should be: take longer energising times there."
+            f"{data.name}: sound parts scatter by more than {100.0 * EDGE:.0f} % at {join_words(names)}, at the edge "
+            "of injection; the probabilities are surer than they should be: take longer energising times there."
         )
 
 
@@ -389,7 +389,7 @@ def measured_tests(plan: TestPlan, injector: Injector, pressures: tuple[Quantity
         )
     if len(with_result) < len(plan.tests):
         left = [test.name for test in plan.tests if test.bench is None]
-        note(f"{plan.name}: {listed(left)} {'has' if len(left) == 1 else 'have'} no result in the column bench.")
+        note(f"{plan.name}: {join_words(left)} {'has' if len(left) == 1 else 'have'} no result in the column bench.")
     return PlanData.of(replace(plan, tests=with_result), injector, pressures, plan.name, synthetic=plan.synthetic)
 
 

@@ -20,7 +20,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.hooks import note
-from commonrail.base.text import listed, signed
+from commonrail.base.text import join_words, to_signed
 from commonrail.data.records import record_head
 from commonrail.engine.operating_point import Energising
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
@@ -112,8 +112,8 @@ class PartTrim(Shown):
         for test, correction in zip(tests, added, strict=True):
             if correction + test.energisings[0].duration <= 0.0:
                 raise InputError(
-                    f"{self.data.name}: at {test.name} the correction of {signed(1e6 * correction, 0)} µs would leave "
-                    "no energising time; check the results in the column bench, or find the fault by diagnose."
+                    f"{self.data.name}: at {test.name} the correction of {to_signed(1e6 * correction, 0)} µs would "
+                    "leave no energising time; check the results in the column bench, or find the fault by diagnose."
                 )
 
     def record(self) -> dict[str, Any]:
@@ -201,11 +201,11 @@ def trim(
     classes = np.round((sound - measured) / (sound / drawn * trimming.slopes[: len(sound)]) / size)
     corrections = trimming.gain @ (classes * size)
     distances = (measured - sound) / (sound / drawn * trimming.deviation)
-    far = [f"{t.name} ({signed(d, 1)})" for t, d in zip(data.tests, distances.tolist(), strict=True) if abs(d) > FAR]
+    far = [f"{t.name} ({to_signed(d, 1)})" for t, d in zip(data.tests, distances.tolist(), strict=True) if abs(d) > FAR]
     if far:
         note(
-            f"{data.name}: {listed(far)} {'is' if len(far) == 1 else 'are'} more than {FAR:g} standard deviations off "
-            "a sound part; a trim is for sound parts: check the results, or find the fault by diagnose."
+            f"{data.name}: {join_words(far)} {'is' if len(far) == 1 else 'are'} more than {FAR:g} standard deviations "
+            "off a sound part; a trim is for sound parts: check the results, or find the fault by diagnose."
         )
     return PartTrim(
         injector, data, sound, classes, size, tuple(grid[k] for k in usable), corrections, trimming, distances
@@ -277,7 +277,7 @@ def _reasons(slopes: Floats, middle: Floats) -> str:
         "a sound part does not inject (take longer energising times)": none,
         "the nominal quantity hardly rises with the energising time": flat,
     }
-    return listed([f"at {np.count_nonzero(which)} {text}" for text, which in words.items() if which.any()])
+    return join_words([f"at {np.count_nonzero(which)} {text}" for text, which in words.items() if which.any()])
 
 
 def _slopes(bench: PlanBench, tests: Sequence[PlanTest]) -> tuple[Floats, Floats]:

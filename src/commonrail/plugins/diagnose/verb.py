@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from commonrail.base.output import write_text
 from commonrail.base.units import parse
-from commonrail.cli.grammar import Option, verb
+from commonrail.cli.grammar import Option, table_verb
 from commonrail.cli.options import check_distinct, check_file, read_axis
 from commonrail.plugins.plans.verb import BenchOptions, Report, StrokeRate
 
@@ -37,7 +37,7 @@ class SoundOptions:
         return {"nominal": self.nominal, "faults": self.faults, **stated}
 
 
-@verb
+@table_verb
 def diagnose(
     bench: BenchOptions,
     sound_parts: SoundOptions,
@@ -65,7 +65,7 @@ def diagnose(
     bench.show(result, settings, report, diagnosis_html)
 
 
-@verb
+@table_verb
 def trim(
     bench: BenchOptions,
     sound_parts: SoundOptions,
@@ -107,7 +107,7 @@ def trim(
     bench.show(result, settings, report, trim_html, out)
 
 
-@verb
+@table_verb
 def judge(
     bench: BenchOptions,
     sound_parts: SoundOptions,

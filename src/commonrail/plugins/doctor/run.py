@@ -317,8 +317,8 @@ _TRIALS: dict[str, Callable[[str], object]] = {
 
 def installed_plugins() -> list[Plugin]:
     """Installed packages by name, each part of them tried."""
-    unused = {entry: why for group in registry.GROUPS for entry, why in registry.unused(group).items()}
-    parts = [*(entry for group in registry.GROUPS for entry in registry.installed(group).values()), *unused]
+    unused = {entry: why for group in registry.GROUPS for entry, why in registry.find_unused(group).items()}
+    parts = [*(entry for group in registry.GROUPS for entry in registry.find_installed(group).values()), *unused]
     plugins = []
     for name in sorted({entry.distribution for entry in parts}):
         entries = [entry for entry in parts if entry.distribution == name]

@@ -1,7 +1,7 @@
-"""The compiled physics as C: its LLVM text, instruction by instruction, for targets that take sources alone.
+"""Translate the compiled physics to C, one LLVM instruction at a time, for targets that accept only sources.
 
-The text of a wiring consists of some thirty kinds of instructions on doubles, 64-bit integers and pointers. Each value
-becomes a local variable and each block a label; what is not known here is refused.
+The text of a wiring has about thirty kinds of instructions on doubles, 64-bit integers and pointers. Each value
+becomes a local variable and each block a label. Unknown instructions are refused.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ FLAGS = r"(?:(?:reassoc|nsz|arcp|contract|nnan|ninf|afn|fast|nuw|nsw|exact|disjo
 
 
 def expression(text: str, c: Value) -> tuple[str, str]:
-    """Type and C text of the value of an instruction, whose right side `text` is; `c` makes C texts of its operands.
+    """Translate the right side `text` of an instruction to type and C text; `c` translates its operands.
 
-    ConfigurationError if there is no translation of it.
+    `ConfigurationError` if there is no translation.
     """
     for pattern, rule in _EXPRESSIONS:
         if match := pattern.match(text):
@@ -51,7 +51,7 @@ def expression(text: str, c: Value) -> tuple[str, str]:
 
 
 def constant(value: str, kind: str) -> str:
-    """C constant of an LLVM one of a type."""
+    """C constant for an LLVM constant of a type."""
     if kind == "double":
         return _double(value)
     if value in ("true", "false"):
@@ -115,7 +115,7 @@ def _call(c: Value, kind: str, name: str, arguments: str) -> tuple[str, str]:
 
 
 def _double(value: str) -> str:
-    """A constant: LLVM writes it as decimal digits or as the bits of the number."""
+    """A constant, which LLVM writes as decimal digits or as the bits of the number."""
     number = struct.unpack(">d", bytes.fromhex(value[2:]))[0] if value.startswith("0x") else float(value)
     if math.isnan(number):
         return "NAN"
@@ -125,10 +125,10 @@ def _double(value: str) -> str:
 
 
 def unknown(what: str) -> ConfigurationError:
-    """Refusal of an instruction."""
+    """Error for an unknown instruction."""
     return ConfigurationError(
-        f"The compiled physics cannot be written as C: there is no translation of `{what.strip()[:120]}`; export it "
-        "for platforms with binaries alone, or install the version of Numba that constraints.txt names."
+        f"The compiled physics cannot be written as C: there is no translation of `{what.strip()[:120]}`; export "
+        "only to platforms with binaries, or install the version of Numba that constraints.txt names."
     )
 
 
@@ -136,7 +136,7 @@ def _any(words: Iterable[str]) -> str:
     return f"({'|'.join(map(re.escape, words))})"
 
 
-# Right side of an instruction, and what makes type and C text of the groups in it.
+# Right side of an instruction, and the function that makes type and C text of its groups.
 _EXPRESSIONS: list[tuple[re.Pattern[str], Callable[..., tuple[str, str]]]] = [
     (re.compile(pattern), rule)
     for pattern, rule in (
@@ -185,7 +185,7 @@ static inline uint64_t umin(uint64_t a, uint64_t b) { return a < b ? a : b; }
 
 
 def kernel_source(text: str) -> str:
-    """C source of a module from LLVM's text of it; ConfigurationError if an instruction has no translation."""
+    """C source of a module from its LLVM text; `ConfigurationError` if an instruction has no translation."""
     functions = re.findall(r"^define [^\n]*\n.*?^}", text, re.M | re.S)
     return "\n".join([_HEAD, *(_Function(function).source() for function in functions)])
 
@@ -197,7 +197,7 @@ class _Phi(NamedTuple):
 
 
 class _Function:
-    """Translation of one function: its values, blocks and phis by their LLVM names."""
+    """Translation of one function: its values, blocks and phis by LLVM name."""
 
     def __init__(self, text: str) -> None:
         head, *lines = text.splitlines()
@@ -234,7 +234,7 @@ class _Function:
         return self.names.setdefault(value, f"v{len(self.names)}") if value[0] == "%" else constant(value, kind)
 
     def define(self, value: str, kind: str) -> str:
-        """C name of a value that is computed, of which the type is declared."""
+        """C name of a computed value, whose type is declared."""
         if kind not in TYPES:
             raise unknown(kind)
         name = self.value(value, kind)
@@ -242,7 +242,7 @@ class _Function:
         return name
 
     def goto(self, origin: str, label: str) -> str:
-        """C text of the way from a block to another, whose phis receive their values."""
+        """C text of a jump from one block to another, with the values of its phis."""
         target = label.strip('%"')
         moves = "".join(
             f"{phi.variable}_in = {self.value(phi.sources[origin], phi.kind)}; " for phi in self.phis.get(target, ())
@@ -250,10 +250,10 @@ class _Function:
         return f"{moves}goto {self.label(target)};"
 
     def _read_phis(self) -> None:
-        """Phis of each block: their values are assigned on the way to it."""
+        """Read the phis of each block: their values are assigned on the way to it."""
         block = ""
         for line in self.lines:
-            if (label := _label_of(line)) is not None:
+            if (label := _read_label(line)) is not None:
                 block = label
             elif match := re.match(rf"({VALUE}) = phi {FLAGS}(\w+) (.*)", line):
                 value, kind, sources = match.groups()
@@ -266,7 +266,7 @@ class _Function:
         block = ""
         targets = {name.strip('%"') for line in self.lines for name in re.findall(rf"label ({_BLOCK})", line)}
         for line in self.lines:
-            if (label := _label_of(line)) is not None:
+            if (label := _read_label(line)) is not None:
                 block = label
                 if label in targets:
                     out.append(f"{self.label(label)}:;")
@@ -281,7 +281,7 @@ def _declare(name: str, kind: str) -> str:
 
 
 def _statements(f: _Function, block: str, line: str) -> list[str]:
-    """C statements of an instruction in a block."""
+    """C statements for an instruction in a block."""
     for pattern, rule in _STATEMENTS:
         if match := pattern.match(line):
             return rule(f, block, *match.groups())
@@ -332,7 +332,7 @@ _STATEMENTS: list[tuple[re.Pattern[str], Callable[..., list[str]]]] = [
 
 
 def _join_lines(lines: list[str]) -> list[str]:
-    """Instructions and labels without comments and metadata, a switch in one line."""
+    """Instructions and labels without comments and metadata, each switch in one line."""
     out: list[str] = []
     inside = False
     for line in lines:
@@ -349,7 +349,7 @@ def _join_lines(lines: list[str]) -> list[str]:
 
 
 def drop_unread_values(lines: list[str]) -> list[str]:
-    """Lines but those of values that nothing reads: what was assumed of them is not translated."""
+    """Remove lines of values that nothing reads, whose assumptions are not translated."""
     remaining = [line for line in lines if not re.match(rf"(?:tail |notail )?call void @(?:{_UNTRANSLATED})", line)]
     while True:
         read = Counter(name for line in remaining for name in set(re.findall(VALUE, line)))
@@ -361,6 +361,6 @@ def drop_unread_values(lines: list[str]) -> list[str]:
         remaining = left
 
 
-def _label_of(line: str) -> str | None:
+def _read_label(line: str) -> str | None:
     match = re.fullmatch(r'("[^"]+"|[\w.$-]+):', line)
     return match.group(1).strip('"') if match else None

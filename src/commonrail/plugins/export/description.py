@@ -17,12 +17,21 @@ from commonrail.engine.time_step import DEFAULT_STEP, TIME_STEPS
 from commonrail.physics import variants
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_paths
 from commonrail.plugins.export.entry_points import channels
-from commonrail.plugins.export.sources import Model, bounds_of
+from commonrail.plugins.export.sources import Model, find_bounds
 
 PLANNED = 4  # energisings that parameters plan; c/fmu.h
-AT_REST = "at_rest.rail_pressure"  # in place of the input where the rail is a volume
-RAIL, CYLINDER, RETURN = 100e6, 5e6, 0.5e6  # start values of the boundaries [Pa]
-_STEP, _PLAN, _INPUT, _COMMAND, _CHANNEL, _RATE = 1000, 1001, 2000, 2100, 3000, 4000  # references, as in c/fmu.h
+AT_REST = "at_rest.rail_pressure"  # replaces the input for a rail volume
+# Start values of the boundaries [Pa].
+RAIL = 100e6
+CYLINDER = 5e6
+RETURN = 0.5e6
+# References, as in c/fmu.h.
+_STEP = 1000
+_PLAN = 1001
+_INPUT = 2000
+_COMMAND = 2100
+_CHANNEL = 3000
+_RATE = 4000
 
 # Exponents of the SI base units.
 BASE_UNITS = {
@@ -48,7 +57,7 @@ BASE_UNITS = {
     "s": {"s": 1},
     "s/m": {"m": -1, "s": 1},
 }
-# Units that people read a quantity in, the usual one first.
+# Display units of a quantity, the usual one first.
 DISPLAY_UNITS = {
     "K": ("degC",),
     "Pa": ("bar", "MPa"),
@@ -71,7 +80,7 @@ class Kind(NamedTuple):
 class Variable(NamedTuple):
     """One variable with its reference in the C sources; `start`, `low` and `high` are in its SI unit.
 
-    `unit` is "" for what is no real number.
+    `unit` is "" unless it is a real number.
     """
 
     name: str
@@ -92,8 +101,8 @@ _OUTPUT = Kind("Real", "output", "continuous")
 def variables(injector: Injector, flat: bool = False) -> list[Variable]:
     """All variables of an injector's FMU, parameters first.
 
-    Names are structured, ``energising[1].start``, or `flat`, ``energising_1__start``: importers may make buses of
-    structured ones.
+    Names are structured, ``energising[1].start``, or `flat`, ``energising_1__start``: importers may turn structured
+    names into buses.
     """
     listed = [*_parameters(injector), *_plan(), *_inputs(injector), *_outputs(injector)]
     return [variable._replace(name=flat_name(variable.name)) for variable in listed] if flat else listed
@@ -108,7 +117,7 @@ def _parameters(injector: Injector) -> list[Variable]:
     parameters, unread = [], variants.unread_parameters(injector.variant)
     for i, path in enumerate((*parameter_paths(injector.variant.actuation), FUEL_TEMPERATURE)):
         if path not in unread:
-            low, high, low_open, high_open = bounds_of(injector, path)
+            low, high, low_open, high_open = find_bounds(injector, path)
             limits = _inside(low, high, low_open), _inside(high, low, high_open)
             quantity, value = injector.quantities[path], injector.values[path]
             parameters.append(Variable(path, i, _FIXED, quantity.unit, quantity.meaning, value, *limits))
@@ -116,7 +125,7 @@ def _parameters(injector: Injector) -> list[Variable]:
 
 
 def _inside(limit: float, other: float, is_open: int) -> float:
-    """Limit that belongs to the range itself, as the standard's do: the next number inside where it `is_open`."""
+    """Limit as in the standard, inside the range: the next number if the range `is_open` there."""
     if not is_open:
         return limit
     beside = math.nextafter(limit, other)
@@ -187,7 +196,7 @@ _TYPES = {"Real": "Float64", "Boolean": "Boolean", "Integer": "Int32"}
 def describe2(model: Model, listed: Sequence[Variable], token: str, sources: Sequence[str]) -> str:
     """Text of modelDescription.xml of FMI 2.0; `token` is the GUID that the binary compares.
 
-    `sources` are the C files to be compiled where there is no binary.
+    `sources` are the C files to compile on other platforms.
     """
     head = {"fmiVersion": "2.0", "guid": token, **_about(model, listed), "numberOfEventIndicators": "0"}
     root = Xml.Element("fmiModelDescription", head)
@@ -275,7 +284,7 @@ def _identity(variable: Variable) -> dict[str, str]:
 
 
 def _range(variable: Variable) -> dict[str, str]:
-    """Unit, limits and usual size of a real variable."""
+    """Unit, limits and nominal value of a real variable."""
     if variable.kind.type != "Real":
         return {}
     unit = {"unit": variable.unit}
@@ -303,7 +312,7 @@ def _to_text(root: Xml.Element) -> str:
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n"
 
 
-# What builds the sources, and the terminals: FMI 3.0 alone.
+# Build description of the sources, and terminals: FMI 3.0 only.
 
 
 def build_description(model: Model, sources: Sequence[str]) -> str:
@@ -318,7 +327,7 @@ def build_description(model: Model, sources: Sequence[str]) -> str:
 
 
 def terminals(listed: Sequence[Variable]) -> str:
-    """Text of terminalsAndIcons.xml: fuel line and coil, each with those of its variables that are `listed`."""
+    """Text of terminalsAndIcons.xml: fuel line and coil, each with its `listed` variables."""
     names = {variable.name for variable in listed}
     root = Xml.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
     table = Xml.SubElement(root, "Terminals")

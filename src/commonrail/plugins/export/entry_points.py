@@ -1,8 +1,8 @@
 """Entry points of the compiled physics for callers without Python.
 
 A simulation is two arrays of doubles that the caller owns: `work`, the working rows of one candidate (`engine.rows`),
-and `waves`, the ring buffers of the travelling waves. The functions are those of `engine.block`, as the lanes and the
-CUDA kernel use them; nothing is allocated and nothing is raised.
+and `waves`, the ring buffers of the travelling waves. The functions are those of `engine.block`, shared by the lanes
+and the CUDA kernel; nothing is allocated and nothing is raised.
 
 ====================  ==================================================================================================
 entry                 arguments
@@ -50,7 +50,7 @@ class Channel(NamedTuple):
 class Sizes(NamedTuple):
     """Numbers in the arrays of a wiring.
 
-    theta has `parameters`, then the coefficients of the `fuel`. `work` are the working rows; `waves` has 3 ring
+    theta has `parameters`, then the coefficients of the `fuel`. `work` counts the working rows; `waves` has 3 ring
     numbers, and at least as many as theta.
     """
 
@@ -89,7 +89,7 @@ _DIRECT = (Channel("armature_lift", "m", "lift of the armature"),)
 
 
 def channels(actuation: Actuation) -> tuple[Channel, ...]:
-    """Observed quantities of an actuation, in their order."""
+    """Observed quantities of an actuation, in order."""
     return _BOOKS + _COMMON + (_DIRECT if actuation is Actuation.DIRECT else _SERVO)
 
 
@@ -106,7 +106,7 @@ def sizes(variant: Variant) -> Sizes:
 
 
 def entries(*words: str) -> dict[str, tuple[Law, Any]]:
-    """Functions and Numba's signatures of a wiring by the name of the entry; for `compiler.cache.Source`.
+    """Functions and Numba signatures of a wiring by entry, for `compiler.cache.Source`.
 
     `words`: those of a `Variant`.
     """
@@ -218,13 +218,13 @@ def _observe_direct(c, s, top, out):  # type: ignore[no-untyped-def]
 # ``kernel_block_figures``  work, figures (LANES, figures): reads the fields of `engine.job.Outcome` of all lanes
 # ========================  ==========================================================================================
 #
-# A block is put together from single injectors (`export.entry_points`): a lane has the rows that an injector has alone.
+# A block is assembled from single injectors (`export.entry_points`): a lane has the rows of a single injector.
 
-LANES = 8  # numbers in the widest registers there are, and cylinders of most engines
+LANES = 8  # numbers in the widest registers, and cylinders of most engines
 
 
 def block_entries(*words: str) -> dict[str, tuple[Law, Any]]:
-    """Functions and Numba's signatures of a wiring's block by the name of the entry; for `compiler.cache.Source`.
+    """Functions and Numba signatures of a wiring's block by entry, for `compiler.cache.Source`.
 
     `words`: those of a `Variant`.
     """
@@ -251,7 +251,7 @@ def block_entries(*words: str) -> dict[str, tuple[Law, Any]]:
 
     def figures(work, out):  # type: ignore[no-untyped-def]
         numbers = carray(work, (working * LANES,))
-        # every step sets the cylinder pressure of all lanes anew, and what depends on it here is not read
+        # every step sets the cylinder pressure of all lanes; dependent values here are not read
         report_remaining(numbers, rows, numbers[rows.cylinder * LANES], carray(out, (LANES, noted)))
 
     place, real, integer = types.CPointer(types.float64), types.float64, types.int64

@@ -1,4 +1,4 @@
-"""FMU of a model: a ZIP of its description, one binary for each platform, sources, documentation."""
+"""FMU of a model: a ZIP with description, one binary per platform, sources, and documentation."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from commonrail.physics.variants import RETURN as BACK
 from commonrail.plugins.export import description
 from commonrail.plugins.export.description import CYLINDER, RAIL, RETURN, Variable
 from commonrail.plugins.export.library import block_texts, write_around, write_kernels, write_sources, write_texts
-from commonrail.plugins.export.object_files import Compiler, Target, compiler_for, link_shared, vectors_of
+from commonrail.plugins.export.object_files import Compiler, Target, compiler_for, link_shared, list_vectors
 from commonrail.plugins.export.sources import Model, make_model, source_file, template
 from commonrail.report.html import render
 
 
 def documentation_page(model: Model, listed: Sequence[Variable]) -> str:
-    """HTML text of the page inside an FMU: what it is, its variables, its limits."""
+    """HTML text of the page inside an FMU: purpose, variables, limits."""
     injector = model.injector
     return render(
         "model.html",
@@ -45,15 +45,15 @@ _HEADERS = {
     3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
 }
 _DESCRIPTIONS = {2: description.describe2, 3: description.describe3}
-# Date of the files in the ZIP: equal FMUs have equal bytes but for the date in the description.
+# Date of the files in the ZIP: equal FMUs have equal bytes except for the date in the description.
 _WHEN = (1980, 1, 1, 0, 0, 0)
 
 
 class Instance(NamedTuple):
     """Variables of an FMU, and the C sources that connect them with the library.
 
-    `texts`: by name, with ``cr`` in place of the model's name; ``fmu.h`` has a line ``/*START*/`` where the
-    token is put. `page`: HTML of the documentation. `blocks`: with blocks of injectors.
+    `texts`: by name, with ``cr`` in place of the model's name; the line ``/*START*/`` of ``fmu.h`` receives the
+    token. `page`: HTML of the documentation. `blocks`: with blocks of injectors.
     """
 
     model: Model
@@ -67,11 +67,11 @@ class Instance(NamedTuple):
 def write_fmu(
     injector: Injector, out: Path, targets: Sequence[Target], fmi: int = 2, flat: bool = False
 ) -> tuple[str, ...]:
-    """Write an injector as an FMU for co-simulation; returns the names of its files.
+    """Write an injector as an FMU for co-simulation; return the names of its files.
 
-    Its values are the start values, its names `flat` or not as in `variables`. Binaries are those of the target
-    platforms, `fmi` is the version of the standard, 2 or 3. ConfigurationError if the standard knows no such platform,
-    there is no compiler for one, or it fails.
+    Its values are the start values, its names `flat` or not as in `variables`. Binaries are made for the target
+    platforms, `fmi` is the version of the standard, 2 or 3. `ConfigurationError` if the standard has no such platform,
+    or a compiler is missing or fails.
     """
     find_tools(targets, fmi)
     model, listed = make_model(injector), description.variables(injector, flat)
@@ -80,7 +80,7 @@ def write_fmu(
 
 
 def write_instance(fmu: Instance, out: Path, targets: Sequence[Target], fmi: int) -> tuple[str, ...]:
-    """Write an FMU of whatever an instance is; as `write_fmu`."""
+    """Write the FMU of an instance; errors as in `write_fmu`."""
     folders, compilers = find_tools(targets, fmi)
     model, listed = fmu.model, fmu.variables
     token = f"{{{uuid.UUID(model.stamp[:32])}}}"
@@ -106,8 +106,8 @@ def write_instance(fmu: Instance, out: Path, targets: Sequence[Target], fmi: int
 
 
 def _link(compiler: Compiler, fmu: Instance, folder: Path, binary: Path, target: Target) -> None:
-    """Link the binary of a target: the C around the physics, and the physics as LLVM compiles it."""
-    model, vectors = fmu.model, vectors_of(target) if fmu.blocks else ()
+    """Link the binary of a target: the surrounding C, and the physics as compiled by LLVM."""
+    model, vectors = fmu.model, list_vectors(target) if fmu.blocks else ()
     kernels = write_kernels(model, folder, target, vectors)
     around = sorted(path for path in folder.glob("*.c") if path.stem != f"{model.name}_kernel")
     defines = (f"{model.name.upper()}_VECTORS",) if vectors else ()
@@ -115,7 +115,7 @@ def _link(compiler: Compiler, fmu: Instance, folder: Path, binary: Path, target:
 
 
 def find_tools(targets: Sequence[Target], fmi: int) -> tuple[dict[str, str], dict[str, Compiler]]:
-    """Folder of the binary and compiler of each target by its name; errors as of `write_fmu`."""
+    """Folder of the binary and compiler of each target by name; errors as in `write_fmu`."""
     check_fmi(fmi)
     folders = {target.name: target.fmi2 if fmi == 2 else target.fmi3 for target in targets}
     for target in targets:
@@ -128,14 +128,14 @@ def find_tools(targets: Sequence[Target], fmi: int) -> tuple[dict[str, str], dic
 
 
 def check_fmi(version: int) -> None:
-    """Refuse a version of the standard that is not written (ConfigurationError)."""
+    """Raise `ConfigurationError` for an unsupported version of the standard."""
     if version not in _HEADERS:
         versions = " and ".join(map(str, _HEADERS))
         raise ConfigurationError(f"FMUs are written for version {versions} of the FMI standard, not {version}.")
 
 
 def _injector_texts(injector: Injector) -> dict[str, str]:
-    """Sources that know the variables of an injector's FMU."""
+    """Sources that depend on the variables of an injector's FMU."""
     start = {"STEP": DEFAULT_STEP, "RAIL": RAIL, "CYLINDER": CYLINDER, "RETURN": RETURN}
     defines = [f"#define CR_FMU_{name} {value!r}" for name, value in start.items()]
     unread = unread_inputs(injector.variant)
@@ -156,7 +156,7 @@ def _write_instance(fmu: Instance, folder: Path, token: str, fmi: int) -> list[P
 
 
 def _pack(out: Path, contents: dict[str, bytes]) -> None:
-    """Write the ZIP; a file of that name is replaced once the new one is complete."""
+    """Write the ZIP; an existing file is replaced once the new one is complete."""
     with replacing(out, "wb") as stream, zipfile.ZipFile(stream, "w", compresslevel=9) as archive:
         for path, content in contents.items():
             entry = zipfile.ZipInfo(path, _WHEN)

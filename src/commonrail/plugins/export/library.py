@@ -16,24 +16,24 @@ from commonrail.base.hooks import ALL_ENTRIES, lasting
 from commonrail.physics.injector import Injector
 from commonrail.plugins.export import object_files
 from commonrail.plugins.export.entry_points import LANES, sizes
-from commonrail.plugins.export.object_files import Compiler, Target, compiler_for, vectors_of
+from commonrail.plugins.export.object_files import Compiler, Target, compiler_for, list_vectors
 from commonrail.plugins.export.sources import Model, insert_model_name, make_model, template
 
-# Folder whose files appear when all of them are complete.
+# Folder whose files appear once all are complete.
 
 
 @contextmanager
 def place_when_complete(folder: Path) -> Iterator[Path]:
-    """Empty folder to write into; when the block ends without an error, its files are those of `folder`.
+    """Give an empty folder to write into; if the block ends without an error, its files move to `folder`.
 
-    A new folder, with those above it, appears at once. In one that exists, each file takes the place of that of its
+    A new folder, with its parents, appears at once. In an existing one, each file replaces that of the same
     name, and others stay. After an error nothing has changed.
     """
     exists = folder.exists()
     if not exists:
         folder.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(prefix=".commonrail-", dir=folder if exists else folder.parent))
-    staging = temporary / "made"  # with the permissions that a new folder has
+    staging = temporary / "made"  # has the permissions of a new folder
     staging.mkdir()
     try:
         yield staging
@@ -53,7 +53,7 @@ _EXAMPLES = {name: name.removesuffix(".in") for name in ("example.c", "example.c
 
 
 class Library(NamedTuple):
-    """Files of a library: the shared one of each target by its name, and all that was written."""
+    """Files of a library: the shared library of each target by name, and all written files."""
 
     model: Model
     folder: Path
@@ -65,9 +65,9 @@ class Library(NamedTuple):
 def write_library(injector: Injector, folder: Path, targets: Sequence[Target]) -> Library:
     """Write an injector as a C library; nothing is changed before all of it is complete.
 
-    Each target gets objects, a static and a shared library, WebAssembly one object alone; with more than one target, in
-    folders by their names. Files of the same names are replaced. ConfigurationError if there is no compiler for a
-    target, or it fails; InputError if files of the examples' names are there that no export has written.
+    Each target gets objects, a static and a shared library (WebAssembly one object), with more than one target in
+    folders by name. Files of the same names are replaced. `ConfigurationError` if a compiler is missing
+    or fails; `InputError` if files with the names of examples exist that no export has written.
     """
     return write_library_with(partial(make_model, injector), {}, folder, targets)
 
@@ -75,13 +75,13 @@ def write_library(injector: Injector, folder: Path, targets: Sequence[Target]) -
 def write_library_with(
     make: Callable[[], Model], more: Mapping[str, str], folder: Path, targets: Sequence[Target]
 ) -> Library:
-    """Write what `write_library` does for the model that `make` gives, with more in it.
+    """Write a library like `write_library` for the model that `make` gives, with more in it.
 
-    `more`: texts by name of headers and sources around the model, with ``cr`` in place of its name, that become part of
-    the libraries.
+    `more`: texts by name of headers and sources around the model, with ``cr`` in place of its name, which become part
+    of the libraries.
     """
     foreign = [name for name in _EXAMPLES.values() if (folder / name).exists()]
-    if foreign and not any(folder.glob("*_kernel.c")):  # an export has a kernel's source next to its examples
+    if foreign and not any(folder.glob("*_kernel.c")):  # an export has a kernel source next to its examples
         raise InputError(f"{folder}: {' and '.join(foreign)} would be replaced; name a new folder.")
     compilers = {target.name: compiler_for(target) for target in targets if target.suffix != ".wasm"}
     model = make()
@@ -103,7 +103,7 @@ def write_library_with(
 
 
 def write_kernels(model: Model, place: Path, target: Target, vectors: Sequence[str]) -> list[Path]:
-    """Write the objects of the compiled physics, those of blocks for the names of `vectors` last."""
+    """Write the objects of the compiled physics, then those of blocks for the names of `vectors`."""
     name, wired = model.name, model.injector.wired()
     objects = {f"{name}_kernel_{target.name}.o": object_files.emit(wired, target, name)}
     for vector in vectors:
@@ -119,18 +119,18 @@ def block_texts() -> dict[str, str]:
 
 
 def write_around(model: Model, folder: Path, texts: Mapping[str, str]) -> list[Path]:
-    """Write texts with the model's name in them and before their own."""
+    """Write texts with the model's name inside and in front of their own."""
     return write_texts(
         folder, {f"{model.name}_{name}": insert_model_name(text, model.name) for name, text in texts.items()}
     )
 
 
 def _write_binaries(model: Model, folder: Path, place: Path, target: Target, compiler: Compiler) -> list[Path]:
-    """Write what is compiled for a target into `place`: objects, static library and, last, the shared one.
+    """Compile a target into `place`: objects, static library and, last, the shared one.
 
     `folder` has the sources.
     """
-    upper, vectors = model.name.upper(), vectors_of(target)
+    upper, vectors = model.name.upper(), list_vectors(target)
     kernels = write_kernels(model, place, target, vectors)
     defines = (f"{upper}_VECTORS",) if vectors else ()
     sources = [path for path in sorted(folder.glob("*.c")) if path.stem != f"{model.name}_kernel"]
@@ -152,7 +152,7 @@ def write_sources(model: Model, folder: Path) -> list[Path]:
 
 
 def write_texts(folder: Path, texts: Mapping[str, str]) -> list[Path]:
-    """Write texts as files of these names; returns the files."""
+    """Write texts as files of these names; return the files."""
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     return [folder / name for name in texts]
@@ -161,7 +161,7 @@ def write_texts(folder: Path, texts: Mapping[str, str]) -> list[Path]:
 def _write_examples(model: Model, folder: Path, beside: str) -> list[Path]:
     """Write programs that use the library.
 
-    `beside` is the path from `folder` to the binaries, as in a command line; "" where they are in the folder itself.
+    `beside` is the path from `folder` to the binaries, for command lines; "" if they are in the folder itself.
     """
     size = sizes(model.injector.wired())
     replacements = {

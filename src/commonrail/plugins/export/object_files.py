@@ -1,4 +1,4 @@
-"""Object files of the compiled physics for the processors and systems that libraries and FMUs are made for."""
+"""Object files of the compiled physics for the supported processors and systems."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from commonrail.compiler.cache import Source
 from commonrail.compiler.target import Processor, System
 from commonrail.physics.variants import Variant, kernel_name
 
-# Numbers as pointers, pointers in memory, what one processor or Python alone has.
+# Numbers as pointers, pointers in memory, and parts specific to one processor or to Python.
 _FOREIGN = re.compile(r"inttoptr|addrspacecast|asm |alloca .*ptr|@llvm\.(x86|aarch64|arm)\.|@NRT_|@Py|@numba_")
 
 
 class Target(NamedTuple):
     """Processor and system of a binary.
 
-    `triple`, `processor` and `features` are LLVM's names of it, of the processor, and of instruction sets beyond that
-    one; `zig` that of zig, with the oldest C library that the binary may meet. `fmi2` and `fmi3` are the folders of its
-    binary in an FMU, "" where that version of the standard knows none; `suffix` ends the name of a shared library.
+    `triple`, `processor` and `features` are LLVM's names for it, the processor, and additional instruction
+    sets; `zig` is zig's name, with the oldest C library of the binary. `fmi2` and `fmi3` are the folders of its
+    binary in an FMU, "" if that version of the standard has none; `suffix` ends the name of a shared library.
     """
 
     name: str
@@ -57,20 +57,20 @@ _ALL = (
     Target("wasm32", "wasm32-unknown-unknown", "generic", _WASM, "wasm32-wasi", "", "", ".wasm"),
 )
 TARGETS = {target.name: target for target in _ALL}
-# Processors whose vectors a block of injectors is compiled for, by the architecture, narrowest first. Which of them a
-# machine has is found out when a block begins (c/block.c); elsewhere its injectors are marched one after another.
+# Processors for whose vectors a block of injectors is compiled, by architecture, narrowest first. A block selects
+# the widest of its machine at its start (c/block.c); other machines march its injectors one after another.
 _VECTORS = {"x86_64": {"avx2": "x86-64-v3", "avx512": "x86-64-v4"}}
 
 
 def find_target(name: str) -> Target:
-    """Target by its name; ConfigurationError if there is none."""
+    """Target by name; `ConfigurationError` if it is unknown."""
     if name not in TARGETS:
-        raise ConfigurationError(f'There is no platform "{name}"{nearest(name, TARGETS)}; known: {", ".join(TARGETS)}.')
+        raise ConfigurationError(f'Unknown platform "{name}"{nearest(name, TARGETS)}; known: {", ".join(TARGETS)}.')
     return TARGETS[name]
 
 
-def source_of(variant: Variant, maker: str = "entries") -> Source:
-    """Source of what a function of `export.entry_points` makes; every target has the bits of lanes with `same_bits`."""
+def make_source(variant: Variant, maker: str = "entries") -> Source:
+    """Source made by a function of `export.entry_points`; every target has the bits of lanes with `same_bits`."""
     module = "commonrail.plugins.export.entry_points"
     return Source(f"{module}:{maker}", variant.words, "exact", kernel_name(variant))
 
@@ -79,61 +79,61 @@ def emit(variant: Variant, target: Target, prefix: str = "cr") -> bytes:
     """Object file with the entries of `export.entry_points`, each named ``PREFIX_ENTRY`` and hidden.
 
     The entries follow Numba's calling convention: ``int32_t f(void *result, void **exception, arguments …)`` returns 0;
-    `result` receives a pointer, and `exception` is not written. Prefixes let the objects of two models be linked into
-    one program. Where the text of the wiring is in no cache, Numba compiles it for some ten seconds. ConfigurationError
+    `result` receives a pointer, and `exception` is not written. Prefixes allow linking the objects of two models into
+    one program. If the text of the wiring is not cached, Numba compiles it in about ten seconds. `ConfigurationError`
     if the compiler fails.
     """
-    texts = _portable(source_of(variant))
+    texts = _portable(make_source(variant))
     names = {name: f"{prefix}_{name}" for name in texts}
     return lower.emit(texts, names, System(target.triple, target.processor, target.features), "hidden")
 
 
 def link_llvm_text(variant: Variant, prefix: str = "cr") -> str:
-    """LLVM text of all entries of a wiring, named as `emit` names them, for the plainest processor."""
-    texts, plain = _portable(source_of(variant)), TARGETS["linux64"]
+    """LLVM text of all entries of a wiring, named as in `emit`, for the most basic processor."""
+    texts, plain = _portable(make_source(variant)), TARGETS["linux64"]
     system = System(plain.triple, plain.processor)
     names = {name: f"{prefix}_{name}" for name in texts}
     return str(lower.optimise(texts, names, system, "hidden", vectors=False)[1])
 
 
-def vectors_of(target: Target) -> tuple[str, ...]:
-    """Names of the vectors that `emit_block` compiles for on a target, narrowest first; empty where it does not."""
+def list_vectors(target: Target) -> tuple[str, ...]:
+    """Names of the vectors for which `emit_block` compiles on a target, narrowest first; empty if none."""
     return tuple(_VECTORS.get(target.triple.partition("-")[0], ()))
 
 
 def emit_block(variant: Variant, target: Target, vectors: str, prefix: str = "cr") -> bytes:
     """Object file with the entries of `block_entries`, named ``PREFIX_ENTRY_VECTORS`` and hidden; else as `emit`.
 
-    `vectors` is one of `vectors_of` the target.
+    `vectors` is one of `list_vectors` for the target.
     """
-    texts = _portable(source_of(variant, "block_entries"))
+    texts = _portable(make_source(variant, "block_entries"))
     names = {name: f"{prefix}_{name}_{vectors}" for name in texts}
     processor = Processor(_VECTORS[target.triple.partition("-")[0]][vectors])
     return lower.emit(texts, names, System.of(processor, target.triple), "hidden")
 
 
 def _portable(source: Source) -> dict[str, str]:
-    """Texts of a source; one that only one machine could run is refused (ConfigurationError names what was found)."""
+    """Texts of a source; `ConfigurationError` names parts that only one machine could run."""
     texts = child.texts(source)
     foreign = sorted({match.group() for text in texts.values() for match in _FOREIGN.finditer(text)})
     if foreign:
         raise ConfigurationError(
-            f"The compiled physics cannot be exported: it contains {', '.join(foreign)}, which only this machine has; "
+            f"The compiled physics cannot be exported: it contains {', '.join(foreign)}, specific to this machine; "
             "install the version of Numba that constraints.txt names."
         )
     return texts
 
 
-# Compilers that make libraries of objects and C sources: this machine's own, or zig for any platform.
+# Compilers that make libraries from objects and C sources: this machine's, or zig for any platform.
 
-_LONGEST = 900.0  # for one compiler run [s]: zig builds a platform's C library at the first
+_LONGEST = 900.0  # for one compiler run [s]: zig builds a platform's C library on first use
 _FAMILIES = {
     ("Linux", "x86_64"): ("linux64", "linux64-avx2"),
     ("Linux", "aarch64"): ("linux-arm64",),
     ("Darwin", "arm64"): ("darwin-arm64",),
 }
 _WARNINGS = ("-std=c11", "-Wall", "-Wextra", "-Werror")
-_ARITHMETIC = ("-ffp-contract=off",)  # a fused product would give a target bits of its own
+_ARITHMETIC = ("-ffp-contract=off",)  # fused products would change the bits of a target
 
 
 class Compiler(NamedTuple):
@@ -144,14 +144,14 @@ class Compiler(NamedTuple):
 
 
 def own_platform() -> tuple[str, ...]:
-    """Names of the targets that this machine runs, the plainest first; empty where there is none."""
+    """Names of the targets that this machine runs, the most basic first; empty if none."""
     return _FAMILIES.get((platform.system(), platform.machine()), ())
 
 
 def compiler_for(target: Target, prefer_zig: bool = False) -> Compiler:
-    """Compiler that makes binaries for a target; ConfigurationError if there is none, with what to install.
+    """Compiler that makes binaries for a target; `ConfigurationError` with the cure if it is missing.
 
-    With `prefer_zig` zig, where it is installed, serves this machine's own platform too: its binaries run with older C
+    With `prefer_zig` an installed zig serves this machine's own platform too: its binaries run with older C
     libraries.
     """
     zig = importlib.util.find_spec("ziglang") is not None
@@ -167,7 +167,7 @@ def compiler_for(target: Target, prefer_zig: bool = False) -> Compiler:
 
 
 def link_shared(compiler: Compiler, inputs: Sequence[Path], out: Path, target: Target, defines: Sequence[str]) -> None:
-    """Compile C sources and link them with objects into a shared library that exports what is marked so.
+    """Compile C sources and link them with objects into a shared library that exports the marked functions.
 
     All `inputs` lie in one folder with their headers; `defines` are names for the preprocessor.
     """
@@ -178,7 +178,7 @@ def link_shared(compiler: Compiler, inputs: Sequence[Path], out: Path, target: T
 
 
 def compile_source(compiler: Compiler, source: Path, out: Path, target: Target, defines: Sequence[str] = ()) -> None:
-    """Compile one C source into an object; `defines` as of `link_shared`."""
+    """Compile one C source into an object; `defines` as in `link_shared`."""
     paths = [_absolute(source), "-o", _absolute(out)]
     run_compiler([*compiler.command, *_options(target, defines), "-c", *paths], out.parent)
 
@@ -189,29 +189,29 @@ def _options(target: Target, defines: Sequence[str]) -> list[str]:
 
 
 def archive(compiler: Compiler, objects: Sequence[Path], out: Path) -> None:
-    """Put objects into a static library, which is replaced where it exists."""
+    """Put objects into a static library, which replaces an existing one."""
     out.unlink(missing_ok=True)
     tool = python("-m", "ziglang", "ar") if compiler.is_zig else [shutil.which("ar") or "ar"]
     run_compiler([*tool, "rcs", _absolute(out), *map(_absolute, objects)], out.parent)
 
 
 def _absolute(path: Path) -> str:
-    # Compilers run in the folder of their output, where a relative path would name another file.
+    # Compilers run in the folder of their output, where relative paths would be wrong.
     return str(path.absolute())
 
 
 def run_compiler(command: Sequence[str], folder: Path) -> None:
-    """Run a compiler in a folder; ConfigurationError with its first error line if it fails."""
+    """Run a compiler in a folder; `ConfigurationError` with its first error line if it fails."""
     with tempfile.TemporaryDirectory(prefix="commonrail-") as spare:
         _run_with_cache(command, folder, cache.private_folder("zig") or Path(spare))
 
 
 def _run_with_cache(command: Sequence[str], folder: Path, zig: Path) -> None:
-    """Run a compiler; `zig` is the folder where zig keeps the C libraries that it has built."""
+    """Run a compiler; `zig` is the cache folder of zig for C libraries."""
     environment = dict.fromkeys(("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"), str(zig)) | os.environ
     built = _marker_of_zig_target(command, Path(environment["ZIG_GLOBAL_CACHE_DIR"]))
     if built is not None and not built.exists():
-        note(f"zig builds the C library of {built.name} for its first use: up to some minutes, once ...")
+        note(f"zig builds the C library of {built.name} for its first use: this can take minutes, once ...")
     try:
         done = subprocess.run(
             command,
@@ -219,7 +219,7 @@ def _run_with_cache(command: Sequence[str], folder: Path, zig: Path) -> None:
             env=environment,
             capture_output=True,
             encoding="utf-8",
-            errors="replace",  # paths in a compiler's sentences may be in any encoding
+            errors="replace",  # paths in compiler messages may have any encoding
             timeout=_LONGEST,
             check=False,
         )
@@ -234,6 +234,6 @@ def _run_with_cache(command: Sequence[str], folder: Path, zig: Path) -> None:
 
 
 def _marker_of_zig_target(command: Sequence[str], zig: Path) -> Path | None:
-    """Folder that says that zig has linked for the command's target; None for other compilers or no C library."""
+    """Folder that marks the command's target as linked by zig before; None for other compilers or no C library."""
     target = command[command.index("-target") + 1] if "-target" in command else "freestanding"
     return None if target.endswith("freestanding") else zig / "targets" / target

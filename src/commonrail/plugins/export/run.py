@@ -23,7 +23,7 @@ def export(
     fmi: int = 2,
     flat: bool = False,
 ) -> tuple[str, ...]:
-    """Write a model as a C library or an FMU, which runs without Python and takes every parameter at run time.
+    """Write a model as a C library or an FMU, which runs without Python and accepts every parameter at run time.
 
     Parameters
     ----------
@@ -33,36 +33,36 @@ def export(
         Folder of the library, or file of the FMU.
     form : "library" or "fmu"
     platforms : list of str, optional
-        Such as ``["linux64", "win64"]``; by default this machine's. Others need zig.
+        Such as ``["linux64", "win64"]``; default: this machine's. Others need zig.
     fmi : int
         Version of the FMI standard, 2 or 3.
     flat : bool
-        Flat names of an FMU's variables, for importers that make buses of points.
+        Flat names of an FMU's variables, for importers that turn points into buses.
 
     Returns
     -------
     tuple of str
-        Files that were written; of an FMU those within it.
+        Written files; of an FMU those inside it.
 
     Raises
     ------
     ConfigurationError
-        If a platform, form or version is unknown, or there is no compiler for a platform.
+        If a platform, form or version is unknown, or a compiler is missing.
     """
     path, targets = file_path(out, "out"), find_targets(platforms)
     instance(injector, Injector, "injector")
     if form == "library":
         return tuple(map(str, write_library(injector, path, targets).files))
     if form != "fmu":
-        raise ConfigurationError(f'The form of an export must be "library" or "fmu", and {form!r} was given.')
+        raise ConfigurationError(f'The form of an export must be "library" or "fmu", not {form!r}.')
     check_fmi(fmi)
     return tuple(f"{path}/{name}" for name in write_fmu(injector, path, targets, fmi, flat))
 
 
 def find_targets(platforms: Iterable[str] | None) -> list[Target]:
-    """Platforms by their names, each once; by default this machine's plainest. ConfigurationError if there is none."""
+    """Platforms by name, each once; default: this machine's most basic. `ConfigurationError` if there is none."""
     names = own_platform()[:1] if platforms is None else platforms
     targets = [find_target(name) for name in dict.fromkeys(name.strip() for name in names if name.strip())]
     if not targets:
-        raise ConfigurationError(f"Platforms: there is no name; name some of {', '.join(TARGETS)}.")
+        raise ConfigurationError(f"Platforms: no name was given; choose from {', '.join(TARGETS)}.")
     return targets

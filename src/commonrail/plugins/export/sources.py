@@ -1,4 +1,4 @@
-"""C sources of a model: the hand-written ones under the model's own names, and the tables generated for it."""
+"""C sources of a model: hand-written ones with the model's names, and generated tables."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ from commonrail.plugins.export.object_files import link_llvm_text
 
 # The condition on the time step as C, from its Python source.
 #
-# `engine.stability.bears` is arithmetic on named numbers. Called with symbols in their place it records what it does,
-# one C statement an operation, so that the formulas have one home.
+# `engine.time_step.is_stable` is arithmetic on named numbers. Called with symbols it records its operations,
+# one C statement each. The formulas exist only once.
 
 _CHAMBER = "control_chamber.volume"
 
 
 def step_condition(variant: Variant) -> str:
-    """C function ``cr_bears(p, lift, medium, dt)``: 1 where a step is short enough.
+    """C function ``cr_bears(p, lift, medium, dt)``: 1 if a step is stable.
 
-    `p` are the parameters in their order, `lift` the greatest lift of the needle [m], `medium` the fields of `Medium`.
+    `p` are the parameters in order, `lift` the greatest lift of the needle [m], `medium` the fields of `Medium`.
     """
     lines: list[str] = []
     paths = parameter_paths(variant.actuation)
@@ -61,7 +61,7 @@ def step_condition(variant: Variant) -> str:
 
 
 def select_used_statements(lines: list[str], result: str) -> list[str]:
-    """Statements on which the result depends, in their order."""
+    """Statements on which the result depends, in order."""
     names, needed = {result}, []
     for line in reversed(lines):
         name, _, expression = line.partition(" = ")
@@ -72,7 +72,7 @@ def select_used_statements(lines: list[str], result: str) -> list[str]:
 
 
 class _Symbol(NDArrayOperatorsMixin):
-    """A number or condition that C computes: each of NumPy's operations on it appends a statement to `lines`."""
+    """Number or condition computed in C: each NumPy operation on it appends a statement to `lines`."""
 
     def __init__(self, text: str, lines: list[str]) -> None:
         self.text, self.lines = text, lines
@@ -84,7 +84,7 @@ class _Symbol(NDArrayOperatorsMixin):
         return self._statement(kind, expression.format(*map(_text, inputs))) if kind else NotImplemented
 
     def clip(self, low: Any, high: Any, out: None = None) -> _Symbol:
-        """Value within limits, as `numpy.clip` asks for it."""
+        """Value within limits, called by `numpy.clip`."""
         return self._statement("double", f"fmin(fmax({self.text}, {_text(low)}), {_text(high)})")
 
     def _statement(self, kind: str, expression: str) -> _Symbol:
@@ -113,7 +113,7 @@ _IN_C: dict[Any, tuple[str, str]] = {
 
 
 def _text(value: Any) -> str:
-    """Number as C: symbols by their names, Python's numbers so that they keep all digits."""
+    """Number as C: symbols by name, Python numbers with all digits."""
     if isinstance(value, _Symbol):
         return value.text
     if isinstance(value, bool):
@@ -124,8 +124,8 @@ def _text(value: Any) -> str:
 
 # Coefficients of a fuel as Chebyshev series over its range of temperature, for callers without Python.
 
-# The laws are polynomials and exponentials in temperature: at 24 the series have ended in rounding for the catalogue
-# (4e-10 in the channels of tests/plugins/export/test_all_wirings.py).
+# The laws are polynomials and exponentials in temperature. With 24 terms the series of the catalogue are exact to
+# rounding (4e-10 in the channels of tests/plugins/export/test_all_wirings.py).
 DEGREE = 24
 
 
@@ -148,11 +148,11 @@ class FuelTable(NamedTuple):
 
 
 def fuel_table(fuel: Fuel, exact_at: float) -> FuelTable:
-    """Table of a fuel, with the coefficients of `fuel_coefficients` at the temperature `exact_at` [K].
+    """Table of a fuel, with the exact values of `fuel_coefficients` at the temperature `exact_at` [K].
 
-    Single coefficients carry rounding of the fit of some 1e-11, which cancels in the polynomials; a shift makes them
-    those at that one temperature. ConfigurationError if the fuel's laws bend too sharply for the polynomials of the hot
-    loop anywhere in its range.
+    The fit leaves rounding of about 1e-11 in single coefficients, which cancels in the polynomials; a shift makes
+    them exact at that temperature. `ConfigurationError` if the fuel's laws bend too sharply for the polynomials of the
+    hot loop anywhere in its range.
     """
     low, high = fuel.temperature_range
 
@@ -166,12 +166,12 @@ def fuel_table(fuel: Fuel, exact_at: float) -> FuelTable:
     return table
 
 
-ENERGISINGS = 16  # that a simulation holds at once
-HEAD = 2048  # bytes before the working rows of a state; the compiler checks that they are enough
+ENERGISINGS = 16  # planned at once
+HEAD = 2048  # bytes before the working rows of a state; the C compiler checks that they suffice
 MOST_SLOTS = 1 << 24  # of a ring buffer: 16 s of a wave's travel at 1 us
-_TOLERANCE = 1e-6  # of the range of temperature, as `Fuel.is_defined_at` grants it [K]
+_TOLERANCE = 1e-6  # on the range of temperature, as in `Fuel.is_defined_at` [K]
 
-_BOUNDS = {  # smallest and largest value, and which of them are outside themselves
+_BOUNDS = {  # smallest and largest value, and which of them are themselves excluded
     Domain.POSITIVE: (0.0, math.inf, 1, 0),
     Domain.NON_NEGATIVE: (0.0, math.inf, 0, 0),
     Domain.UNIT: (0.0, 1.0, 0, 0),
@@ -196,8 +196,8 @@ _OWN_SENTENCES = {
 class Model(NamedTuple):
     """Sources of an injector's library.
 
-    `name` is a C identifier that begins its functions' names, `stamp` a hexadecimal digest of all that decides over its
-    numbers, `header` the text of ``NAME.h``, `sources` are the texts of the other files by name.
+    `name` is a C identifier that begins the names of its functions, `stamp` a hexadecimal digest of everything that
+    affects its numbers, `header` the text of ``NAME.h``, `sources` are the texts of the other files by name.
     """
 
     injector: Injector
@@ -210,8 +210,8 @@ class Model(NamedTuple):
 def make_model(injector: Injector, temperatures: Sequence[float] = ()) -> Model:
     """Sources of an injector's library.
 
-    `temperatures` [K]: besides the injector's own, at which the fuel's coefficients are commonrail's to the last bit.
-    ConfigurationError if the physics cannot be compiled, or the fuel has no polynomials over its range of temperature.
+    `temperatures` [K]: further temperatures with exact coefficients of the fuel, next to the injector's own.
+    `ConfigurationError` if the physics cannot be compiled, or the fuel has no polynomials over its temperature range.
     """
     wired = injector.wired()
     size, name = sizes(wired), re.sub(r"\W+", "_", injector.name, flags=re.ASCII).strip("_").lower()
@@ -243,7 +243,7 @@ def make_model(injector: Injector, temperatures: Sequence[float] = ()) -> Model:
 
 
 def define_inputs_read(variant: Variant) -> list[tuple[str, int, str]]:
-    """Definitions that state which inputs of `cr_boundary` the model reads while it is simulated."""
+    """Definitions that state which inputs of `cr_boundary` the model reads during a simulation."""
     unread = unread_inputs(variant)
     words = {
         RAIL: "0: the rail is a volume, whose pressure at rest is read alone",
@@ -255,7 +255,7 @@ def define_inputs_read(variant: Variant) -> list[tuple[str, int, str]]:
 
 
 def source_file(name: str) -> Traversable:
-    """Hand-written source, or another file that goes with a model."""
+    """Hand-written source, or another file delivered with a model."""
     return resources.files("commonrail.plugins.export").joinpath("c", name)
 
 
@@ -265,7 +265,7 @@ def template(name: str) -> str:
 
 
 def insert_model_name(text: str, name: str) -> str:
-    """A source with the model's name in place of ``cr``: two models can be linked into one program."""
+    """Insert the model's name in place of ``cr``: two models can be linked into one program."""
     text = text.replace('"cr_commonrail.h"', f'"{name}.h"')
     return re.sub(r"\bCR_", f"{name.upper()}_", re.sub(r"\bcr_", f"{name}_", text))
 
@@ -305,7 +305,7 @@ def _directives(defines: Mapping[str, object]) -> str:
 
 
 def _tables(injector: Injector, temperatures: Sequence[float]) -> str:
-    """Text of the private header: parameters, channels, fuel, sentences, the condition on the step."""
+    """Text of the private header: parameters, channels, fuel, sentences, stability condition."""
     wired = injector.wired()
     fuel = fuel_table(injector.fuel, injector.values[FUEL_TEMPERATURE])
     exact = {injector.values[FUEL_TEMPERATURE]: fuel.exact}
@@ -340,8 +340,8 @@ def _rows(kind: str, name: str, rows: Iterable[Iterable[str]]) -> str:
     return f"{kind};\nstatic const {name} = {{\n{body}\n}};"
 
 
-def bounds_of(injector: Injector, path: str) -> tuple[float, float, int, int]:
-    """Smallest and largest value of a parameter [SI], and 1 for each of the two that is itself outside."""
+def find_bounds(injector: Injector, path: str) -> tuple[float, float, int, int]:
+    """Smallest and largest value of a parameter [SI], and 1 for each that is itself excluded."""
     if path == FUEL_TEMPERATURE:
         coldest, hottest = injector.fuel.temperature_range
         return coldest - _TOLERANCE, hottest + _TOLERANCE, 0, 0
@@ -352,7 +352,7 @@ def _parameters(injector: Injector) -> str:
     rows = []
     for path in (*parameter_paths(injector.variant.actuation), FUEL_TEMPERATURE):
         quantity = injector.quantities[path]
-        low, high, low_open, high_open = bounds_of(injector, path)
+        low, high, low_open, high_open = find_bounds(injector, path)
         numbers = [repr(float(value)).replace("inf", "HUGE_VAL") for value in (injector.values[path], low, high)]
         rows.append([_quote(path), _quote(quantity.unit), *numbers, str(low_open), str(high_open)])
     return _rows(_PARAMETER, "cr_parameter cr_parameters[]", rows)

@@ -49,18 +49,18 @@ def export(
     ] = None,
     platforms: Annotated[
         str | None,
-        Option(help="Platforms, e.g. linux64,win64; other than this machine's need zig. [default: this machine's]"),
+        Option(help="Platforms, e.g. linux64,win64; foreign ones need zig. [default: this machine's]"),
     ] = None,
     set_: Settings = (),
     fmi: Annotated[int, Option(help="Version of the FMI standard, 2 or 3.")] = 2,
     names: Annotated[
-        Names, Option(help="Names of the FMU's variables; flat ones where an importer makes buses of points.")
+        Names, Option(help="Names of the FMU's variables; flat ones for importers that turn points into buses.")
     ] = Names.STRUCTURED,
     json: Json = False,
 ) -> None:
     """Write a model as a C library or an FMU.
 
-    It runs without Python, keeps the model's values as start values, and takes every parameter at run
+    It runs without Python. The model's values are the start values; every parameter can be set at run
     time. Platforms: linux64, linux64-avx2, linux-arm64, win64, darwin-arm64; the library also wasm32.
 
     \b
@@ -95,7 +95,7 @@ def export(
 
 
 def _next(form: Form, injector: Injector) -> str:
-    """Next step, with the courses that a simulation environment may have and this variant does not read."""
+    """Next step, with the inputs that other variants read."""
     from commonrail.physics.variants import DRIVE, RAIL, reader_of, unread_inputs
 
     if form is Form.LIBRARY:

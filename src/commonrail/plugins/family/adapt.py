@@ -140,41 +140,44 @@ def adapt(
     SimulationError
         If no candidate could be simulated.
     """
-    known = injector_type if isinstance(injector_type, InjectorType) else load_type(injector_type)
-    part = part_of(known, injector)
+    part_type = injector_type if isinstance(injector_type, InjectorType) else load_type(injector_type)
+    part_injector = part_of(part_type, injector)
     if not isinstance(points, QuantityData):
-        points = read_points(points, part, cylinder_pressure, return_pressure, tolerance)
+        points = read_points(points, part_injector, cylinder_pressure, return_pressure, tolerance)
     share = fraction(flow_spread, "flow_spread")
-    study, threads = _study(known, part, instance(points, QuantityData, "points"), share), thread_count(threads)
-    found = calibrate(study, threads=threads, progress=progress)
-    factor = (found.best[FLOW] / part.values[FLOW]) ** 2
+    study, threads = (
+        _study(part_type, part_injector, instance(points, QuantityData, "points"), share),
+        thread_count(threads),
+    )
+    fit = calibrate(study, threads=threads, progress=progress)
+    factor = (fit.best[FLOW] / part_injector.values[FLOW]) ** 2
     low, high = FACTORS
-    start, best = (np.asarray(found.scores[label][0].values) for label in ("start", "best"))
-    if study.space.parameters[0].is_at_bound(found.best[FLOW]):
+    start, best = (np.asarray(fit.scores[label][0].values) for label in ("start", "best"))
+    if study.space.parameters[0].is_at_bound(fit.best[FLOW]):
         shut = stays_shut(points, start[None])
         check = f"{shut}; take points with larger energising times" if shut else "check nozzle, units and pressures"
-        change = one_change(known, part, points, threads, share)
+        change = one_change(part_type, part_injector, points, threads, share)
         raise InputError(
             f"{points.name}: the reference quantities would need a flow factor at the end of {low:g} to {high:g}; "
             f"{check}{f'; one change of the type explains them best: {change}' if change else ''}."
         )
     _check_met(points, best)
-    doubts = doubts_of(known, part, points, found, threads, share)
-    adapted = _named(known, study, found, factor)
-    limits = [*missed_references(points, best), *shut_points(found, adapted, _map_of(adapted, points), threads)]
+    doubts = doubts_of(part_type, part_injector, points, fit, threads, share)
+    adapted = _named(part_type, study, fit, factor)
+    limits = [*missed_references(points, best), *shut_points(fit, adapted, _map_of(adapted, points), threads)]
     for sentence in limits:
         note(f"{points.name}: {sentence}.")
-    return Adapted(adapted, factor, start, best, points, found, doubts, tuple(limits))
+    return Adapted(adapted, factor, start, best, points, fit, doubts, tuple(limits))
 
 
 def _check_met(points: QuantityData, best: Floats) -> None:
     """Refuse reference quantities that the adapted model does not come near: no flow factor can repair that."""
-    for point, wanted, given in zip(points.points, points.quantity, best, strict=True):
-        if not abs(given - wanted) <= max(FAR * wanted, ANYWAY):
+    for point, measured, predicted in zip(points.points, points.quantity, best, strict=True):
+        if not abs(predicted - measured) <= max(FAR * measured, ANYWAY):
             raise InputError(
-                f"{points.name}: {wanted * 1e9:.3g} mm³ are measured at {at_point(point)}, and the adapted type "
-                f"injects {given * 1e9:.3f} mm³; check units and pressures, or take a point with a larger energising "
-                "time."
+                f"{points.name}: {measured * 1e9:.3g} mm³ are measured at {at_point(point)}, and the adapted type "
+                f"injects {predicted * 1e9:.3f} mm³; check units and pressures, or take a point with a larger "
+                "energising time."
             )
 
 
@@ -203,58 +206,59 @@ def read_points(
     return read
 
 
-def part_of(known: InjectorType, injector: Injector | str | Path | None) -> Injector:
+def part_of(injector_type: InjectorType, injector: Injector | str | Path | None) -> Injector:
     """The part's injector before it is fitted: its own measured values and nozzle, the type's other values.
 
     `InputError` if a file cannot be read, or there is no injector.
     """
     if injector is None:
-        if known.injector is None:
+        if injector_type.injector is None:
             raise InputError(
-                f"The type {known.name} names no injector; give the part's own (--injector MODEL; in Python: injector)."
+                f"The type {injector_type.name} names no injector; give the part's own (--injector MODEL; in Python: "
+                "injector)."
             )
-        return known.applied(known.injector)
-    own = injector if isinstance(injector, Injector) else load_injector(injector)
-    part = known.applied(own, keep=OF_PART)
-    for value in known.fixed:
-        if value.name not in OF_PART and part.values[value.name] != value.value:
+        return injector_type.applied(injector_type.injector)
+    measured_injector = injector if isinstance(injector, Injector) else load_injector(injector)
+    part_injector = injector_type.applied(measured_injector, keep=OF_PART)
+    for value in injector_type.fixed:
+        if value.name not in OF_PART and part_injector.values[value.name] != value.value:
             unit = parameter_quantities()[value.name].unit
             note(
-                f"{value.name} stays {to_text(part.values[value.name], unit)}, as measured on {own.name}; the type was "
-                f"learnt with {to_text(value.value, unit)}."
+                f"{value.name} stays {to_text(part_injector.values[value.name], unit)}, as measured on "
+                f"{measured_injector.name}; the type was learnt with {to_text(value.value, unit)}."
             )
-    return part
+    return part_injector
 
 
-def _study(known: InjectorType, part: Injector, points: QuantityData, flow_spread: float) -> Study:
+def _study(injector_type: InjectorType, part_injector: Injector, points: QuantityData, flow_spread: float) -> Study:
     """Study that fits the flow factor; from two points on with its spread, and the type's parameters with theirs."""
-    free = [flow_about_drawing(part, flow_spread)]
+    free = [flow_about_drawing(part_injector, flow_spread)]
     if np.count_nonzero(points.judged) >= FEWEST_FOR_PRIORS:
-        free += held_parameters(known, part)
+        free += held_parameters(injector_type, part_injector)
     else:
         free = [replace(free[0], prior=None)]
     space = Space(free)
     settings = StagedSettings(members=MEMBERS, generations=MOVES, starts=1, stage_iterations=8)
     return Study(
-        f"{known.name} adapted to {points.name}",
-        part,
+        f"{injector_type.name} adapted to {points.name}",
+        part_injector,
         (points,),
         space,
         Method(settings),
         1,
-        step_for_all(part, space),
+        step_for_all(part_injector, space),
         loss=Loss.SQUARES,
     )
 
 
-def _named(known: InjectorType, study: Study, found: Calibration, factor: float) -> Injector:
+def _named(injector_type: InjectorType, study: Study, fit: Calibration, factor: float) -> Injector:
     """The adapted injector with name and sources."""
     points = study.data[0]
-    text = f'type "{known.name}", fitted to {points.name}'
+    text = f'type "{injector_type.name}", fitted to {points.name}'
     drawn = study.injector.values[FLOW]
     notes = {name: Source("F", text) for name in study.space.names}
     notes[FLOW] = Source("F", f"effective: {drawn!r} m times the root of the flow factor {factor:.5g}; {text}")
-    return replace(found.injector, name=f"{study.injector.name}-adapted", sources={**found.injector.sources, **notes})
+    return replace(fit.injector, name=f"{study.injector.name}-adapted", sources={**fit.injector.sources, **notes})
 
 
 # Reference point for the next part of a type: the one whose quantity tells most of the part's other quantities.
@@ -320,15 +324,17 @@ def advise(
     `InputError` if a file cannot be read, there is no injector, or there are fewer than two points; `SimulationError`
     if no drawn part could be simulated.
     """
-    known = injector_type if isinstance(injector_type, InjectorType) else load_type(injector_type)
-    part = part_of(known, injector)
+    part_type = injector_type if isinstance(injector_type, InjectorType) else load_type(injector_type)
+    part_injector = part_of(part_type, injector)
     at = instances(points, OperatingPoint, "points")
     if len(at) < 2:
         raise InputError("A reference point is chosen among at least two points; give more candidates.")
     share, count = fraction(flow_spread, "flow_spread"), integer(draws, "draws", 2, 100_000)
-    space = Space([flow_about_drawing(part, share), *scattering(known, part)])
-    own, scaled = _simulated(part, at, space, (count, integer(seed, "seed")), thread_count(threads))
-    return _advice(at, own, scaled)
+    space = Space([flow_about_drawing(part_injector, share), *scattering(part_type, part_injector)])
+    part_quantities, scaled = _simulated(
+        part_injector, at, space, (count, integer(seed, "seed")), thread_count(threads)
+    )
+    return _advice(at, part_quantities, scaled)
 
 
 def _map_of(injector: Injector, points: QuantityData) -> list[OperatingPoint]:
@@ -355,8 +361,8 @@ def read_candidates(
     Pressures behind them are in Pa, or texts with their units. `InputError` if the file cannot be read, or a column is
     missing or of the wrong kind.
     """
-    wanted = [Column("rail_pressure", ("Pa",)), Column("energising_time", ("s",), domain=Domain.POSITIVE)]
-    table = map_columns(file_path(path, "path of the candidates"), wanted, least=2).columns
+    columns = [Column("rail_pressure", ("Pa",)), Column("energising_time", ("s",), domain=Domain.POSITIVE)]
+    table = map_columns(file_path(path, "path of the candidates"), columns, least=2).columns
     rows = zip(table["rail_pressure"].tolist(), table["energising_time"].tolist(), strict=True)
     return tuple(_point(p, t, cylinder_pressure, return_pressure) for p, t in rows)
 
@@ -366,17 +372,19 @@ def _point(pressure: float, duration: float, cylinder: float | str, returned: fl
 
 
 def _simulated(
-    part: Injector, points: Sequence[OperatingPoint], space: Space, drawn: tuple[int, int], threads: int | None
+    part_injector: Injector, points: Sequence[OperatingPoint], space: Space, drawn: tuple[int, int], threads: int | None
 ) -> tuple[Floats, Floats]:
     """Quantities [m³] of drawn parts (n, points) and of the type with flow factors, NaN where that fails.
 
     A drawn part that fails anywhere is left out: it is none that is sold.
     """
-    step, (count, seed) = step_for_all(part, space), drawn
+    step, (count, seed) = step_for_all(part_injector, space), drawn
     values = sample_priors(space, count, np.random.default_rng(seed))
     scaled = np.tile(space.reference, (SCALES, 1))
     scaled[:, 0] *= _factors() ** 0.5
-    batch = simulate_batch(part, points, space.names, np.vstack([values, scaled]), time_step=step, threads=threads)
+    batch = simulate_batch(
+        part_injector, points, space.names, np.vstack([values, scaled]), time_step=step, threads=threads
+    )
     quantity, good = batch.injected_volume, np.all(batch.status == OK, axis=1)
     scaled_quantity = np.where(batch.status[count:] == OK, quantity[count:], np.nan)
     if not good[:count].any() or np.any(np.sum(np.isfinite(scaled_quantity), axis=0) < SCALES // 2):
@@ -388,7 +396,7 @@ def _factors() -> Floats:
     return np.linspace(*FACTORS, SCALES)
 
 
-def _advice(points: tuple[OperatingPoint, ...], own: Floats, scaled: Floats) -> Advice:
+def _advice(points: tuple[OperatingPoint, ...], part_quantities: Floats, scaled: Floats) -> Advice:
     """Errors of the adapted type for each candidate.
 
     From the quantities [m³] of the drawn parts (draws, points), and of the type with flow factors (factors, points).
@@ -396,29 +404,31 @@ def _advice(points: tuple[OperatingPoint, ...], own: Floats, scaled: Floats) -> 
     count = len(points)
     expected, upper, usable = np.full(count, np.nan), np.full(count, np.nan), np.zeros(count)
     for i in range(count):
-        errors = _errors(own, scaled, i)
+        errors = _errors(part_quantities, scaled, i)
         good = np.isfinite(errors)
         usable[i] = np.mean(good)
         if good.any():
             expected[i] = np.sqrt(np.mean(errors[good] ** 2))
             upper[i] = np.quantile(errors[good], QUANTILE)
     plain = np.array([_interpolated(np.ones(1), column)[0] for column in scaled.T])
-    return Advice(points, expected, upper, usable, float(np.sqrt(np.mean((own - plain) ** 2))), len(own))
+    return Advice(
+        points, expected, upper, usable, float(np.sqrt(np.mean((part_quantities - plain) ** 2))), len(part_quantities)
+    )
 
 
-def _errors(own: Floats, scaled: Floats, reference: int) -> Floats:
+def _errors(part_quantities: Floats, scaled: Floats, reference: int) -> Floats:
     """Root mean square errors (draws,) at the other points with a candidate's quantity met; NaN where it cannot be."""
-    known = np.isfinite(scaled[:, reference])
-    rising = scaled[known, reference]
+    finite = np.isfinite(scaled[:, reference])
+    rising = scaled[finite, reference]
     if not np.all(np.diff(rising) > 0.0):
-        return np.full(len(own), np.nan)
-    factor = np.interp(own[:, reference], rising, _factors()[known], left=np.nan, right=np.nan)
+        return np.full(len(part_quantities), np.nan)
+    factor = np.interp(part_quantities[:, reference], rising, _factors()[finite], left=np.nan, right=np.nan)
     predicted = np.stack([_interpolated(factor, column) for column in scaled.T], axis=1)
-    others = np.arange(own.shape[1]) != reference
-    return np.asarray(np.sqrt(np.mean((predicted - own)[:, others] ** 2, axis=1)))
+    others = np.arange(part_quantities.shape[1]) != reference
+    return np.asarray(np.sqrt(np.mean((predicted - part_quantities)[:, others] ** 2, axis=1)))
 
 
 def _interpolated(factor: Floats, quantity: Floats) -> Floats:
     """Quantities at flow factors, of those (factors,) at the scale that are known; NaN beyond them."""
-    known = np.isfinite(quantity)
-    return np.asarray(np.interp(factor, _factors()[known], quantity[known], left=np.nan, right=np.nan))
+    finite = np.isfinite(quantity)
+    return np.asarray(np.interp(factor, _factors()[finite], quantity[finite], left=np.nan, right=np.nan))

@@ -11,8 +11,8 @@ import click
 from commonrail.base.errors import InputError, StudyError
 from commonrail.base.text import number, quantity
 from commonrail.base.units import to_text
-from commonrail.cli.console import print_json, print_pairs, print_rows, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.console import print_json, print_lines, print_pairs, print_rows, say
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import CylinderPressure, Json, ReturnPressure, Threads, check_file, read_pressures
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 SHOWN = 10  # reference points in the table
 
 
-@verb
+@table_verb
 def adapt(
     injector_type: Annotated[Path, Argument(metavar="TYPE.toml", help="Type file, as `type` writes it.")],
     *,
@@ -74,12 +74,12 @@ def adapt(
     from commonrail.plugins.family.adapt import adapt as run
     from commonrail.readers.injector_writer import dump_injector
 
-    named = None if injector is None else read_model_name(injector)
-    part = None if named is None else named.injector
-    behind = read_pressures(cylinder_pressure, return_pressure, None if named is None else named.folder)
+    model = None if injector is None else read_model_name(injector)
+    part_injector = None if model is None else model.injector
+    behind = read_pressures(cylinder_pressure, return_pressure, None if model is None else model.folder)
     share, allowed = fraction(flow_spread, "--flow-spread"), fraction(tolerance, "--tolerance")
     if advise:
-        _advise(injector_type, points, (injector, part), behind, share, threads, json)
+        _advise(injector_type, points, (injector, part_injector), behind, share, threads, json)
         return
     if points is None or out is None:
         lacking = "--from POINTS.csv" if points is None else "--out MODEL.toml"
@@ -88,7 +88,7 @@ def adapt(
     adapted = run(
         injector_type,
         points,
-        injector=part,
+        injector=part_injector,
         cylinder_pressure=behind[0],
         return_pressure=behind[1],
         tolerance=allowed,
@@ -103,7 +103,7 @@ def adapt(
         print_json(_record(adapted, out))
     else:
         if adapted.injector.synthetic:
-            click.echo(f"SYNTHETIC: {adapted.injector.synthetic}")
+            print_lines([f"SYNTHETIC: {adapted.injector.synthetic}"])
         free = len(adapted.calibration.best)
         pairs = [("flow factor", f"{adapted.flow_factor:.4f}"), ("parameters fitted", f"{free}")]
         if adapted.doubts.pulls:
@@ -111,7 +111,7 @@ def adapt(
             pairs += [("chi-squared, expected", f"{adapted.doubts.chi2:.3g}, {adapted.doubts.freedom}")]
             pairs += [("pulls [spreads]", ", ".join(pulls))]
         print_pairs(pairs, adapted.calibration.study.title)
-        head = ["rail pressure", "energising time", "measured", "type", "90 % of its parts", "adapted"]
+        head = ["rail pressure", "energising time", "measured", "adapted", "type", "90 % of its parts"]
         print_rows(head, _rows(adapted), texts=0)
     doubt = _doubt(adapted)
     if doubt:
@@ -144,18 +144,22 @@ def _advise(
         f"reference points of {injector_type.name}, best first",
         texts=0,
     )
-    click.echo(
+    drawn = (
         f"without a reference: {advice.without * 1e9:.2f} mm³ rms. {advice.draws} parts were drawn from the spreads of "
         "the type, independently for each parameter; nothing measured on the part was used."
     )
-    named = [] if injector[0] is None else ["--injector", injector[0]]
+    injector_option = [] if injector[0] is None else ["--injector", injector[0]]
     cylinder, back = (to_text(pressure, "Pa").replace(" ", "") for pressure in behind)
     pressures = ["--cylinder-pressure", cylinder, "--return-pressure", back]
-    again = shlex.join(["commonrail", "adapt", str(injector_type), *named, *pressures, "--from", "points.csv"])
-    click.echo(
-        'next: measure the first of them, write it into points.csv below the line "rail_pressure [MPa],energising_time '
-        f'[us],quantity [mm3]", then {again} --out model.toml'
+    again = shlex.join(
+        ["commonrail", "adapt", str(injector_type), *injector_option, *pressures, "--from", "points.csv"]
     )
+    step = (
+        'next: measure the first of them, write it into points.csv below the line "rail_pressure [MPa],energising_time '
+        '[us],quantity [mm3]", then'
+    )
+    print_lines([drawn, step])
+    click.echo(f"  {again} --out model.toml")
 
 
 def _advice_row(advice: Advice, i: int) -> list[str]:
@@ -187,22 +191,22 @@ def _advice_record(advice: Advice) -> dict[str, Any]:
 
 def _doubt(adapted: Adapted) -> str:
     """Sentence on what speaks against a sound part of the type; empty if nothing does."""
-    found = adapted.doubts
-    if not found.sentences:
+    doubts = adapted.doubts
+    if not doubts.sentences:
         return ""
-    change = f" One change of the type explains it best: {found.change}." if found.change else ""
-    return f"{adapted.points.name}: this is hardly a sound part of the type: {'; '.join(found.sentences)}.{change}"
+    change = f" One change of the type explains it best: {doubts.change}." if doubts.change else ""
+    return f"{adapted.points.name}: this is hardly a sound part of the type: {'; '.join(doubts.sentences)}.{change}"
 
 
 def _rows(adapted: Adapted) -> list[list[str]]:
     def row(i: int) -> list[str]:
         point, band = adapted.points.points[i], (adapted.doubts.low[i], adapted.doubts.high[i])
         measured, before, after = (
-            f"{one[i] * 1e9:.3f} mm³" for one in (adapted.points.quantity, adapted.before, adapted.after)
+            f"{volumes[i] * 1e9:.3f} mm³" for volumes in (adapted.points.quantity, adapted.before, adapted.after)
         )
         between = " to ".join(f"{end * 1e9:.3f}" for end in band) + " mm³"
         at = quantity(point.initial_pressures()[0], "Pa"), quantity(point.pulses[0].duration, "s")
-        return [*at, measured, before, between, after]
+        return [*at, measured, after, before, between]
 
     return [row(i) for i in range(len(adapted.before))]
 

@@ -13,7 +13,7 @@ from scipy.special import chdtrc
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import SimulationError
 from commonrail.base.hooks import quiet
-from commonrail.base.text import listed, signed
+from commonrail.base.text import join_words, to_signed
 from commonrail.calibration.parameter import Parameter, Prior
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.space import Space, sample_priors
@@ -33,42 +33,42 @@ DRAWS = 256
 FLOW_SPREAD = 0.03  # standard deviation of the flow of a nozzle about its drawing: an estimate of the tolerance
 
 
-def held_parameters(known: InjectorType, part: Injector) -> list[Parameter]:
+def held_parameters(injector_type: InjectorType, injector: Injector) -> list[Parameter]:
     """Parameters of the type with their priors, without those that were measured on the part."""
-    measured = {p.name for p in known.parameters} - {p.name for p in known.given_to(part)}
+    measured = {p.name for p in injector_type.parameters} - {p.name for p in injector_type.given_to(injector)}
     units = parameter_quantities()
     return [
         Parameter(p.name, p.value, p.lower, p.upper, units[p.name].unit, mark=p.mark, source=p.source, prior=p.prior)
-        for p in known.parameters
+        for p in injector_type.parameters
         if p.name != FLOW and p.name not in measured
     ]
 
 
-def flow_about_drawing(part: Injector, share: float) -> Parameter:
+def flow_about_drawing(injector: Injector, share: float) -> Parameter:
     """Effective hole diameter of the next part; the area is the square of the diameter."""
-    own = part.values[FLOW]
-    low, high = (own * factor**0.5 for factor in FACTORS)
+    drawing_diameter = injector.values[FLOW]
+    low, high = (drawing_diameter * factor**0.5 for factor in FACTORS)
     source = "spread of the flow of a nozzle about its drawing"
-    prior = Prior(own, 0.5 * share * own, source)
-    return Parameter(FLOW, own, low, high, "m", mark="E", source=source, prior=prior)
+    prior = Prior(drawing_diameter, 0.5 * share * drawing_diameter, source)
+    return Parameter(FLOW, drawing_diameter, low, high, "m", mark="E", source=source, prior=prior)
 
 
-def scattering(known: InjectorType, part: Injector) -> list[Parameter]:
+def scattering(injector_type: InjectorType, injector: Injector) -> list[Parameter]:
     """Parameters of the type that scatter between parts, with that scatter as prior."""
-    held = held_parameters(known, part)
-    between = {p.name: p.between for p in known.parameters if p.between is not None}
+    parameters = held_parameters(injector_type, injector)
+    between = {p.name: p.between for p in injector_type.parameters if p.between is not None}
     if not between:
-        return held
+        return parameters
     return [
-        replace(p, prior=Prior(known.by_name[p.name].value, scatter, p.source))
-        for p in held
+        replace(p, prior=Prior(injector_type.by_name[p.name].value, scatter, p.source))
+        for p in parameters
         if (scatter := between.get(p.name, 0.0))
     ]
 
 
 def drawn_quantities(
-    known: InjectorType,
-    part: Injector,
+    injector_type: InjectorType,
+    injector: Injector,
     points: Sequence[OperatingPoint],
     threads: int | None = None,
     flow_spread: float = FLOW_SPREAD,
@@ -77,9 +77,11 @@ def drawn_quantities(
 
     Parameters are drawn independently: a type file holds no correlations.
     """
-    space = Space([flow_about_drawing(part, flow_spread), *scattering(known, part)])
+    space = Space([flow_about_drawing(injector, flow_spread), *scattering(injector_type, injector)])
     values = sample_priors(space, DRAWS, np.random.default_rng(1))
-    batch = simulate_batch(part, points, space.names, values, time_step=step_for_all(part, space), threads=threads)
+    batch = simulate_batch(
+        injector, points, space.names, values, time_step=step_for_all(injector, space), threads=threads
+    )
     sound = np.all(batch.status == OK, axis=1)
     if np.count_nonzero(sound) < 2:
         raise SimulationError("no part drawn from the type could be simulated at all points; check its spreads.")
@@ -117,25 +119,25 @@ class Doubts(NamedTuple):
 
 
 def doubts_of(
-    known: InjectorType,
-    part: Injector,
+    injector_type: InjectorType,
+    injector: Injector,
     points: QuantityData,
-    found: Calibration,
+    fit: Calibration,
     threads: int | None,
     flow_spread: float,
 ) -> Doubts:
     """Doubts of a part adapted from a type.
 
-    `part`: before it was fitted; `found`: the fit of the flow factor, and from two quantities on of the type's
+    `injector`: before it was fitted; `fit`: the fit of the flow factor, and from two quantities on of the type's
     parameters; `flow_spread`: standard deviation of the flow about the drawing, as a share.
     """
     judged = points.judged
-    drawn = drawn_quantities(known, part, points.points, threads, flow_spread)
+    drawn = drawn_quantities(injector_type, injector, points.points, threads, flow_spread)
     random = np.random.default_rng(2)
     drawn = drawn + random.normal(size=drawn.shape) * np.nan_to_num(points.discrepancy(drawn))
     low, high = np.quantile(np.maximum(drawn, 0.0), BAND, axis=0)
-    pulls = {p.name: p.prior.residual(found.best[p.name]) for p in found.study.space.parameters if p.prior is not None}
-    chi2, freedom, sentences = found.cost, int(np.count_nonzero(judged)) - (not pulls), []
+    pulls = {p.name: p.prior.residual(fit.best[p.name]) for p in fit.study.space.parameters if p.prior is not None}
+    chi2, freedom, sentences = fit.cost, int(np.count_nonzero(judged)) - (not pulls), []
     share = _share_as_far(drawn[:, judged], points.quantity[judged])
     if share <= RARE:
         sentences.append(
@@ -146,10 +148,10 @@ def doubts_of(
             sentences.append(f"chi-squared is {chi2:.3g}, and {freedom} is expected")
         far = [f"{name} by {pull:+.1f}" for name, pull in pulls.items() if abs(pull) > FAR]
         if far:
-            sentences.append(f"standard deviations away from the type: {listed(far)}")
+            sentences.append(f"standard deviations away from the type: {join_words(far)}")
     if shut := stays_shut(points, drawn):
         sentences.append(shut)
-    change = one_change(known, part, points, threads, flow_spread) if sentences else ""
+    change = one_change(injector_type, injector, points, threads, flow_spread) if sentences else ""
     return Doubts(low, high, chi2, freedom, pulls, tuple(sentences), change)
 
 
@@ -174,14 +176,14 @@ def _share_as_far(drawn: Floats, measured: Floats) -> float:
     """Share of drawn parts (n, points) as far from their mean as measured quantities (points,), these among them."""
     middle = drawn.mean(axis=0)
     inverse = np.linalg.pinv(np.atleast_2d(np.cov(drawn, rowvar=False)))
-    off = np.vstack([drawn, measured]) - middle
-    distance = np.einsum("ki,ij,kj->k", off, inverse, off)
+    deviations = np.vstack([drawn, measured]) - middle
+    distance = np.einsum("ki,ij,kj->k", deviations, inverse, deviations)
     return float(np.mean(distance >= distance[-1]))
 
 
 def one_change(
-    known: InjectorType,
-    part: Injector,
+    injector_type: InjectorType,
+    injector: Injector,
     points: QuantityData,
     threads: int | None = None,
     flow_spread: float = FLOW_SPREAD,
@@ -195,42 +197,53 @@ def one_change(
     """
     if not np.any(points.quantity[points.judged] > FAR * points.absolute):
         return ""
-    space = Space([flow_about_drawing(part, flow_spread), *scattering(known, part)])
+    space = Space([flow_about_drawing(injector, flow_spread), *scattering(injector_type, injector)])
     parts = Parts(tuple(space.names), sample_priors(space, space.dimension + PARTS, np.random.default_rng(3)))
-    names = dict.fromkeys([FLOW, *(p.name for p in held_parameters(known, part)), *(v.name for v in known.fixed)])
-    faults = [f for f in shipped_faults().of_model(part) if SEAT_LEAK not in f.names]
-    there = {(f.names, f.changes[0].most > 0.0) for f in faults}
+    names = dict.fromkeys(
+        [FLOW, *(p.name for p in held_parameters(injector_type, injector)), *(v.name for v in injector_type.fixed)]
+    )
+    faults = [f for f in shipped_faults().of_model(injector) if SEAT_LEAK not in f.names]
+    fault_changes = {(f.names, f.changes[0].most > 0.0) for f in faults}
     faults += [
         Fault(name, "", (Change(name, math.copysign(LEAST, most), most, True),))
         for name in names
         for most in (HALF, DOUBLE)
-        if part.values[name] and ((name,), most > 0.0) not in there
+        if injector.values[name] and ((name,), most > 0.0) not in fault_changes
     ]
-    step, at = step_for_all(part, space), [p for p, judged in zip(points.points, points.judged, strict=True) if judged]
+    step, at = (
+        step_for_all(injector, space),
+        [p for p, judged in zip(points.points, points.judged, strict=True) if judged],
+    )
 
-    def simulate(made: Parts) -> Floats:
-        batch = simulate_batch(part, at, made.names, made.values, time_step=step, threads=threads)
+    def simulate(changed_parts: Parts) -> Floats:
+        batch = simulate_batch(injector, at, changed_parts.names, changed_parts.values, time_step=step, threads=threads)
         return np.where(batch.status == OK, batch.injected_volume, np.nan)
 
     with quiet():  # a change that no simulation survives is no explanation
-        found = responses(part, parts, parts.values.mean(axis=0), faults, simulate)
-    if len(found) < 2:
+        candidate_responses = responses(injector, parts, parts.values.mean(axis=0), faults, simulate)
+    if len(candidate_responses) < 2:
         return ""
     measured, tolerance = points.quantity[points.judged], points.discrepancy(points.quantity)[points.judged]
     # a covariance of m degrees of freedom and q quantities leaves Student's t m - q + 1 (Gelman et al., 3.6)
     noise = BenchNoise(0.0, tolerance)
-    judged = judge(found, measured, noise, 0.5, freedom=max(PARTS - len(measured), LEAST_FREEDOM))
+    judged = judge(candidate_responses, measured, noise, 0.5, freedom=max(PARTS - len(measured), LEAST_FREEDOM))
     first, *_ = order = judged.order
-    if found[first].fault is None or judged.fit[first] < RARE:
+    if candidate_responses[first].fault is None or judged.fit[first] < RARE:
         return ""
     last = int(np.searchsorted(np.cumsum(judged.probabilities[order]), TOLD))
-    return listed([_change_words(part, found[i], judged.weights[i]) for i in order[: last + 1] if found[i].fault])
+    return join_words(
+        [
+            _change_words(injector, candidate_responses[i], judged.weights[i])
+            for i in order[: last + 1]
+            if candidate_responses[i].fault
+        ]
+    )
 
 
-def _change_words(part: Injector, response: Response, weights: Floats) -> str:
+def _change_words(injector: Injector, response: Response, weights: Floats) -> str:
     """Fault or parameter with its likeliest size: weak valve spring (valve.spring_preload 57.4 N (−30 %))."""
     assert response.fault is not None
-    size = response.fault.size_text(part, float(response.sizes[np.argmax(weights)]))
+    size = response.fault.size_text(injector, float(response.sizes[np.argmax(weights)]))
     name = response.fault.names[0]
     return f"{name} {size}" if response.name == name else f"{response.name} ({name} {size})"
 
@@ -240,12 +253,14 @@ def _change_words(part: Injector, response: Response, weights: Floats) -> str:
 
 def missed_references(points: QuantityData, adapted: Floats) -> list[str]:
     """Sentence on reference quantities that the adapted model (points,) [m³] misses by more than their tolerance."""
-    off = adapted - points.quantity
+    errors = adapted - points.quantity
     texts = [
-        f"{points.quantity[i] * 1e9:.4g} mm³ at {at_point(points.points[i])} by {signed(off[i] * 1e9, 2)} mm³"
-        for i in np.flatnonzero(np.abs(off) > points.discrepancy(points.quantity)).tolist()
+        f"{points.quantity[i] * 1e9:.4g} mm³ at {at_point(points.points[i])} by {to_signed(errors[i] * 1e9, 2)} mm³"
+        for i in np.flatnonzero(np.abs(errors) > points.discrepancy(points.quantity)).tolist()
     ]
-    return [f"the adapted model misses reference quantities beyond their tolerance: {listed(texts)}"] if texts else []
+    return (
+        [f"the adapted model misses reference quantities beyond their tolerance: {join_words(texts)}"] if texts else []
+    )
 
 
 def shut_points(
@@ -260,7 +275,7 @@ def shut_points(
     of_type, injected = batch.injected_volume
     shut = np.flatnonzero((batch.status[1] == OK) & (injected < RESOLUTION)).tolist()
     words = [f"{at_point(points[i])}{' as the type' * bool(of_type[i] < RESOLUTION)}" for i in shut]
-    places = listed(list(dict.fromkeys(words)))
+    places = join_words(list(dict.fromkeys(words)))
     return [f"the adapted model injects nothing at {places}: {_why_shut(adapted, points[shut[0]])}"] if shut else []
 
 

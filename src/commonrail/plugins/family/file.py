@@ -33,9 +33,10 @@ def parts_data(fit: FamilyFit) -> dict[str, list[dict[str, Any]]]:
     return {
         name: data_records(
             studies[name].data,
-            {"start": part.start, "best": part.scores} | ({"mean": part.mean} if part.mean else {}),
+            {"start": fitted_part.start, "best": fitted_part.scores}
+            | ({"mean": fitted_part.mean} if fitted_part.mean else {}),
         )
-        for name, part in fit.parts.items()
+        for name, fitted_part in fit.parts.items()
     }
 
 
@@ -43,30 +44,30 @@ def _parts(fit: FamilyFit) -> list[dict[str, Any]]:
     data, studies = parts_data(fit), fit.family.parts
     # effective area of the holes relative to the drawing, where it was fitted
     factors = {
-        name: (part.best[FLOW] / studies[name].injector.values[FLOW]) ** 2
-        for name, part in fit.parts.items()
-        if FLOW in part.best
+        name: (fitted_part.best[FLOW] / studies[name].injector.values[FLOW]) ** 2
+        for name, fitted_part in fit.parts.items()
+        if FLOW in fitted_part.best
     }
     return [
         {
             "name": name,
             "title": studies[name].title,
-            "injector": part.injector.name,
+            "injector": fitted_part.injector.name,
             "flow_factor": factors.get(name),
-            "best": dict(part.best),
+            "best": dict(fitted_part.best),
             "data": data[name],
         }
-        for name, part in fit.parts.items()
+        for name, fitted_part in fit.parts.items()
     ]
 
 
 def _parameters(fit: FamilyFit) -> list[dict[str, Any]]:
-    known = parameter_quantities()
+    quantities = parameter_quantities()
     return [
         {
             "name": p.name,
-            "unit": known[p.name].unit,
-            "meaning": known[p.name].meaning,
+            "unit": quantities[p.name].unit,
+            "meaning": quantities[p.name].meaning,
             "relation": fit.family.shared.get(p.name, Shared()).share.value,
             "value": p.value,
             "spread": p.spread,
@@ -74,7 +75,7 @@ def _parameters(fit: FamilyFit) -> list[dict[str, Any]]:
             "upper": p.upper,
             "mark": p.mark,
             "source": p.source,
-            "parts": {name: part.best.get(p.name) for name, part in fit.parts.items()},
+            "parts": {name: fitted_part.best.get(p.name) for name, fitted_part in fit.parts.items()},
         }
         for p in fit.injector_type.parameters
     ]

@@ -10,7 +10,7 @@ import numpy as np
 
 from commonrail.base.arguments import function, instance, thread_count
 from commonrail.base.arrays import Floats
-from commonrail.base.hooks import held_interrupts
+from commonrail.base.hooks import hold_interrupts
 from commonrail.calibration.identifiability import identify_at
 from commonrail.calibration.scoring import mean_of, members_of, score_all
 from commonrail.calibration.search import Checkpoint, Listeners, Progress, Recorder, Search, SearchResult
@@ -38,8 +38,10 @@ def learnt_type(family: Family, joint: Mapping[str, float], errors: Mapping[str,
         lower, upper = min(p.lower for p in bounds), max(p.upper for p in bounds)
         relation = family.shared.get(name, Shared()).share.value
         source = f'joint fit "{family.title}", {relation}'
-        own = None if between is None else min(between, spread)
-        parameters.append(TypeParameter(name, min(max(value, lower), upper), spread, lower, upper, "F", source, own))
+        scatter = None if between is None else min(between, spread)
+        parameters.append(
+            TypeParameter(name, min(max(value, lower), upper), spread, lower, upper, "F", source, scatter)
+        )
     values = [PartValues(name, s.injector.values, s.injector.sources, s.fixed) for name, s in family.parts.items()]
     return InjectorType(
         family.name,
@@ -63,17 +65,23 @@ def _learnt(
         if p.name == name
     )
     stated = (p.prior for s in family.parts.values() for p in s.space.parameters if p.name == name)
-    prior = next(((own.value, own.sigma) for own in stated if own is not None), None)
+    prior = next(((p.value, p.sigma) for p in stated if p is not None), None)
     if shared.share is Share.PER_PART:
-        own = [f"{name}{OF}{part}" for part in family.parts if f"{name}{OF}{part}" in joint]
-        if len(own) == 1:
-            return joint[own[0]], errors[own[0]] or widest, None
-        errors_of = [math.nan if errors[key] is None else float(errors[key] or 0.0) for key in own]
-        values = [without_prior(joint[key], error, prior) for key, error in zip(own, errors_of, strict=True)]
+        part_parameters = [f"{name}{OF}{part_name}" for part_name in family.parts if f"{name}{OF}{part_name}" in joint]
+        if len(part_parameters) == 1:
+            return joint[part_parameters[0]], errors[part_parameters[0]] or widest, None
+        errors_of = [math.nan if errors[key] is None else float(errors[key] or 0.0) for key in part_parameters]
+        values = [
+            without_prior(joint[key], error, prior) for key, error in zip(part_parameters, errors_of, strict=True)
+        ]
         if sum(math.isfinite(error) for _, error in values) < FEWEST:
-            return float(np.mean([joint[key] for key in own])), min(prior[1] if prior else widest, widest), None
-        found = over_parts(*np.array(values).T)
-        return found.value, min(found.spread, widest) or widest, found.between
+            return (
+                float(np.mean([joint[key] for key in part_parameters])),
+                min(prior[1] if prior else widest, widest),
+                None,
+            )
+        estimate = over_parts(*np.array(values).T)
+        return estimate.value, min(estimate.spread, widest) or widest, estimate.between
     error = errors[name]
     spread = min(math.hypot(widest if error is None else error, shared.spread), widest) or widest
     return joint[name], spread, shared.spread
@@ -140,18 +148,18 @@ def fit_family(
     function(progress, "progress")
     threads = thread_count(threads)
     objective = objective_of_parts(family, threads)
-    with held_interrupts() as stop:
-        found = Search(family, objective, workers, Listeners(progress, recorder, stop), checkpoint).to_end()
+    with hold_interrupts() as stop:
+        search_result = Search(family, objective, workers, Listeners(progress, recorder, stop), checkpoint).to_end()
         objective.use_threads(threads)  # workers' copies share the simulators
-        ends = members_of(found.ends)
-        identified = identify_at(family.space, objective, np.array(list(found.best.values())))
+        ends = members_of(search_result.ends)
+        identified = identify_at(family.space, objective, np.array(list(search_result.best.values())))
         errors = {name: identified[name]["standard_error"] for name in family.space.names}
         return FamilyFit(
             family=family,
             parts={name: _part(family, k, [end.x for end in ends], threads) for k, name in enumerate(family.parts)},
-            injector_type=learnt_type(family, found.best, errors),
+            injector_type=learnt_type(family, search_result.best, errors),
             members=tuple(end.cost for end in ends),
-            **vars(found),
+            **vars(search_result),
         )
 
 

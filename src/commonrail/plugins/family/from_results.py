@@ -47,28 +47,30 @@ def fixed_values(parts: Sequence[PartValues], taken: Collection[str]) -> tuple[F
 
     Where the parts differ, the type takes the mean, and a note says so; nozzles that differ are the parts' own.
     """
-    names = dict.fromkeys(name for part in parts for name in part.stated if name not in taken)
-    found = []
+    names = dict.fromkeys(name for part_values in parts for name in part_values.stated if name not in taken)
+    fixed = []
     for name in names:
-        having = [part for part in parts if name in part.values]
-        values = [part.values[name] for part in having]
+        having = [part_values for part_values in parts if name in part_values.values]
+        values = [part_values.values[name] for part_values in having]
         if min(values) == max(values):
-            mark, text = next(part for part in having if name in part.stated).sources.get(name, UNSTATED)
-            found.append(FixedValue(name, values[0], mark, text))  # type: ignore[arg-type]
+            mark, text = next(part_values for part_values in having if name in part_values.stated).sources.get(
+                name, UNSTATED
+            )
+            fixed.append(FixedValue(name, values[0], mark, text))  # type: ignore[arg-type]
         elif name not in OF_PART:
-            found.append(_mean_of_parts(name, values, [part.name for part in having]))
-    return tuple(found)
+            fixed.append(_mean_of_parts(name, values, [part_values.name for part_values in having]))
+    return tuple(fixed)
 
 
 def _mean_of_parts(name: str, values: Sequence[float], parts: Sequence[str]) -> FixedValue:
     unit = parameter_quantities()[name].unit
     mean = float(np.mean(values))
-    own = ", ".join(f"{to_text(v, unit)} ({part})" for v, part in zip(values, parts, strict=True))
+    stated_values = ", ".join(f"{to_text(v, unit)} ({part_name})" for v, part_name in zip(values, parts, strict=True))
     note(
-        f"{name} is not the same in all parts: {own}; the type takes the mean, {to_text(mean, unit)}. Where it was "
-        'measured on the next part, give it the mark "M" in that injector\'s file.'
+        f"{name} is not the same in all parts: {stated_values}; the type takes the mean, {to_text(mean, unit)}. "
+        'Where it was measured on the next part, give it the mark "M" in that injector\'s file.'
     )
-    return FixedValue(name, mean, "F", f"mean of the parts: {own}")
+    return FixedValue(name, mean, "F", f"mean of the parts: {stated_values}")
 
 
 # Mean and spread of a parameter over parts whose own values are known with errors (random effects).
@@ -99,8 +101,8 @@ def over_parts(values: ArrayLike, errors: ArrayLike) -> Estimate:
     """
     from scipy.optimize import brentq  # slow to import
 
-    known = np.isfinite(np.asarray(errors, float))
-    x, variance = np.asarray(values, float)[known], np.asarray(errors, float)[known] ** 2
+    has_error = np.isfinite(np.asarray(errors, float))
+    x, variance = np.asarray(values, float)[has_error], np.asarray(errors, float)[has_error] ** 2
     between, most = 0.0, 2.0 * float(np.sum((x - np.mean(x)) ** 2))
     if _excess(x, variance) > 0.0:  # the errors alone do not explain the differences
         between = brentq(lambda more: _excess(x, variance + more), 0.0, most, xtol=1e-12 * most)
@@ -118,11 +120,11 @@ def without_prior(values: ArrayLike, errors: ArrayLike, prior: tuple[float, floa
     x, e = np.asarray(values, float), np.asarray(errors, float)
     if prior is None:
         return x, e
-    mean, own = prior[0], prior[1] ** -2.0
+    mean, prior_weight = prior[0], prior[1] ** -2.0
     with np.errstate(divide="ignore", invalid="ignore"):
         total = e**-2.0
-        weight = np.where(total - own > _FAINT * own, total - own, np.nan)
-        return np.where(np.isinf(total), x, (x * total - mean * own) / weight), weight**-0.5
+        weight = np.where(total - prior_weight > _FAINT * prior_weight, total - prior_weight, np.nan)
+        return np.where(np.isinf(total), x, (x * total - mean * prior_weight) / weight), weight**-0.5
 
 
 def _mean(x: Floats, variance: Floats) -> tuple[float, float]:
@@ -153,7 +155,7 @@ class _Run(NamedTuple):
     folder: Path
     record: Mapping[str, Any]
     injector: Injector | None
-    part: TypePart
+    type_part: TypePart
     fixed: tuple[str, ...] = ()
 
     @property
@@ -166,8 +168,8 @@ class _Run(NamedTuple):
         """Values with which the part was fitted; of a study made in Python only the free ones."""
         best = {name: p["best"] for name, p in self.parameters.items()}
         fitted = {name: Source("F", f"fitted to {self.record['title']}") for name in best}
-        known = self.injector
-        values, sources = ({}, {}) if known is None else (dict(known.values), dict(known.sources))
+        injector = self.injector
+        values, sources = ({}, {}) if injector is None else (dict(injector.values), dict(injector.sources))
         return PartValues(self.record["title"], values | best, sources | fitted, (*self.fixed, *best))
 
 
@@ -209,12 +211,12 @@ def type_from_runs(folders: Sequence[str | Path], name: str, *, part_spread: flo
     if not shared:
         raise InputError(f"{runs[0].folder}: no parameter is free in all runs; a type is of what all parts fitted.")
     source = f"fitted to {', '.join(run.record['title'] for run in runs)}"
-    found = tuple(_over_runs(key, [run.parameters[key] for run in runs], source, part_spread) for key in shared)
+    parameters = tuple(_over_runs(key, [run.parameters[key] for run in runs], source, part_spread) for key in shared)
     return InjectorType(
         name,
         f"{name}: {len(runs)} calibrated part{'s' if len(runs) > 1 else ''}",
-        found,
-        tuple(run.part for run in runs),
+        parameters,
+        tuple(run.type_part for run in runs),
         runs[0].injector,
         synthetic=" ".join(dict.fromkeys(run.record["synthetic"] for run in runs if run.record["synthetic"])),
         fixed=fixed_values([run.values for run in runs], shared),
@@ -226,28 +228,30 @@ def _read(folder: Path) -> _Run:
     note_stopped(folder, record)
     if record.get("kind") != "calibration":
         raise InputError(f"{folder}: this is no run folder of commonrail calibrate; name one.")
-    own = {RESULT: fingerprint(folder / RESULT)}
+    result_file = {RESULT: fingerprint(folder / RESULT)}
     sources = "; ".join(dict.fromkeys(d["source"] for d in record["data"] if d["role"] == "fit"))
     if not (folder / STUDY).is_file() or not (folder / STUDY).stat().st_size:
-        return _Run(folder, record, None, TypePart(record["title"], sources, own))  # a study made in Python
+        return _Run(folder, record, None, TypePart(record["title"], sources, result_file))  # a study made in Python
     study = load_study(folder / STUDY)
     root = folder.absolute()
     files = {path.relative_to(root).as_posix(): digest for path, digest in study.files.items()}
-    return _Run(folder, record, study.injector, TypePart(record["title"], sources, files | own), study.fixed)
+    return _Run(folder, record, study.injector, TypePart(record["title"], sources, files | result_file), study.fixed)
 
 
-def _over_runs(name: str, own: Sequence[Mapping[str, Any]], source: str, part_spread: float | None) -> TypeParameter:
+def _over_runs(
+    name: str, records: Sequence[Mapping[str, Any]], source: str, part_spread: float | None
+) -> TypeParameter:
     """A parameter over the records of parts."""
-    lower, upper = min(p["lower"] for p in own), max(p["upper"] for p in own)
-    if len(own) == 1:
-        value, spread, why = _of_one(name, own[0], part_spread)
+    lower, upper = min(p["lower"] for p in records), max(p["upper"] for p in records)
+    if len(records) == 1:
+        value, spread, why = _of_one(name, records[0], part_spread)
         between = None if part_spread is None else min(_part_spread(name, value, part_spread), spread)
         return TypeParameter(name, value, spread, lower, upper, "F", f"{source}; spread: {why}", between)
-    errors = [math.nan if p.get("standard_error") is None else p["standard_error"] for p in own]
-    found = [without_prior(p["best"], e, _prior_of(p)) for p, e in zip(own, errors, strict=True)]
-    sigma = min((p["prior"]["sigma"] for p in own if "prior" in p), default=math.inf)
-    best = float(np.mean([p["best"] for p in own]))
-    return _estimated(name, np.array(found, dtype=float).T, (lower, upper), source, (best, sigma))
+    errors = [math.nan if p.get("standard_error") is None else p["standard_error"] for p in records]
+    data_estimates = [without_prior(p["best"], e, _prior_of(p)) for p, e in zip(records, errors, strict=True)]
+    sigma = min((p["prior"]["sigma"] for p in records if "prior" in p), default=math.inf)
+    best = float(np.mean([p["best"] for p in records]))
+    return _estimated(name, np.array(data_estimates, dtype=float).T, (lower, upper), source, (best, sigma))
 
 
 def _prior_of(p: Mapping[str, Any]) -> tuple[float, float] | None:
@@ -288,21 +292,22 @@ def _widest(p: Mapping[str, Any]) -> float:
 
 
 def _estimated(
-    name: str, found: Floats, bounds: tuple[float, float], source: str, otherwise: tuple[float, float]
+    name: str, data_estimates: Floats, bounds: tuple[float, float], source: str, otherwise: tuple[float, float]
 ) -> TypeParameter:
     """A parameter over parts, from their values and errors (2, parts) by the data alone.
 
     Where the data of fewer than two parts hold it, value and sigma are those of `otherwise`; sigma is that of a prior,
     or infinite.
     """
-    known, between = int(np.isfinite(found).all(axis=0).sum()), None
+    informative_parts, between = int(np.isfinite(data_estimates).all(axis=0).sum()), None
     widest = (bounds[1] - bounds[0]) / math.sqrt(12.0)
-    if known < FEWEST:
-        why = f"held by the data of {known} of {found.shape[1]} parts; spread of the prior or the bounds"
+    if informative_parts < FEWEST:
+        part_count = data_estimates.shape[1]
+        why = f"held by the data of {informative_parts} of {part_count} parts; spread of the prior or the bounds"
         value, spread = otherwise[0], min(otherwise[1], widest)
     else:
-        estimate = over_parts(*found)
-        why = f"spread over {known} parts"
+        estimate = over_parts(*data_estimates)
+        why = f"spread over {informative_parts} parts"
         value, spread = estimate.value, min(estimate.spread or 1e-6 * widest, widest)  # parts may be exactly alike
         between = min(estimate.between, spread)
     value = min(max(value, bounds[0]), bounds[1])
@@ -337,22 +342,32 @@ def type_from_fleet(folder: str | Path, name: str) -> InjectorType:
     check_sum(folder / TABLE)
     columns, count = _columns(folder / TABLE)
     source = f"fleet: {record['title']}"
-    found = []
-    for own in (p for p in record["parameters"] if p["name"] in columns):  # those of meters are no injector's
-        values, errors = columns[own["name"]], columns[own["name"] + ERROR]
-        there, prior = np.isfinite(values), _prior_of(own)
-        otherwise = float(np.mean(values[there])), prior[1] if prior else math.inf
-        of_data = np.array(without_prior(values[there], errors[there], prior))
-        found.append(_estimated(own["name"], of_data, (own["lower"], own["upper"]), source, otherwise))
+    parameters = []
+    for parameter_record in (
+        p for p in record["parameters"] if p["name"] in columns
+    ):  # those of meters are no injector's
+        values, errors = columns[parameter_record["name"]], columns[parameter_record["name"] + ERROR]
+        calibrated, prior = np.isfinite(values), _prior_of(parameter_record)
+        otherwise = float(np.mean(values[calibrated])), prior[1] if prior else math.inf
+        of_data = np.array(without_prior(values[calibrated], errors[calibrated], prior))
+        parameters.append(
+            _estimated(
+                parameter_record["name"],
+                of_data,
+                (parameter_record["lower"], parameter_record["upper"]),
+                source,
+                otherwise,
+            )
+        )
     files = {FLEET: fingerprint(folder / FLEET), TABLE: fingerprint(folder / TABLE)}
-    part = TypePart(record["title"], source, files, count)
+    fleet_part = TypePart(record["title"], source, files, count)
     return InjectorType(
         name,
         f"{name}: fleet of {count} injectors",
-        tuple(found),
-        (part,),
+        tuple(parameters),
+        (fleet_part,),
         synthetic=record["synthetic"],
-        fixed=tuple(FixedValue(**one) for one in record["fixed"]),
+        fixed=tuple(FixedValue(**fixed_record) for fixed_record in record["fixed"]),
     )
 
 
@@ -368,10 +383,10 @@ def _columns(path: Path) -> tuple[dict[str, Floats], int]:
             f"{path}: {len(rows)} injectors are finished, and at least {FEWEST_MEMBERS} are needed for a spread; "
             "make a type of one part from its run folder."
         )
-    known = parameter_quantities()
-    wanted = {i: name for i, name in enumerate(names) if name.removesuffix(ERROR) in known}
-    found = {name: np.array([_cell(row[i], path) for row in rows]) for i, name in wanted.items()}
-    return found, len(rows)
+    quantities = parameter_quantities()
+    used_columns = {i: name for i, name in enumerate(names) if name.removesuffix(ERROR) in quantities}
+    values_by_name = {name: np.array([_cell(row[i], path) for row in rows]) for i, name in used_columns.items()}
+    return values_by_name, len(rows)
 
 
 def _cell(text: str, path: Path) -> float:

@@ -74,11 +74,11 @@ class TypeParameter:
     between: float | None = None
 
     def __post_init__(self) -> None:
-        known = parameter_quantities()
-        if plain_text(self.name, "name of a parameter") not in known:
-            raise ConfigurationError(f"A type has no parameter {self.name}{nearest(self.name, known)}.")
+        quantities = parameter_quantities()
+        if plain_text(self.name, "name of a parameter") not in quantities:
+            raise ConfigurationError(f"A type has no parameter {self.name}{nearest(self.name, quantities)}.")
         read = {key: getattr(self, key) for key in ("value", "spread", "lower", "upper")}
-        settle(self, **{key: number(x, known[self.name].unit, f"{key} of {self.name}") for key, x in read.items()})
+        settle(self, **{key: number(x, quantities[self.name].unit, f"{key} of {self.name}") for key, x in read.items()})
         if not self.spread > 0.0:
             raise ConfigurationError(f"{self.name}: a type needs a spread greater than zero.")
         if self.between is not None and not 0.0 <= self.between <= self.spread * (1.0 + ROUNDING):
@@ -123,12 +123,12 @@ class FixedValue:
     source: str = "no source stated"
 
     def __post_init__(self) -> None:
-        known = parameter_quantities()
-        if plain_text(self.name, "name of a parameter") not in known:
-            raise ConfigurationError(f"A type has no parameter {self.name}{nearest(self.name, known)}.")
-        settle(self, value=number(self.value, known[self.name].unit, self.name))
-        if not known[self.name].domain.admits(self.value):
-            raise ConfigurationError(f"{self.name}: a fixed value must be {known[self.name].domain.value}.")
+        quantities = parameter_quantities()
+        if plain_text(self.name, "name of a parameter") not in quantities:
+            raise ConfigurationError(f"A type has no parameter {self.name}{nearest(self.name, quantities)}.")
+        settle(self, value=number(self.value, quantities[self.name].unit, self.name))
+        if not quantities[self.name].domain.admits(self.value):
+            raise ConfigurationError(f"{self.name}: a fixed value must be {quantities[self.name].domain.value}.")
 
     def of_type(self, name: str) -> Source:
         """Source of the value on another part: what was measured on the parts of the type `name` is derived there."""
@@ -209,13 +209,13 @@ class InjectorType:
 
         Its values with the mark M are its own, and those that `keep` names.
         """
-        own = self._measured(injector).union(keep)
-        return tuple(p for p in self.parameters if p.name not in own)
+        excluded = self._measured(injector).union(keep)
+        return tuple(p for p in self.parameters if p.name not in excluded)
 
     def fixed_for(self, injector: Injector, keep: Collection[str] = ()) -> tuple[FixedValue, ...]:
         """Fixed values that an injector takes from the type, as `given_to` says."""
-        own = self._measured(injector).union(keep)
-        return tuple(value for value in self.fixed if value.name not in own)
+        excluded = self._measured(injector).union(keep)
+        return tuple(value for value in self.fixed if value.name not in excluded)
 
     def _measured(self, injector: Injector) -> set[str]:
         """Names of values that were measured on an injector, and not on the one that the type's parts started from."""
@@ -232,9 +232,11 @@ class InjectorType:
 
     def applied(self, injector: Injector, keep: Collection[str] = ()) -> Injector:
         """The injector with the values of the type, as `given_to` says."""
-        given, fixed = self.given_to(injector, keep), self.fixed_for(injector, keep)
-        sources = {p.name: Source(p.mark, p.source) for p in given} | {v.name: v.of_type(self.name) for v in fixed}
-        changed = injector.with_values({p.name: p.value for p in given} | {v.name: v.value for v in fixed})
+        type_parameters, fixed = self.given_to(injector, keep), self.fixed_for(injector, keep)
+        sources = {p.name: Source(p.mark, p.source) for p in type_parameters} | {
+            v.name: v.of_type(self.name) for v in fixed
+        }
+        changed = injector.with_values({p.name: p.value for p in type_parameters} | {v.name: v.value for v in fixed})
         # the type's text starts with that of its injector
         texts = (injector.synthetic, self.synthetic.removeprefix(injector.synthetic).strip())
         synthetic = " ".join(text for text in texts if text)
@@ -317,7 +319,10 @@ def load_type(path: str | Path, reach: Reach | None = None) -> InjectorType:
             model.name,
             model.title or model.name,
             tuple(parameters),
-            tuple(TypePart(part.name, part.source, part.files, part.injectors) for part in model.part),
+            tuple(
+                TypePart(part_model.name, part_model.source, part_model.files, part_model.injectors)
+                for part_model in model.part
+            ),
             injector,
             synthetic=model.synthetic,
             fixed=tuple(fixed),
@@ -363,13 +368,13 @@ def type_text(injector_type: InjectorType) -> str:
 
 def names_injector(injector_type: InjectorType) -> bool:
     """Return whether the file names the type's injector: it is the catalogue's but for the values in the file."""
-    own = injector_type.injector
-    if own is None or not in_catalogue(own.name):
+    injector = injector_type.injector
+    if injector is None or not in_catalogue(injector.name):
         return False
-    base = load_injector(own.name)
+    base = load_injector(injector.name)
     stated = {*injector_type.by_name, *(value.name for value in injector_type.fixed)}
-    same = all(value == base.values.get(name) for name, value in own.values.items() if name not in stated)
-    return same and own.variant == base.variant
+    same = all(value == base.values.get(name) for name, value in injector.values.items() if name not in stated)
+    return same and injector.variant == base.variant
 
 
 def _table(name: str, item: dict[str, Any]) -> Iterator[str]:
@@ -381,10 +386,10 @@ def _table(name: str, item: dict[str, Any]) -> Iterator[str]:
         yield f"{key} = {text}" + (f" # {note}" if key == "value" else "")
 
 
-def _part(part: TypePart) -> dict[str, Any]:
-    found: dict[str, Any] = {"name": part.name, "source": part.source}
-    found |= {"injectors": part.injectors} if part.injectors != 1 else {}
-    return found | ({"files": dict(part.files)} if part.files else {})
+def _part(type_part: TypePart) -> dict[str, Any]:
+    table: dict[str, Any] = {"name": type_part.name, "source": type_part.source}
+    table |= {"injectors": type_part.injectors} if type_part.injectors != 1 else {}
+    return table | ({"files": dict(type_part.files)} if type_part.files else {})
 
 
 def _fixed(fixed: FixedValue) -> dict[str, Any]:
@@ -417,33 +422,36 @@ def with_type(model: StudyModel, injector: Injector, reach: Reach, at: Place) ->
     `model`: its `type` is the path of the type's file; `injector`: of the study, before any value is changed; `at`: of
     the study.
     """
-    known = load_type(reach.path(reach.file.parent, str(model.type), at / "type"), reach)
+    injector_type = load_type(reach.path(reach.file.parent, str(model.type), at / "type"), reach)
     fixed = {item.name for item in model.fixed}
-    offered = {p.name: p for p in known.given_to(injector, fixed)}
+    offered = {p.name: p for p in injector_type.given_to(injector, fixed)}
     free = model.parameter or [ParameterModel(name=name) for name in offered]
-    by_name = known.by_name
-    named = [_completed(item, by_name[item.name]) if item.name in by_name else item for item in free]
-    own = {item.name for item in free}
+    by_name = injector_type.by_name
+    completed_parameters = [_completed(item, by_name[item.name]) if item.name in by_name else item for item in free]
+    free_names = {item.name for item in free}
     unread = unread_parameters(injector.variant)
     offered = {name: p for name, p in offered.items() if name not in unread}
     values = [
-        _fixed_of_type(p.name, p.value, Source(p.mark, p.source)) for name, p in offered.items() if name not in own
+        _fixed_of_type(p.name, p.value, Source(p.mark, p.source))
+        for name, p in offered.items()
+        if name not in free_names
     ]
     values += [
-        _fixed_of_type(v.name, v.value, v.of_type(known.name)) for v in known.fixed_for(injector, fixed | own | unread)
+        _fixed_of_type(v.name, v.value, v.of_type(injector_type.name))
+        for v in injector_type.fixed_for(injector, fixed | free_names | unread)
     ]
-    return model.model_copy(update={"parameter": named, "fixed": [*model.fixed, *values]})
+    return model.model_copy(update={"parameter": completed_parameters, "fixed": [*model.fixed, *values]})
 
 
-def _completed(item: ParameterModel, known: TypeParameter) -> ParameterModel:
+def _completed(item: ParameterModel, type_parameter: TypeParameter) -> ParameterModel:
     """A free parameter with the prior and the bounds that the study does not state."""
     changes: dict[str, Any] = {}
     if item.prior is None and item.reference is None:
-        value, sigma = (_text(number, known.name) for number in (known.value, known.spread))
-        changes["prior"] = PriorModel(value=value, sigma=sigma, source=known.source)
-        changes |= {"mark": item.mark or known.mark, "source": item.source or known.source}
+        value, sigma = (_text(number, type_parameter.name) for number in (type_parameter.value, type_parameter.spread))
+        changes["prior"] = PriorModel(value=value, sigma=sigma, source=type_parameter.source)
+        changes |= {"mark": item.mark or type_parameter.mark, "source": item.source or type_parameter.source}
     if item.below is item.above is item.lower is item.upper is None:
-        changes |= {"lower": known.lower, "upper": known.upper}
+        changes |= {"lower": type_parameter.lower, "upper": type_parameter.upper}
     return item.model_copy(update=changes)
 
 

@@ -6,8 +6,8 @@ import shlex
 from pathlib import Path
 
 from commonrail.base.chart import MARKERS, Figure, Panel, Series
-from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import command, fixed, listed, quantity, quantity_range, significant
+from commonrail.base.table import Column, Table, table_from_columns
+from commonrail.base.text import command, join_words, quantity, quantity_range, significant, to_fixed
 from commonrail.calibration.record import FitRecord, read_as
 from commonrail.data.records import Record
 from commonrail.plugins.family.file import KIND, TEXTS
@@ -28,9 +28,13 @@ FAR = 2.0  # spreads from the type's value beyond which a part's value is named
 
 def _page(record: Record, folder: Path) -> str:
     """Page of a joint fit, with the curves of its folder."""
-    data = [{**d, "name": f"{part['name']}: {d['name']}"} for part in record["parts"] for d in part["data"]]
+    data = [
+        {**d, "name": f"{part_record['name']}: {d['name']}"}
+        for part_record in record["parts"]
+        for d in part_record["data"]
+    ]
     figures = figures_of(data, TEXTS, read_traces(folder / TRACES))
-    apart, fit = list(drawings(family_figures(record), 330)), read_as(FitRecord, record)
+    type_figures, fit = list(drawings(family_figures(record), 330)), read_as(FitRecord, record)
     return render(
         "family.html",
         package=__package__,
@@ -40,8 +44,10 @@ def _page(record: Record, folder: Path) -> str:
         lines=family_lines(record),
         tables=family_tables(record),
         errors=tables_of(data, TEXTS),
-        tiles=[tile for part in record["parts"] for tile in merits(part["data"], f"{part['name']}: ")],
-        first=apart[0] if apart else None,
+        tiles=[
+            tile for part_record in record["parts"] for tile in merits(part_record["data"], f"{part_record['name']}: ")
+        ],
+        first=type_figures[0] if type_figures else None,
         maps=small_drawings(figures, "map"),
         convergence=convergence_section(fit.generations),
         data=data,
@@ -56,36 +62,40 @@ RESULT = ResultKind(RECORD, KIND, "type", _page, KEYS)
 
 def family_lines(record: Record) -> list[str]:
     """Sentences on the parts, their errors and baselines, and what lies far from the type."""
-    names, members = [part["name"] for part in record["parts"]], record["members"]
-    lines = [f"{len(names)} parts were fitted together: {listed(names)}."]
+    names, members = [part_record["name"] for part_record in record["parts"]], record["members"]
+    lines = [f"{len(names)} parts were fitted together: {join_words(names)}."]
     if len(members) > 1:
-        costs = listed([significant(cost, 3) for cost in members])
+        costs = join_words([significant(cost, 3) for cost in members])
         lines.append(
             f"{len(members)} searches side by side ended with objectives of {costs}. Between the measured points they "
             "differ more than at them: the mean of what they predict is in the tables, the type is that of the best."
         )
-    for part in record["parts"]:
-        for line in baseline_lines(part["data"]):
-            lines.append(f"Part {part['name']}: {line[:1].lower()}{line[1:]}")
+    for part_record in record["parts"]:
+        for line in baseline_lines(part_record["data"]):
+            lines.append(f"Part {part_record['name']}: {line[:1].lower()}{line[1:]}")
     far = [
-        f"{p['name']} of part {part} ({pull:+.1f} spreads)"
+        f"{p['name']} of part {part_name} ({pull:+.1f} spreads)"
         for p in record["parameters"]
-        for part, pull in _pulls(p).items()
+        for part_name, pull in _pulls(p).items()
         if abs(pull) > FAR
     ]
     if far:
-        lines.append(f"Farther than {FAR:g} spreads from the type: {listed(far)}.")
+        lines.append(f"Farther than {FAR:g} spreads from the type: {join_words(far)}.")
     return lines
 
 
 def _pulls(p: Record) -> dict[str, float]:
     """Distance of each part's value from the type's in spreads."""
-    return {part: (own - p["value"]) / p["spread"] for part, own in p["parts"].items() if own is not None}
+    return {
+        part_name: (part_value - p["value"]) / p["spread"]
+        for part_name, part_value in p["parts"].items()
+        if part_value is not None
+    }
 
 
 def family_tables(record: Record) -> list[Table]:
     """Parameters of the type beside those of the parts, and the flow of each part."""
-    names = [part["name"] for part in record["parts"]]
+    names = [part_record["name"] for part_record in record["parts"]]
     columns: list[Column] = [
         ("parameter", "name"),
         ("between parts", "relation"),
@@ -98,38 +108,47 @@ def family_tables(record: Record) -> list[Table]:
         "Spread: standard deviation of the next part's value about the type's, of the error of that value and the "
         "scatter between parts together. Values are lumped values of the model and stand for no drawing."
     )
-    found = [tabulated("The type", record["parameters"], columns, note, 2)]
-    flows = [part for part in record["parts"] if part["flow_factor"] is not None]
-    flow: list[Column] = [("part", "name"), ("flow factor", lambda part: fixed(part["flow_factor"], 4))]
+    tables = [table_from_columns("The type", record["parameters"], columns, note, 2)]
+    flows = [part_record for part_record in record["parts"] if part_record["flow_factor"] is not None]
+    flow: list[Column] = [
+        ("part", "name"),
+        ("flow factor", lambda part_record: to_fixed(part_record["flow_factor"], 4)),
+    ]
     text = "Effective area of the nozzle's holes over that of the drawing; it is a part's own, and not the type's."
-    return [*found, tabulated("Flow of the parts", flows, flow, text)] if flows else found
+    return [*tables, table_from_columns("Flow of the parts", flows, flow, text)] if flows else tables
 
 
 def family_figures(record: Record) -> list[Figure]:
     """Distances of the parts' values from the type's, where they differ between parts."""
-    apart = [p for p in record["parameters"] if len(set(p["parts"].values())) > 1]
-    if not apart:
+    scattering = [p for p in record["parameters"] if len(set(p["parts"].values())) > 1]
+    if not scattering:
         return []
     series = []
-    for i, part in enumerate(record["parts"]):
-        pulls = [_pulls(p).get(part["name"]) for p in apart]
-        x = tuple(float(n) for n in range(len(apart)))
-        series.append(Series(f"part {part['name']}", "solid", x, tuple(pulls), MARKERS, family=i))
+    for i, part_record in enumerate(record["parts"]):
+        pulls = [_pulls(p).get(part_record["name"]) for p in scattering]
+        x = tuple(float(n) for n in range(len(scattering)))
+        series.append(Series(f"part {part_record['name']}", "solid", x, tuple(pulls), MARKERS, family=i))
     panel = Panel(
         "distance from the type, spreads",
         tuple(series),
         zero_line=True,
-        categories=tuple(short_names([p["name"] for p in apart]).values()),
+        categories=tuple(short_names([p["name"] for p in scattering]).values()),
     )
     caption = "Values of the parts less that of the type, in spreads of the next part; common parameters are left out."
     return [Figure("What sets the parts apart", caption, "parameter", (panel,))]
 
 
 def _commands(record: Record, run: str) -> list[tuple[str, str]]:
-    advice, known = Advice.of(run, FAMILY), shlex.quote(f"{run}/type.toml")
+    advice, type_file = Advice.of(run, FAMILY), shlex.quote(f"{run}/type.toml")
     return [
         ("Fit again", command("type", advice.study, "--out", "type.toml")),
-        ("Reference points that tell most of the next part", f"commonrail adapt {known} --advise --injector PART.toml"),
-        ("Model of the next part", f"commonrail adapt {known} --from POINTS.csv --injector PART.toml --out MODEL.toml"),
+        (
+            "Reference points that tell most of the next part",
+            f"commonrail adapt {type_file} --advise --injector PART.toml",
+        ),
+        (
+            "Model of the next part",
+            f"commonrail adapt {type_file} --from POINTS.csv --injector PART.toml --out MODEL.toml",
+        ),
         ("Make this report again", advice.of_run("report")),
     ]

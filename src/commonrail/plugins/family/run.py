@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from commonrail.base.arguments import file_path, instance, integer, thread_count
-from commonrail.base.output import summed, writing
+from commonrail.base.output import write_set, writing
 from commonrail.calibration.search import Checkpoint
 from commonrail.data.records import LABELS, MEASURED
 from commonrail.plugins.family.file import family_record
@@ -105,9 +105,9 @@ def _write(folder: Path, fit: FamilyFit) -> None:
     models = folder / MODELS
     with writing(models):
         models.mkdir(exist_ok=True)
-    with summed(folder):
-        for name, part in fit.parts.items():
-            for number, injector in enumerate(part.members, 1):
+    with write_set(folder):
+        for name, fitted_part in fit.parts.items():
+            for number, injector in enumerate(fitted_part.members, 1):
                 member = "" if number == 1 else f"-member-{number}"
                 header = f"{fit.family.title}: {name}{member}"
                 dump_injector(injector, models / f"{name}{member}.toml", header=header)
@@ -118,8 +118,8 @@ def _write(folder: Path, fit: FamilyFit) -> None:
 
 def _curves(fit: FamilyFit) -> Iterator[Curve]:
     """Injection curves among the data of the parts."""
-    for name, part in fit.parts.items():
-        scores = {"start": part.start, "best": part.scores}
+    for name, fitted_part in fit.parts.items():
+        scores = {"start": fitted_part.start, "best": fitted_part.scores}
         for curve in rate_curves(fit.family.parts[name].data, scores):
             yield curve._replace(data=f"{name}: {curve.data}")
 

@@ -70,10 +70,10 @@ class Sharing:
     matrices: tuple[Floats, ...]
     bounds: tuple[tuple[Floats, Floats], ...]
 
-    def of_part(self, part: int, x: Floats) -> Floats:
+    def of_part(self, index: int, x: Floats) -> Floats:
         """Points (…, d) of a part from joint points (…, D), SI."""
-        low, high = self.bounds[part]
-        return np.clip(x @ self.matrices[part].T, low, high)
+        low, high = self.bounds[index]
+        return np.clip(x @ self.matrices[index].T, low, high)
 
 
 class _PartsConstraints(Products):
@@ -104,35 +104,38 @@ def joint_space(parts: Mapping[str, Space], shared: Mapping[str, Shared]) -> tup
     own. A parameter that scatters is a common value and, for each part, its distance from it in standard deviations,
     whose prior is the standard normal distribution. `ConfigurationError` if `shared` names what no part has free.
     """
-    known = dict.fromkeys(name for space in parts.values() for name in space.names)
+    free_names = dict.fromkeys(name for space in parts.values() for name in space.names)
     for name in shared:
-        if name not in known:
-            raise ConfigurationError(f"No part has the free parameter {name}{nearest(name, known)}.")
-    found: dict[str, Parameter] = {}
+        if name not in free_names:
+            raise ConfigurationError(f"No part has the free parameter {name}{nearest(name, free_names)}.")
+    joint_parameters: dict[str, Parameter] = {}
     entries: list[list[tuple[int, str, float]]] = []
-    for part, space in parts.items():
-        own: list[tuple[int, str, float]] = []
+    for part_name, space in parts.items():
+        part_entries: list[tuple[int, str, float]] = []
         for row, parameter in enumerate(space.parameters):
             share, spread = shared.get(parameter.name, Shared(Share.COMMON))
             if share is not Share.PER_PART:
-                first = found.setdefault(parameter.name, parameter)
+                first = joint_parameters.setdefault(parameter.name, parameter)
                 if max(first.lower, parameter.lower) > min(first.upper, parameter.upper):
                     raise ConfigurationError(
-                        f"The bounds of {parameter.name} in part {part} and in one before have no value in common; "
-                        "widen them, or give each part a value of its own."
+                        f"The bounds of {parameter.name} in part {part_name} and in one before have no value in "
+                        "common; widen them, or give each part a value of its own."
                     )
-                own.append((row, parameter.name, 1.0))
+                part_entries.append((row, parameter.name, 1.0))
             if share is not Share.COMMON:
-                single = _of_part(parameter, part, share)
-                found[single.name] = single
-                own.append((row, single.name, spread if share is Share.AROUND else 1.0))
-        entries.append(own)
-    names = tuple(found)
-    matrices = [_matrix(own, space.dimension, names) for own, space in zip(entries, parts.values(), strict=True)]
+                single = _of_part(parameter, part_name, share)
+                joint_parameters[single.name] = single
+                part_entries.append((row, single.name, spread if share is Share.AROUND else 1.0))
+        entries.append(part_entries)
+    names = tuple(joint_parameters)
+    matrices = [
+        _matrix(part_entries, space.dimension, names)
+        for part_entries, space in zip(entries, parts.values(), strict=True)
+    ]
     bounds = tuple((space.lower, space.upper) for space in parts.values())
     sharing = Sharing(names, tuple(matrices), bounds)
     spaces = tuple(parts.values())
-    return Space(tuple(found.values()), (), _PartsConstraints(spaces, sharing)), sharing
+    return Space(tuple(joint_parameters.values()), (), _PartsConstraints(spaces, sharing)), sharing
 
 
 def _matrix(entries: Sequence[tuple[int, str, float]], rows: int, names: Sequence[str]) -> Floats:
@@ -142,9 +145,9 @@ def _matrix(entries: Sequence[tuple[int, str, float]], rows: int, names: Sequenc
     return matrix
 
 
-def _of_part(parameter: Parameter, part: str, share: Share) -> Parameter:
+def _of_part(parameter: Parameter, part_name: str, share: Share) -> Parameter:
     """A part's own value, or its distance from the common one in standard deviations."""
-    name = f"{parameter.name}{OF}{part}"
+    name = f"{parameter.name}{OF}{part_name}"
     if share is Share.PER_PART:
         return replace(parameter, name=name, signed=True)
     source = f"normally distributed about the common value of {parameter.name}"
@@ -168,49 +171,53 @@ class FamilyObjective(Objective):
         self.parts = [objective_of(study, threads, goal_of(study)._replace(priors=Priors())) for study in studies]
         conditions = tuple(condition for study in studies for condition in study.conditions)
         self.goal = Goal(studies[0].loss, Priors.of(space.parameters), conditions, scale=studies[0].loss_scale)
-        self.data = tuple(data for part in self.parts for data in part.data)
+        self.data = tuple(data for objective in self.parts for data in objective.data)
         self.simulator = self.parts[0].simulator
 
     def use_threads(self, threads: int | None) -> None:
         """Simulate with so many threads; all usable processors if None."""
-        for part in self.parts:
-            part.use_threads(threads)
+        for objective in self.parts:
+            objective.use_threads(threads)
 
     def costs(self, values: Floats) -> Scores:
         """Objective of joint candidates (n, names), SI; one that is simulated once for several counts for each."""
         total, statuses = self.goal.priors.costs(values), np.zeros(len(values), np.int8)
-        for part, (own, which) in zip(self.parts, self._distinct(values), strict=True):
-            scores = part.costs(own)
+        for objective, (part_values, which) in zip(self.parts, self._distinct(values), strict=True):
+            scores = objective.costs(part_values)
             total = total + scores.costs[which]
             statuses = np.where(statuses == 0, scores.statuses[which], statuses).astype(np.int8)
         return Scores(total, statuses, len(values) * self.injections)
 
     def residuals(self, values: Floats) -> Floats:
         """Residuals (n, those of all parts, then priors)."""
-        return self._together(values, [part.residuals for part in self.parts])
+        return self._together(values, [objective.residuals for objective in self.parts])
 
     def screened(self, values: Floats) -> Floats:
         """Residuals as `residuals` returns them, in f32 and at the time step of the screening."""
-        return self._together(values, [part.screened for part in self.parts])
+        return self._together(values, [objective.screened for objective in self.parts])
 
     def linearised(self, values: Floats) -> Floats:
         """Residuals for derivatives at the first candidate, see `Objective.linearised`."""
         if self.goal.loss is not Loss.SOFT_L1:
             return self.residuals(values)
-        found = [part.linearised(self.sharing.of_part(k, values)) for k, part in enumerate(self.parts)]
-        return np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
+        part_residuals = [
+            objective.linearised(self.sharing.of_part(k, values)) for k, objective in enumerate(self.parts)
+        ]
+        return np.concatenate([*part_residuals, self.goal.priors.residuals(values)], axis=1)
 
     def _together(self, values: Floats, of_parts: Sequence[Callable[[Floats], Floats]]) -> Floats:
-        found = [of(own)[which] for of, (own, which) in zip(of_parts, self._distinct(values), strict=True)]
-        return np.concatenate([*found, self.goal.priors.residuals(values)], axis=1)
+        part_residuals = [
+            of(part_values)[which] for of, (part_values, which) in zip(of_parts, self._distinct(values), strict=True)
+        ]
+        return np.concatenate([*part_residuals, self.goal.priors.residuals(values)], axis=1)
 
     def _distinct(self, values: Floats) -> list[tuple[Floats, IndexArray]]:
         """For each part its candidates, each once, and which of them belongs to each joint candidate."""
-        found = []
+        candidates = []
         for k in range(len(self.parts)):
-            own, which = np.unique(self.sharing.of_part(k, values), axis=0, return_inverse=True)
-            found.append((own, which.reshape(-1)))
-        return found
+            part_values, which = np.unique(self.sharing.of_part(k, values), axis=0, return_inverse=True)
+            candidates.append((part_values, which.reshape(-1)))
+        return candidates
 
 
 MOST_PARTS = 100
@@ -289,11 +296,13 @@ def load_family(path: str | Path) -> Family:
     `ConfigurationError` if values contradict one another.
     """
     file = file_path(path, "path of a family")
-    with noting_files() as own:
+    with noting_files() as family_files:
         model, at, reach, text = read_model_file(_FamilyModel, file)
     with noting_files() as of_type:
-        known = None if model.type is None else load_type(reach.path(file.parent, model.type, at / "type"), reach)
-    studies = {name: _known(study, known) for name, study in _studies(model, reach, file.parent, at).items()}
+        injector_type = (
+            None if model.type is None else load_type(reach.path(file.parent, model.type, at / "type"), reach)
+        )
+    studies = {name: _known(study, injector_type) for name, study in _studies(model, reach, file.parent, at).items()}
     flow = () if model.flow is None else (FLOW,)  # whose prior has the spread `flow`
     spreads = _spreads(model.prior, _known_names(studies), at / "prior", flow)
     studies = {name: _with_spreads(study, spreads) for name, study in studies.items()}
@@ -301,7 +310,7 @@ def load_family(path: str | Path) -> Family:
     with located(at):
         space, sharing = joint_space({name: study.space for name, study in studies.items()}, shared)
     method = method_of(model.optimiser, space, at / "optimiser")
-    files = own | of_type
+    files = family_files | of_type
     for study in studies.values():
         files |= study.files
     family = Family(model.name, model.title, studies, space, sharing, shared, method, model.seed, files, text)
@@ -309,27 +318,29 @@ def load_family(path: str | Path) -> Family:
 
 
 def _studies(model: _FamilyModel, reach: Reach, folder: Path, at: Place) -> dict[str, Study]:
-    found: dict[str, Study] = {}
-    for i, part in enumerate(model.part):
+    studies: dict[str, Study] = {}
+    for i, part_model in enumerate(model.part):
         place = (at / "part")[i]
-        if part.name in found:
-            raise (place / "name").error(f'there are two parts "{part.name}"; rename one')
-        if Path(part.name).name != part.name or "\\" in part.name:
-            raise (place / "name").error(f'"{part.name}" is no name of a file, and the part\'s model is written to one')
-        study = load_study(reach.path(folder, part.study, place / "study"))
+        if part_model.name in studies:
+            raise (place / "name").error(f'there are two parts "{part_model.name}"; rename one')
+        if Path(part_model.name).name != part_model.name or "\\" in part_model.name:
+            raise (place / "name").error(
+                f'"{part_model.name}" is no name of a file, and the part\'s model is written to one'
+            )
+        study = load_study(reach.path(folder, part_model.study, place / "study"))
         if not of_role(study.data, Role.FIT):
             raise (place / "study").error("no data set of this study has role fit")
         if model.flow is not None and not 0.0 < model.flow < 1.0 / FARTHEST:
             raise (at / "flow").error(
                 f'{model.flow:g} is no spread of the hole area; give a share below {100 / FARTHEST:g} %, such as "2 %"'
             )
-        found[part.name] = _with_flow(study, model.flow)
-    return found
+        studies[part_model.name] = _with_flow(study, model.flow)
+    return studies
 
 
-def _known(study: Study, known: InjectorType | None) -> Study:
+def _known(study: Study, injector_type: InjectorType | None) -> Study:
     """The study with values, spreads and fixed values of a type: starts and priors in place of its own."""
-    if known is None:
+    if injector_type is None:
         return study
     free = [
         replace(
@@ -338,13 +349,13 @@ def _known(study: Study, known: InjectorType | None) -> Study:
             prior=replace(of.prior, value=min(max(of.prior.value, p.lower), p.upper)),
             source=of.source,
         )
-        if (of := known.by_name.get(p.name))
+        if (of := injector_type.by_name.get(p.name))
         else p
         for p in study.space.parameters
     ]
-    fixed = known.fixed_for(study.injector, {*study.fixed, *study.space.names})
-    values = {p.name: p.reference for p in free if p.name in known.by_name} | {v.name: v.value for v in fixed}
-    sources = {**study.injector.sources} | {v.name: v.of_type(known.name) for v in fixed}
+    fixed = injector_type.fixed_for(study.injector, {*study.fixed, *study.space.names})
+    values = {p.name: p.reference for p in free if p.name in injector_type.by_name} | {v.name: v.value for v in fixed}
+    sources = {**study.injector.sources} | {v.name: v.of_type(injector_type.name) for v in fixed}
     return replace(
         study,
         injector=replace(study.injector.with_values(values), sources=sources),
@@ -368,12 +379,12 @@ def _with_flow(study: Study, spread: float | None) -> Study:
     """The study with an effective hole diameter about that of its own drawing, by a spread of the hole area."""
     if spread is None or FLOW in study.space.names:
         return study
-    own = study.injector.values[FLOW]
-    sigma = 0.5 * spread * own  # the area is the square of the diameter
+    drawing_diameter = study.injector.values[FLOW]
+    sigma = 0.5 * spread * drawing_diameter  # the area is the square of the diameter
     source = "hole diameter of the part's drawing; the spread is that of the family's flow"
-    low, high = own - FARTHEST * sigma, own + FARTHEST * sigma
-    prior = Prior(own, sigma, source)
-    flow = Parameter(FLOW, own, low, high, "m", mark="E", source=source, prior=prior)
+    low, high = drawing_diameter - FARTHEST * sigma, drawing_diameter + FARTHEST * sigma
+    prior = Prior(drawing_diameter, sigma, source)
+    flow = Parameter(FLOW, drawing_diameter, low, high, "m", mark="E", source=source, prior=prior)
     old = study.space
     products = Products([c._replace(exponents=np.append(c.exponents, 0.0)) for c in old.products.constraints])
     return replace(study, space=Space((*old.parameters, flow), old.constraints, products))
@@ -385,37 +396,37 @@ def _known_names(studies: Mapping[str, Study]) -> dict[str, None]:
 
 
 def _shared(model: _FamilyModel, studies: Mapping[str, Study], at: Place) -> dict[str, Shared]:
-    known = _known_names(studies)
-    found: dict[str, Shared] = {} if model.flow is None else {FLOW: Shared(Share.PER_PART)}
+    free_names = _known_names(studies)
+    relations: dict[str, Shared] = {} if model.flow is None else {FLOW: Shared(Share.PER_PART)}
     for i, pattern in enumerate(model.per_part):
-        for name in _matching(pattern, known, (at / "per_part")[i]):
-            found[name] = Shared(Share.PER_PART)
-    around = _spreads(model.around, known, at / "around", found)
-    return found | {name: Shared(Share.AROUND, spread) for name, spread in around.items()}
+        for name in _matching(pattern, free_names, (at / "per_part")[i]):
+            relations[name] = Shared(Share.PER_PART)
+    around = _spreads(model.around, free_names, at / "around", relations)
+    return relations | {name: Shared(Share.AROUND, spread) for name, spread in around.items()}
 
 
 def _spreads(
-    items: Sequence[_SpreadModel], known: Mapping[str, None], at: Place, taken: Container[str] = ()
+    items: Sequence[_SpreadModel], free_names: Mapping[str, None], at: Place, taken: Container[str] = ()
 ) -> dict[str, float]:
     """Spread [SI] of each free parameter that is named by items at a location.
 
     A name among those `taken`, whose relation is given elsewhere, is refused.
     """
-    found: dict[str, float] = {}
+    spreads: dict[str, float] = {}
     for i, item in enumerate(items):
-        for name in _matching(item.name, known, at[i] / "name"):
-            if name in found or name in taken:
+        for name in _matching(item.name, free_names, at[i] / "name"):
+            if name in spreads or name in taken:
                 raise (at[i] / "name").error(f"{name} is given a second time; keep one of both")
             with located(at[i] / "spread"):
-                found[name] = parse(item.spread, known_quantity(name).unit)
-            if not found[name] > 0.0:
+                spreads[name] = parse(item.spread, known_quantity(name).unit)
+            if not spreads[name] > 0.0:
                 raise (at[i] / "spread").error("the spread must be greater than zero; to omit it, remove this entry")
-    return found
+    return spreads
 
 
-def _matching(pattern: str, known: Mapping[str, None], at: Place) -> list[str]:
+def _matching(pattern: str, free_names: Mapping[str, None], at: Place) -> list[str]:
     """Free parameters that a name, or a pattern with a star, names."""
-    names = [name for name in known if fnmatchcase(name, pattern)]
+    names = [name for name in free_names if fnmatchcase(name, pattern)]
     if not names:
-        raise at.error(f'no part has the free parameter "{pattern}"{nearest(pattern, known)}')
+        raise at.error(f'no part has the free parameter "{pattern}"{nearest(pattern, free_names)}')
     return names

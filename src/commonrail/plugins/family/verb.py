@@ -14,9 +14,9 @@ from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.input import read_plain
 from commonrail.base.text import quantity
 from commonrail.base.units import parse
-from commonrail.cli.console import print_json, print_rows, print_table, say
-from commonrail.cli.fit import Outcome, end_if_stopped, reported
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.console import print_json, print_lines, print_rows, print_table, say
+from commonrail.cli.fit import Outcome, end_if_stopped, run_and_report
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import (
     ClusterAddress,
     Json,
@@ -38,7 +38,7 @@ CORNERS = ((40e6, 160e6), (300e-6, 1000e-6))  # points at which a type's spreads
 # commonrail type: type file of parts of one type, which were calibrated or are fitted together.
 
 
-@verb
+@table_verb
 def type_(
     sources: Annotated[
         tuple[Path, ...],
@@ -98,7 +98,7 @@ def type_(
     joint = [source for source in sources if source.suffix == ".toml"]
     if joint and len(sources) > 1:
         raise InputError(f"{joint[0]}: a family file is a source by itself; name it alone, or run folders only.")
-    if not joint and any(one is not None for one in (run, models, seed, workers, cluster)):
+    if not joint and any(option is not None for option in (run, models, seed, workers, cluster)):
         raise InputError("--run, --models, --seed, --workers and --cluster: only for a family file; omit them.")
     if share is not None and (joint or any((source / FLEET).is_file() for source in sources)):
         raise InputError("--part-spread: only for run folders; omit it for a family file or a fleet.")
@@ -109,13 +109,13 @@ def type_(
         write_text(out, read_plain(outcome.folder / TYPE).decode())
         _print_family(outcome, json, out)
         return
-    found = _from_results(sources, name or out.stem, share)
-    dump_type(found, out)
+    injector_type = _from_results(sources, name or out.stem, share)
+    dump_type(injector_type, out)
     if json:
-        print_json(_type_record(found, out))
+        print_json(_type_record(injector_type, out))
     else:
-        _print_type(found)
-    _say_written(found, out)
+        _print_type(injector_type)
+    _say_written(injector_type, out)
 
 
 def _from_results(sources: Sequence[Path], name: str, share: float | None) -> InjectorType:
@@ -165,11 +165,11 @@ def _fit(
         refuse_used(models)
     family = replace(load_family(source), **changes)
     fit = partial(fit_type, folder, family, threads=threads, workers=workers)
-    outcome = reported(family.title, folder, lambda listener: fit(listener=listener))
+    outcome = run_and_report(family.title, folder, lambda listener: fit(listener=listener))
     if models is not None:
         with new_folder(models) as place:
-            for part in outcome.record["parts"]:
-                file = f"{part['name']}.toml"
+            for part_record in outcome.record["parts"]:
+                file = f"{part_record['name']}.toml"
                 write_text(place / file, read_plain(folder / MODELS / file).decode())
     return outcome
 
@@ -177,10 +177,14 @@ def _fit(
 def _resume(folder: Path, options: RunOptions) -> None:
     from commonrail.plugins.family.run import TYPE, resume_family
 
-    how: dict[str, Any] = {"generations": options.generations, "as_begun": options.as_begun, "threads": options.threads}
+    settings: dict[str, Any] = {
+        "generations": options.generations,
+        "as_begun": options.as_begun,
+        "threads": options.threads,
+    }
     with open_workers(options.workers, options.cluster) as workers:
-        fit = partial(resume_family, folder, workers=workers, **how)
-        outcome = reported(f"resuming {folder}", folder, lambda listener: fit(listener=listener))
+        fit = partial(resume_family, folder, workers=workers, **settings)
+        outcome = run_and_report(f"resuming {folder}", folder, lambda listener: fit(listener=listener))
     _print_family(outcome, options.json, folder / TYPE)
 
 
@@ -193,7 +197,7 @@ def _print_family(outcome: Outcome, json: bool, out: Path) -> None:
     from commonrail.plugins.family.injector_type import load_type
     from commonrail.report.fit.tables import tables_of
 
-    record, known = outcome.record, load_type(out)
+    record, injector_type = outcome.record, load_type(out)
     if json:
         figures = {
             "run": str(outcome.folder),
@@ -202,67 +206,78 @@ def _print_family(outcome: Outcome, json: bool, out: Path) -> None:
             "cost": record["objective"]["best"],
             "injections": record["evaluations"]["injections"],
             "joint": record["joint"],
-            "fits": {part["name"]: {"best": part["best"], "data": part["data"]} for part in record["parts"]},
+            "fits": {
+                part_record["name"]: {"best": part_record["best"], "data": part_record["data"]}
+                for part_record in record["parts"]
+            },
         }
-        print_json(_type_record(known, out) | figures)
+        print_json(_type_record(injector_type, out) | figures)
     else:
-        for part in record["parts"]:
-            click.echo(part["name"])
-            for table in tables_of(part["data"], TEXTS):
+        for part_record in record["parts"]:
+            click.echo(part_record["name"])
+            for table in tables_of(part_record["data"], TEXTS):
                 print_table(table)
-        _print_type(known)
+        _print_type(injector_type)
         click.echo(f"report: {outcome.report}")
-    _say_written(known, out)
+    _say_written(injector_type, out)
     end_if_stopped(outcome)
 
 
-def _say_written(found: InjectorType, out: Path) -> None:
+def _say_written(injector_type: InjectorType, out: Path) -> None:
     from commonrail.plugins.family.injector_type import names_injector
 
-    if not names_injector(found):
+    if not names_injector(injector_type):
         say(f"{out} names no injector of the catalogue; `commonrail adapt` needs one for it.")
     say(f"wrote {out}")
 
 
-def _type_record(found: InjectorType, out: Path) -> dict[str, Any]:
+def _type_record(injector_type: InjectorType, out: Path) -> dict[str, Any]:
     """Record of a type for ``--json``; `out` is its file."""
-    parts = [{"name": p.name, "source": p.source, "injectors": p.injectors} for p in found.parts]
+    parts = [{"name": p.name, "source": p.source, "injectors": p.injectors} for p in injector_type.parts]
     values = [
         {"name": p.name, "value": p.value, "spread": p.spread, "lower": p.lower, "upper": p.upper, "source": p.source}
-        for p in found.parameters
+        for p in injector_type.parameters
     ]
-    head = {"schema": 1, "kind": "type", "type": str(out), "name": found.name, "synthetic": found.synthetic}
-    fixed = [{"name": v.name, "value": v.value, "mark": v.mark, "source": v.source} for v in found.fixed]
+    head = {
+        "schema": 1,
+        "kind": "type",
+        "type": str(out),
+        "name": injector_type.name,
+        "synthetic": injector_type.synthetic,
+    }
+    fixed = [{"name": v.name, "value": v.value, "mark": v.mark, "source": v.source} for v in injector_type.fixed]
     return {**head, "parts": parts, "parameters": values, "fixed": fixed}
 
 
-def _print_type(found: InjectorType) -> None:
+def _print_type(injector_type: InjectorType) -> None:
     """Print the parameters of a type with their spreads."""
     from commonrail.physics.injector import parameter_quantities
 
-    if found.synthetic:
-        click.echo(f"SYNTHETIC: {found.synthetic}")
+    if injector_type.synthetic:
+        print_lines([f"SYNTHETIC: {injector_type.synthetic}"])
     units = {name: q.unit for name, q in parameter_quantities().items()}
-    rows = [[p.name, quantity(p.value, units[p.name]), quantity(p.spread, units[p.name])] for p in found.parameters]
-    rows += [[v.name, quantity(v.value, units[v.name]), "fixed"] for v in found.fixed]
-    print_rows(["parameter", "value", "spread"], rows, found.title, texts=1)
-    _print_quantities(found)
+    rows = [
+        [p.name, quantity(p.value, units[p.name]), quantity(p.spread, units[p.name])] for p in injector_type.parameters
+    ]
+    rows += [[v.name, quantity(v.value, units[v.name]), "fixed"] for v in injector_type.fixed]
+    print_rows(["parameter", "value", "spread"], rows, injector_type.title, texts=1)
+    _print_quantities(injector_type)
 
 
-def _print_quantities(found: InjectorType) -> None:
+def _print_quantities(injector_type: InjectorType) -> None:
     """Print what the spreads of a type mean in quantities, where its injector is known."""
     import numpy as np
 
     from commonrail.plugins.family.adapt import grid
     from commonrail.plugins.family.drawn import BAND, drawn_quantities
 
-    if found.injector is None:
+    if injector_type.injector is None:
         return
     points = [point for point in grid() if point.pulses[0].duration in CORNERS[1]]
     points = [point for point in points if point.initial_pressures()[0] in CORNERS[0]]
-    part = found.applied(found.injector)
+    part_injector = injector_type.applied(injector_type.injector)
     try:
-        drawn = drawn_quantities(found, part, points)
+        drawn = drawn_quantities(injector_type, part_injector, points)
     except SimulationError as error:
         say(str(error))
         return

@@ -1,4 +1,4 @@
-"""Anatomy of one injection: its course with delays, and a section of an injector that moves with it."""
+"""Anatomy of one injection: its course with delays, and an animated section of the injector."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Bars, Figure, Panel, Points, Series, points
-from commonrail.base.text import MISSING, fixed
+from commonrail.base.text import MISSING, to_fixed
 from commonrail.data.records import MICROSECOND, MM3, MM3_PER_MS
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.solution import Solution
@@ -25,8 +25,8 @@ from commonrail.report.figure import svg
 from commonrail.report.fit.rules import Tile
 from commonrail.report.html import render
 
-# Title, factor from SI, and the channels with their names and colours, those of the page with sliders, from the cause
-# to the effect.
+# Title, factor from SI, and the channels with their names and colours as on the page with sliders, from cause to
+# effect.
 _PANELS: tuple[tuple[str, float, dict[str, tuple[str, int]]], ...] = (
     ("current, A", 1.0, {"coil_current": ("current", 3)}),
     ("valve, µm", 1e6, {"valve_lift": ("valve lift", 2)}),
@@ -47,10 +47,10 @@ _PANELS: tuple[tuple[str, float, dict[str, tuple[str, int]]], ...] = (
 SCALES = {key: scale for _, scale, channels in _PANELS for key in channels}  # from SI to the unit that is shown
 _SHARES = {"pressure, MPa": 1.5, RATE: 1.5}
 _ROWS = ("energised", "opening", "closing")
-AFTER, LEAST = 0.08, 100e-6  # time shown after the end of all motion: share of what lies before, and at least [s]
-STILL = 0.01  # of the largest rate, lift or current: below, nothing is going on
+AFTER, LEAST = 0.08, 100e-6  # time shown after the end of all motion: share of the time before it, and at least [s]
+STILL = 0.01  # share of the largest rate, lift or current below which all motion has ended
 FRAMES = 400  # of the slow motion
-SECONDS = 8  # that the slow motion lasts
+SECONDS = 8  # duration of the slow motion
 NEEDLE_STROKE, VALVE_STROKE = 14.0, 8.0  # of the section, at the largest lift [px]
 
 
@@ -64,7 +64,7 @@ class Ramp(NamedTuple):
 
 
 def end_of_motion(solution: Solution, pulses: tuple[Energising, ...] = ()) -> float:
-    """Time at which an injection, its valve and its current have come to rest, with some time behind it [s]."""
+    """Time at which an injection, its valve and its current have come to rest, plus some time [s]."""
     ends = [pulse.start + pulse.duration for pulse in pulses]
     courses = [(solution.rate_time, solution.rate)]
     moving = {"valve_lift", "armature_lift", "needle_lift"} & set(solution.channels)
@@ -77,16 +77,17 @@ def end_of_motion(solution: Solution, pulses: tuple[Energising, ...] = ()) -> fl
 
 
 def _features(solution: Solution, point: OperatingPoint | None) -> Features:
-    """Features of a solution; none of a simulation that failed on its way."""
+    """Features of a solution; without injections if the simulation failed."""
     if not np.isfinite(solution.mass_rate).all():
         solution = replace(solution, mass_rate=np.zeros_like(solution.mass_rate))
     return find_features(solution, point)
 
 
 def _ramp(solution: Solution, injection: Injection) -> Ramp:
-    """Ramps of an injection of a solution, by its features; NaN where one is missing."""
-    shares, time, rate = FeatureSettings().ramp, solution.rate_time, solution.rate
-    opening, closing, peak = injection["opening"], injection["closing"], injection["peak_rate"]
+    """Ramps of an injection of a solution, from its features; NaN if one is missing."""
+    shares, peak = FeatureSettings().ramp, injection["peak_rate"]
+    time, rate = solution.rate_time, solution.rate
+    opening, closing = injection["opening"], injection["closing"]
     inside = (time >= opening) & (time <= closing)
     risen = time[inside & (rate > shares[0] * peak)]
     falling = time[inside & (rate > shares[1] * peak)]
@@ -107,8 +108,8 @@ def anatomy_figure(
 ) -> Figure:
     """Current, valve, pressures, needle and rate above one another, below a bar of energisings and delays.
 
-    Without an operating point the energising is unknown, and with it the delays. `shown` are rates (samples,) [m³/s]
-    as meters show them, by the meters' names. The course ends where all motion does.
+    Without an operating point energising and delays are unknown. `shown` are rates (samples,) [m³/s]
+    as meters show them, by meter. The course ends with all motion.
     """
     pulses = () if point is None else point.pulses
     end = end_of_motion(solution, pulses)
@@ -134,9 +135,9 @@ def anatomy_figure(
             panels.append(Panel(title, (*series, *lines), _SHARES.get(title, 1.0), has_legend=is_keyed))
     low, high = FeatureSettings().ramp
     caption = (
-        "Dotted: begin and end of energising and of injection. Bars: delay from the begin of energising to that of the "
-        f"rate, its rise from {100 * low:.0f} to {100 * high:.0f} % of the largest; delay from the end of energising "
-        "to that of the rate, its fall."
+        "Dotted: start and end of energising and of injection. Bars: opening delay, from the start of energising to "
+        f"the rate, its rise from {100 * low:.0f} to {100 * high:.0f} % of the largest; closing delay, from the end "
+        "of energising to the end of the rate, and its fall."
     )
     return Figure("Anatomy of the injection", caption, "time, µs", tuple(panels))
 
@@ -176,12 +177,16 @@ def anatomy_tiles(solution: Solution, point: OperatingPoint | None) -> list[Tile
     several = len(injections) > 1
 
     def time(name: str) -> str:
-        texts = [fixed(injection[name], 0, MICROSECOND) for injection in injections]
+        texts = [to_fixed(injection[name], 0, MICROSECOND) for injection in injections]
         return f"{' · '.join(texts)} µs" if texts and set(texts) != {MISSING} else MISSING
 
     largest = solution.channels["needle_lift"].max()
     return [
-        Tile("injected", f"{fixed(solution.injected_volume, 2, MM3)} mm³", f"{mg:.2f} mg{', all together' * several}"),
+        Tile(
+            "injected",
+            f"{to_fixed(solution.injected_volume, 2, MM3)} mm³",
+            f"{mg:.2f} mg{', all together' * several}",
+        ),
         Tile("opening delay", time("opening_delay"), f"of the rate, which rises within {time('rise_time')}"),
         Tile("closing delay", time("closing_delay"), f"falls within {time('fall_time')}"),
         Tile(
@@ -189,15 +194,15 @@ def anatomy_tiles(solution: Solution, point: OperatingPoint | None) -> list[Tile
             f"{np.nanmax(solution.rate) * MM3_PER_MS:.1f} mm³/ms",
             f"needle up to {largest * 1e6:.0f} µm",
         ),
-        Tile("returned", f"{fixed(solution.returned_volume, 2, MM3)} mm³", "with leakage"),
+        Tile("returned", f"{to_fixed(solution.returned_volume, 2, MM3)} mm³", "with leakage"),
     ]
 
 
 class Section:
-    """Section of an injector whose parts follow the frames of a slow motion; its template calls `move` and the others.
+    """Section of an injector whose parts follow the frames of a slow motion; called by its template.
 
-    The still shows the frame of the largest needle lift; each element says in its attributes what moves it, so that the
-    page's script does the same at other times.
+    The still shows the frame of the largest needle lift. The attributes of each element state what moves it, for the
+    script of the page.
     """
 
     def __init__(self, values: Mapping[str, Floats], is_moving: bool = True) -> None:
@@ -211,7 +216,7 @@ class Section:
         return float(self.values[name].max()) if name in self.values else 0.0
 
     def move(self, name: str, stroke: float, by: str = "") -> Markup:
-        """Attributes of a part that moves up by a stroke [px] at the largest lift of a course, or of the one `by`."""
+        """Attributes of a part that moves up by a stroke [px] at the largest lift of a course, or of `by`."""
         if name not in self.values:
             return Markup("")
         scale = -stroke / max(self.largest(by or name), 1e-9)
@@ -219,13 +224,13 @@ class Section:
         return Markup('data-move="{}" data-scale="{:.4g}" transform="translate(0 {:.2f})"').format(name, scale, shift)
 
     def fill(self, name: str) -> Markup:
-        """Attributes of a volume filled by its pressure; of one whose pressure is not simulated, as at no pressure."""
+        """Attributes of a volume filled by its pressure; zero pressure if its pressure is not simulated."""
         value = float(self.values[name][self.still]) if name in self.values else 0.0
         key = Markup('data-fill="{}" data-full="{:.4g}"').format(name, self.full) if name in self.values else ""
         return Markup('class="fuel" {} fill-opacity="{:.3f}"').format(key, 0.08 + 0.9 * max(value, 0.0) / self.full)
 
     def glow(self, name: str) -> Markup:
-        """Attributes of what is seen as far as a course is above zero: spray, energised coil."""
+        """Attributes of an element whose opacity follows a course above zero: spray, energised coil."""
         full = max(self.largest(name), 1e-9)
         value = max(float(self.values[name][self.still]), 0.0) / full
         return Markup('data-glow="{}" data-full="{:.4g}" opacity="{:.3f}"').format(name, full, value)
@@ -242,19 +247,19 @@ class Section:
 
     @property
     def slowed(self) -> int:
-        """Factor by which the motion shown is slower than the real one, with one digit."""
+        """Slow-motion factor, with one digit."""
         time = self.values["time"]
         return int(float(f"{SECONDS * 1e6 / (time[-1] - time[0]):.1g}"))
 
     @property
     def data(self) -> Markup:
-        """Frames for the page's script, as JSON."""
+        """Frames for the script of the page, as JSON."""
         frames = {name: [float(f"{v:.4g}") for v in values] for name, values in self.values.items()}
         record = {"seconds": SECONDS, "still": self.still, "frames": frames}
         return Markup(json.dumps(record, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
 
 
-def section_of(solution: Solution, pulses: tuple[Energising, ...]) -> Section:
+def make_section(solution: Solution, pulses: tuple[Energising, ...]) -> Section:
     """Section that follows a simulation until all motion has ended."""
     time = np.linspace(float(solution.time[0]), end_of_motion(solution, pulses), FRAMES)
     values = {"time": time * MICROSECOND}
@@ -271,12 +276,12 @@ def section_of(solution: Solution, pulses: tuple[Energising, ...]) -> Section:
 
 def still_section(solution: Solution, point: OperatingPoint | None = None) -> Markup:
     """Section at the largest needle lift, with its styles, for a notebook."""
-    section = section_of(solution, () if point is None else point.pulses)
+    section = make_section(solution, () if point is None else point.pulses)
     return Markup(render("still.html", __package__, section=section, strokes=(NEEDLE_STROKE, VALVE_STROKE)))
 
 
 def moving_section(channels: Iterable[str]) -> Markup:
-    """Section with its player, styles and script, for a page that simulates; its courses are shares of the largest."""
+    """Section with its player, styles and script, for a page that simulates; courses are shares of the maximum."""
     names = [*(SCALES.keys() & set(channels)), "rail_pressure", "rate", "plunger", "energised", "needle_lift"]
     section = Section({name: np.array([0.0, 1.0]) for name in ["time", *names]}, is_moving=False)
     strokes, scales = (NEEDLE_STROKE, VALVE_STROKE), json.dumps(SCALES)
@@ -290,7 +295,7 @@ def anatomy_html(
     shown: Mapping[str, Floats] = MappingProxyType({}),
     synthetic: str = "",
 ) -> str:
-    """Page of one injection; `synthetic` says what of it is made up or estimated."""
+    """Report of one injection; `synthetic` states what is made up or estimated."""
     figure = anatomy_figure(solution, point, shown)
     drawing = Markup('<div class="drawing" id="course">{}{}</div>').format(
         svg(figure, 700, 640, "wide"), svg(figure, 420, 620, "narrow")
@@ -305,6 +310,6 @@ def anatomy_html(
         tiles=anatomy_tiles(solution, point),
         statuses=[solution.sentence],
         synthetic=synthetic,
-        section=section_of(solution, pulses),
+        section=make_section(solution, pulses),
         strokes=(NEEDLE_STROKE, VALVE_STROKE),
     )

@@ -1,4 +1,4 @@
-"""Traces of a file whose features are found, one column for each shot; features as CSV and as JSON."""
+"""Read traces for features from a file, one column per shot; write features as CSV and as JSON."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from commonrail.data.records import MEASURED
 from commonrail.data.simulator import ITSELF, Simulator
 from commonrail.engine.operating_point import Energising
 from commonrail.plugins.features.rate_trace import RATE_UNITS, RateTrace, rate_trace
-from commonrail.plugins.features.result import Features, unit_of
+from commonrail.plugins.features.result import Features, feature_unit
 from commonrail.plugins.features.run import find_features
 from commonrail.plugins.features.settings import FeatureSettings
 from commonrail.plugins.features.shot_statistics import ShotStatistic
@@ -38,11 +38,11 @@ MOST_SHOTS = 500
 
 
 class RateColumns(NamedTuple):
-    """Columns of a file that hold rates, and what their samples are.
+    """Columns of a file that hold rates, and the meaning of their samples.
 
-    Without names every column whose header has a unit of a rate; units are those where the file gives none. `centred`:
-    a sample is the mean around its time, else over the interval that ends at it. Samples between two times of the
-    window [s] count.
+    Without names all columns with the unit of a rate count; units apply if the file gives none. `centred`:
+    a sample is the mean around its time, else over the interval that ends there. Only samples between the two times
+    of the window [s] count.
     """
 
     time: str = "time"
@@ -55,11 +55,11 @@ class RateColumns(NamedTuple):
 
 
 def read_rates(path: Path, columns: RateColumns, energisings: Sequence[Energising] = ()) -> dict[str, RateTrace]:
-    """Rates of a file by the names of their columns.
+    """Read rates from a file, by column name.
 
-    The energisings are those of every shot; where there is none, an energising time in the names of all columns is
-    taken, from time 0. InputError if the file has no rate, or no samples in the window, or a name states another
-    energising time.
+    The energisings apply to every shot; without any, an energising time in the names of all columns is used, from
+    time 0. `InputError` if the file has no rate, the window has no samples, or a name states another energising
+    time.
     """
     sheet = open_sheet(path, columns.form)
     names = columns.rates or _find_rate_columns(sheet)
@@ -69,7 +69,7 @@ def read_rates(path: Path, columns: RateColumns, energisings: Sequence[Energisin
     rates = [Column(name, tuple(RATE_UNITS), columns.rate_unit) for name in names]
     tables = take_each(sheet, time, rates)
     if len({table.units[name] for name, table in zip(names, tables, strict=True)}) > 1:
-        raise InputError(f"{path}: some rates are by mass and some by volume; name those of one kind.")
+        raise InputError(f"{path}: some rates are by mass and some by volume; choose columns of one kind.")
     energisings_by_name = _assign_energisings(path, names, tuple(energisings))
     traces = {}
     for name, table in zip(names, tables, strict=True):
@@ -83,7 +83,7 @@ def read_rates(path: Path, columns: RateColumns, energisings: Sequence[Energisin
 
 
 def are_repeated(names: Sequence[str]) -> bool:
-    """Return whether rates may be repeated shots: their names state no different operating points."""
+    """Return whether rates can be repeated shots: their names do not state different operating points."""
     return len({(point.rail_pressure, point.energising_time) for point in named_points(names)}) < 2
 
 
@@ -100,8 +100,8 @@ def _assign_energisings(
         elif len(energisings) > 1 or not math.isclose(energisings[0].duration, duration, rel_tol=1e-6):
             raise InputError(
                 f'{path}: the name of "{point.column}" states an energising time of {to_text(duration, "s")}, but '
-                f"{' and '.join(to_text(pulse.duration, 's') for pulse in energisings)} is given for all; state none, "
-                "and each rate has its own, or name only the rates that were measured with it."
+                f"{' and '.join(to_text(pulse.duration, 's') for pulse in energisings)} is given for all; state none "
+                "to use the names, or choose only the rates measured with it."
             )
     return by_name
 
@@ -132,7 +132,7 @@ def _within(bounds: Floats, window: tuple[float, float] | None, path: Path) -> I
 
 
 class ComparedFeatures(NamedTuple):
-    """Features of one data set, and of the simulation compared with it, whose levels are those of the measured ones."""
+    """Features of one data set, and of the simulation compared with it at the same levels."""
 
     name: str
     role: str
@@ -142,10 +142,10 @@ class ComparedFeatures(NamedTuple):
 
 
 def run_features(folder: Path, label: str = "best", settings: FeatureSettings | None = None) -> list[ComparedFeatures]:
-    """Features of all traces of a run folder: injection curves, and data sets of features that have a trace.
+    """Find features of all traces of a run folder: injection curves, and data sets of features with a trace.
 
-    `label` is that of the simulated model: "best", "start" or "rigid". The settings are of injection curves; a data set
-    of features keeps its own. `InputError` if the folder is no run folder, or has no trace with that label.
+    `label` names the simulated model: "best", "start" or "rigid". The settings apply to injection curves; data sets of
+    features keep their own. `InputError` if the folder is not a run folder, or has no trace with that label.
     """
     _, traces = read_run(folder)
     study, best = read_fit(folder)
@@ -162,7 +162,7 @@ def run_features(folder: Path, label: str = "best", settings: FeatureSettings | 
     if not compared:
         labels = sorted({name for trace in traces.values() for name in trace} - {MEASURED, TIME})
         raise InputError(
-            f'{folder}: there are no traces simulated as "{label}"'
+            f'{folder}: no traces are simulated as "{label}"'
             + (f"; there are {', '.join(labels)}." if labels else "; the run has no traces.")
         )
     return compared
@@ -176,9 +176,9 @@ def _compare(data: DataSet, curve: RateData, rate: Floats, settings: FeatureSett
 
 
 def write_features(path: Path, features: Mapping[str, Features]) -> None:
-    """Write a row for each injection of each trace, of features by the name of the trace; rates of one unit."""
+    """Write one row per injection of each trace, from features by trace name; all rates have one unit."""
     (unit,) = {features_of_trace.unit for features_of_trace in features.values()}
-    units = {name: field_unit(unit_of(name, unit)) for name in features_of_traces()}
+    units = {name: field_unit(feature_unit(name, unit)) for name in features_of_traces()}
     columns = (f"{name} [{shown.name}]" for name, shown in units.items())
     header = ["trace", "injection", "energising", *columns, "status"]
 
@@ -195,13 +195,13 @@ def write_features(path: Path, features: Mapping[str, Features]) -> None:
 
 
 def write_comparison(path: Path, compared: Sequence[ComparedFeatures]) -> None:
-    """Write a row for each feature of each injection: measured, simulated, and their difference."""
+    """Write one row per feature of each injection: measured, simulated, and their difference."""
 
     def rows() -> Iterator[list[str]]:
         for data_set in compared:
             for i in range(1, len(data_set.measured.energisings) + 1):
                 for name in features_of_traces():
-                    shown = field_unit(unit_of(name))
+                    shown = field_unit(feature_unit(name))
                     pair = data_set.measured.value(name, i), data_set.simulated.value(name, i)
                     texts = (_text(value, shown) for value in (*pair, pair[1] - pair[0]))
                     yield [data_set.name, str(i), name, shown.name, *texts]
@@ -214,7 +214,7 @@ def write_comparison(path: Path, compared: Sequence[ComparedFeatures]) -> None:
 
 
 def features_record(features: Mapping[str, Features], shots: Sequence[ShotStatistic]) -> dict[str, Any]:
-    """Record of the features of a file [SI] by the name of the trace, and of the shots over the traces."""
+    """Record of the features of a file [SI] by trace name, and of the shots over the traces."""
     return {
         "schema": 1,
         "kind": "features",

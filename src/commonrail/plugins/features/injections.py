@@ -1,4 +1,4 @@
-"""Injections of a trace: where each begins and ends in the averaged course, its instants, ramps and plateau."""
+"""Find the injections of a trace: start and end in the averaged course, instants, ramps and plateau."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from commonrail.engine.operating_point import Energising
 from commonrail.plugins.features.rate_trace import RateTrace
 from commonrail.plugins.features.settings import FeatureSettings, Levels
 
-# Division of a trace into injections: runs above the threshold with hysteresis, split where they fuse.
+# Division of a trace into injections: runs above the threshold with hysteresis, split where injections fuse.
 
-SAME = 1e-6  # of the averaging time, below which two knots are one
-DEEP = 6.0  # standard deviations by which the rate must fall for injections to be divided
+SAME = 1e-6  # share of the averaging time, below which two knots coincide
+DEEP = 6.0  # standard deviations by which the rate must fall to divide injections
 
 
 class Course(NamedTuple):
@@ -34,12 +34,12 @@ class Course(NamedTuple):
         return float(t0 + (level - r0) / (r1 - r0) * (t1 - t0))
 
     def rises(self, level: float, first: int, last: int) -> IndexArray:
-        """Knots between two after which the rate rises above a level."""
+        """Knots between two others after which the rate rises above a level."""
         rate = self.rate[first : last + 1]
         return first + np.flatnonzero((rate[:-1] <= level) & (rate[1:] > level))
 
     def falls(self, level: float, first: int, last: int) -> IndexArray:
-        """Knots between two after which the rate falls to a level or below."""
+        """Knots between two others after which the rate falls to a level or below."""
         rate = self.rate[first : last + 1]
         return first + np.flatnonzero((rate[:-1] > level) & (rate[1:] <= level))
 
@@ -64,7 +64,7 @@ def average(trace: RateTrace, width: float) -> Course:
 
 
 def find_segments(course: Course, levels: Levels, split: float) -> list[Segment]:
-    """Injections in the order of time.
+    """Find injections, in the order of time.
 
     `split`: share of the smaller neighbouring peak below which the rate must fall between two injections.
     """
@@ -80,7 +80,7 @@ def find_segments(course: Course, levels: Levels, split: float) -> list[Segment]
 
 
 def _split_segment(rate: Floats, segment: Segment, levels: Levels, split: float) -> Iterator[Segment]:
-    """The part, or those on both sides of its deepest valley, each divided further."""
+    """Yield the segment, or both sides of its deepest valley, divided further."""
     values = rate[segment.first : segment.last + 1]
     beside = np.minimum(np.maximum.accumulate(values), np.maximum.accumulate(values[::-1])[::-1])
     deep = (beside > levels.trigger) & (values < split * beside) & (beside - values > DEEP * levels.noise)
@@ -93,7 +93,7 @@ def _split_segment(rate: Floats, segment: Segment, levels: Levels, split: float)
     yield from _split_segment(rate, segment._replace(first=valley, fused_before=True), levels, split)
 
 
-# Reasons for which a feature of a trace has no number, each with a sentence that says what to do.
+# Reasons for missing features of a trace, each with a sentence that says what to do.
 
 
 class FeatureStatus(StrEnum):
@@ -135,22 +135,22 @@ _SENTENCES = {
 
 
 PLATEAU = 0.5  # share of the duration near the largest rate above which an injection has a steady rate
-ROUNDS = 3  # of slope and averaging about an instant: the slope of a first, wide mean is too small at the foot
+ROUNDS = 3  # of slope and averaging near an instant: the slope of the first, wide mean is too small at the foot
 # A mean over w is off by w²/24 of the second derivative: 4/24 of the second difference over w/2, which reaches less far
 # beyond the mean than one over w.
 BEND = 4.0 / 24.0
-MIDDLE = 0.25  # share that is left out at either end of the plateau
+MIDDLE = 0.25  # share omitted at both ends of the plateau
 
 
 class Instant(NamedTuple):
-    """Time at which the rate passes the threshold and its standard error [s], NaN where it does not."""
+    """Time at which the rate passes the threshold and its standard error [s]; NaN if it does not."""
 
     time: float = math.nan
     error: float = math.nan
 
 
 class Instants(NamedTuple):
-    """Opening and closing, and the times [s] that are used for them where neighbours divide."""
+    """Opening and closing, and the times [s] that replace them where neighbours divide."""
 
     opening: Instant
     closing: Instant
@@ -159,7 +159,7 @@ class Instants(NamedTuple):
 
 
 def find_instants(trace: RateTrace, course: Course, segment: Segment, levels: Levels) -> Instants:
-    """Last rise above the threshold before the trigger, and first fall below it after the trigger."""
+    """Find the last rise above the threshold before the trigger, and the first fall below it after the trigger."""
     rate = course.rate[segment.first : segment.last + 1]
     high = segment.first + np.flatnonzero(rate > levels.trigger)
     rises = course.rises(levels.threshold, segment.first, int(high[0]))
@@ -176,15 +176,16 @@ def find_instants(trace: RateTrace, course: Course, segment: Segment, levels: Le
 
 
 def _passing(trace: RateTrace, time: float, sign: int, margin: float, levels: Levels) -> Instant:
-    """Passing of the threshold, with an averaging that stays on the straight part of the ramp.
+    """Find a passing of the threshold with an averaging that stays on the straight part of the ramp.
 
-    A mean over more than twice the distance to the foot of the ramp, or to its top, would move the passing. The slope
+    A mean over more than twice the distance to the foot or the top of the ramp would move the passing. The slope
     between the passing and a mean within the injection gives that distance.
 
     `time`: passing of the rate averaged over `levels.width` [s]. `sign`: 1 for a rise, -1 for a fall. `margin`: from
     the threshold to zero or to the largest rate, whichever is nearer [m³/s or kg/s].
     """
-    first, level, narrowest = time, levels.threshold, max(levels.narrowest, trace.interval)
+    first, level = time, levels.threshold
+    narrowest = max(levels.narrowest, trace.interval)
     width = max(levels.width, trace.interval)
     inner = width = max(width, narrowest)
     slope = 0.0
@@ -202,13 +203,13 @@ def _passing(trace: RateTrace, time: float, sign: int, margin: float, levels: Le
 
 
 def second_difference(trace: RateTrace, time: float, width: float) -> float:
-    """Difference of a mean over a width [s] about a time [s] from the rate there, by its second difference."""
+    """Difference between the mean over a width [s] around a time [s] and the rate there, from its second difference."""
     before, here, after = trace.means([time - 0.5 * width, time, time + 0.5 * width], 0.5 * width)
     return abs(float(before - 2.0 * here + after)) * BEND
 
 
 def _nearest_passing(trace: RateTrace, time: float, sign: int, width: float, levels: Levels) -> float:
-    """Passing of the rate averaged over a width that is nearest to a time [s]; the time itself where there is none."""
+    """Find the passing of the averaged rate nearest to a time [s]; without one return the time itself."""
     reach = levels.width + trace.interval
     inside = (trace.bounds > time - reach - width) & (trace.bounds < time + reach + width)
     knots = np.unique(np.concatenate([trace.bounds[inside] - 0.5 * width, trace.bounds[inside] + 0.5 * width]))
@@ -219,7 +220,7 @@ def _nearest_passing(trace: RateTrace, time: float, sign: int, width: float, lev
 
 
 class Ramps(NamedTuple):
-    """Times of the opening and of the closing ramp, and instants between which the rate is above both shares [s]."""
+    """Times of the opening and closing ramps, and instants between which the rate is above both shares [s]."""
 
     rise: float
     fall: float
@@ -229,13 +230,13 @@ class Ramps(NamedTuple):
 
 @dataclass(frozen=True)
 class TracedInjection:
-    """One injection of a trace, with what its features follow from.
+    """One injection of a trace, with all data that its features need.
 
     Attributes
     ----------
     trace : RateTrace
     course : Course
-        The trace averaged.
+        The averaged trace.
     segment : Segment
         The injection in the course.
     levels : Levels
@@ -245,9 +246,9 @@ class TracedInjection:
     window : (float, float)
         Times between which its quantity counts [s].
     windows : tuple of (float, float)
-        Those of all injections after its energising; its own where that is unknown, none of a reopening.
+        The windows of all injections after its energising; its own if that is unknown, empty for a reopening.
     pulse : Energising or None
-        None where it is unknown, and for a reopening.
+        None if it is unknown, and for a reopening.
     before : Instant
         Closing of the previous injection.
     """
@@ -266,7 +267,8 @@ class TracedInjection:
     @cached_property
     def peak(self) -> float:
         """Largest mean over the peak averaging within the injection [m³/s or kg/s]."""
-        trace, course, segment, at = self.trace, self.course, self.segment, self.at
+        trace, course = self.trace, self.course
+        segment, at = self.segment, self.at
         width = max(float(self.settings.peak_averaging), trace.interval)
         low = at.begin + (0.5 * width if segment.fused_before else 0.0)
         high = at.end - (0.5 * width if segment.fused_after else 0.0)
@@ -277,7 +279,7 @@ class TracedInjection:
 
     @cached_property
     def ramps(self) -> Ramps:
-        """Ramps between the shares of the largest rate that the settings name; NaN where there is none."""
+        """Ramps between the shares of the largest rate in the settings; NaN if one is missing."""
         course, segment = self.course, self.segment
         low, high = (share * self.peak for share in self.settings.ramp)
         rises = course.rises(high, segment.first, segment.last)
@@ -292,7 +294,7 @@ class TracedInjection:
 
     @cached_property
     def steady(self) -> float:
-        """Mean of the middle half of the plateau [m³/s or kg/s]; NaN where the plateau is too short."""
+        """Mean of the middle half of the plateau [m³/s or kg/s]; NaN if the plateau is too short."""
         begin, end = self.ramps.begin, self.ramps.end
         if not end - begin > PLATEAU * (self.at.end - self.at.begin):
             return math.nan
@@ -302,7 +304,7 @@ class TracedInjection:
 
     @property
     def statuses(self) -> tuple[FeatureStatus, ...]:
-        """Reasons for which features of the injection itself are missing."""
+        """Reasons for missing features of the injection."""
         no_opening, no_closing = math.isnan(self.at.opening.time), math.isnan(self.at.closing.time)
         segment = self.segment
         reasons = {

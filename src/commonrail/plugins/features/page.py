@@ -1,15 +1,15 @@
-"""Features of traces as tables: of one trace, of repeated shots, and of measured beside simulated ones."""
+"""Tables of features: of one trace, of repeated shots, and of measured and simulated traces."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
 
-from commonrail.base.table import Column, Part, Table, table_of, tabulated
-from commonrail.base.text import MISSING, field_unit, listed, quantity
+from commonrail.base.table import Column, Part, Table, table_from_columns, table_from_parts
+from commonrail.base.text import MISSING, field_unit, join_words, quantity
 from commonrail.plugins.features.file import ComparedFeatures
 from commonrail.plugins.features.rate_trace import RATE_UNITS
-from commonrail.plugins.features.result import Features, Injection, decimals_of, unit_of
+from commonrail.plugins.features.result import Features, Injection, choose_decimals, feature_unit
 from commonrail.plugins.features.shot_statistics import ShotStatistic
 from commonrail.plugins.features.table import features_of_traces
 
@@ -17,11 +17,11 @@ Row = tuple[str, int]  # feature and number of the injection
 
 
 def feature_table(name: str, features: Features) -> Table:
-    """Features of one trace, a column for each injection."""
+    """Features of one trace, one column per injection."""
     numbers, names = _numbers([features]), features_of_traces()
 
     def cell(feature: str, number: int) -> str:
-        injection, unit = features.of(number), unit_of(feature, features.unit)
+        injection, unit = features.of(number), feature_unit(feature, features.unit)
         text = _text(features.value(feature, number), unit)
         error = math.nan if injection is None else injection.standard_errors.get(feature, math.nan)
         return f"{text} ± {_text(error, unit)}" if error > 0.0 and text != MISSING else text
@@ -32,11 +32,11 @@ def feature_table(name: str, features: Features) -> Table:
     )
     shown = [(name, 0) for name in names if any(math.isfinite(features.value(name, i)) for i in numbers)]
     note = "± one standard error if the noise is independent from sample to sample." if features.noise > 0.0 else ""
-    return table_of(f"Features of {name}", shown, parts, note, 2)
+    return table_from_parts(f"Features of {name}", shown, parts, note, 2)
 
 
 def feature_sentences(name: str, features: Features) -> Iterator[str]:
-    """Threshold and averaging, and what is missing for which reason."""
+    """Threshold and averaging, and the reasons for missing features."""
     noise = f", noise of a sample {quantity(features.noise, features.unit, 2)}" if features.noise > 0.0 else ""
     yield (
         f"{name}: threshold {quantity(features.levels.threshold, features.unit, 3)}, averaged over "
@@ -45,14 +45,14 @@ def feature_sentences(name: str, features: Features) -> Iterator[str]:
     if not features.injections:
         yield f"{name}: {features.status.value}. {features.status.sentence}"
     elif features.silent:
-        yield f"{name}: no injection after energising {listed([str(i) for i in features.silent])}."
+        yield f"{name}: no injection after energising {join_words([str(i) for i in features.silent])}."
     for number, injection in enumerate(features.injections, start=1):
         for status in injection.statuses:
             yield f"{name}, {_which(injection, number, features)}: {status.value}. {status.sentence}"
 
 
 def _which(injection: Injection, number: int, features: Features) -> str:
-    """Injection in words; one without an energising by its instant and quantity."""
+    """Name an injection; without an energising by its instant and quantity."""
     if injection.energising or not features.energisings:
         return f"injection {injection.energising or number}"
     unit = RATE_UNITS[features.unit]
@@ -79,9 +79,9 @@ def shot_table(statistics: Sequence[ShotStatistic], shots: int) -> Table:
     ]
     note = (
         "Scatter: standard deviation of one shot. Intervals by Student's t and by chi-squared. Apart: shots beyond 3.5 "
-        "standard deviations by medians; they count in the other columns."
+        "robust standard deviations; they count in the other columns."
     )
-    return tabulated(f"Features of {shots} shots", statistics, columns, note, 2)
+    return table_from_columns(f"Features of {shots} shots", statistics, columns, note, 2)
 
 
 def comparison_table(pair: ComparedFeatures) -> Table:
@@ -92,7 +92,7 @@ def comparison_table(pair: ComparedFeatures) -> Table:
     word = "synthetic" if pair.synthetic else "measured"
 
     def cells(row: Row) -> Iterator[str]:
-        unit = unit_of(row[0], pair.measured.unit)
+        unit = feature_unit(row[0], pair.measured.unit)
         measured, simulated = pair.measured.value(*row), pair.simulated.value(*row)
         yield from (_text(value, unit) for value in (measured, simulated))
         yield _text(simulated - measured, unit, sign=True)
@@ -102,11 +102,11 @@ def comparison_table(pair: ComparedFeatures) -> Table:
         Part(("injection",), lambda row: (str(row[1]),)),
         Part((word, "simulated", "difference"), cells),
     )
-    return table_of(f"Features of {pair.name} ({pair.role})", rows, parts, "", 2)
+    return table_from_parts(f"Features of {pair.name} ({pair.role})", rows, parts, "", 2)
 
 
 def _head(unit: str) -> Part:
-    return Part(("feature", "unit"), lambda row: (row[0], field_unit(unit_of(row[0], unit)).text))
+    return Part(("feature", "unit"), lambda row: (row[0], field_unit(feature_unit(row[0], unit)).text))
 
 
 def _numbers(features: Sequence[Features]) -> list[int]:
@@ -114,9 +114,9 @@ def _numbers(features: Sequence[Features]) -> list[int]:
 
 
 def _text(value: float, unit: str, more: int = 0, *, sign: bool = False) -> str:
-    """Number in the unit that is shown, with `more` decimals than usual."""
+    """Number in the unit shown, with `more` decimals than usual."""
     if not math.isfinite(value):
         return MISSING
-    text = f"{abs(value * field_unit(unit).factor):.{decimals_of(unit) + more}f}"
+    text = f"{abs(value * field_unit(unit).factor):.{choose_decimals(unit) + more}f}"
     negative = value < 0.0 and float(text) != 0.0
     return f"{'−' if negative else '+' if sign and float(text) else ''}{text}"

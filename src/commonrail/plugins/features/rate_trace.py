@@ -1,4 +1,4 @@
-"""Rate of injection as means between bounds in time, whatever it comes from."""
+"""Injection rate as means between bounds in time, from any source."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FEWEST_AT_REST = 20  # samples before the first energising from which noise is e
 
 @dataclass(frozen=True, eq=False)
 class RateTrace:
-    """Rate of injection, sample by sample.
+    """Injection rate, sample by sample.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class RateTrace:
     unit : str
         "m3/s" or "kg/s".
     energisings : tuple of Energising
-        In order; empty if unknown, delays are then not known either.
+        In order; empty if unknown, which leaves delays unknown too.
 
     Raises
     ------
@@ -74,7 +74,7 @@ class RateTrace:
         return np.concatenate(([0.0], np.cumsum(self.rate * np.diff(self.bounds))))
 
     def quantity(self, begin: float, end: float) -> float:
-        """Quantity injected between two times [s]; nothing is injected before the first and after the last bound."""
+        """Quantity injected between two times [s]; the rate is zero before the first and after the last bound."""
         return float(np.diff(np.interp([begin, end], self.bounds, self.cumulated))[0])
 
     def means(self, time: ArrayLike, width: float) -> Floats:
@@ -89,14 +89,14 @@ class RateTrace:
 
     @cached_property
     def at_rest(self) -> Floats:
-        """Samples that end before the first energising; none if it is unknown."""
+        """Samples that end before the first energising; empty if it is unknown."""
         if not self.energisings:
             return np.empty(0)
         return self.rate[self.bounds[1:] <= self.energisings[0].start]
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation of a sample: from second differences, and from the samples at rest if there are some.
+        """Standard deviation of a sample: from second differences, and from the samples at rest if there are enough.
 
         A smooth course has hardly any second difference; slow noise shows at rest only. The larger one counts. Both are
         medians, which an injection before the stated energisings hardly changes.
@@ -106,15 +106,15 @@ class RateTrace:
 
 
 def spread(values: Floats) -> float:
-    """Standard deviation by the median distance from the median, which outliers hardly change."""
+    """Robust standard deviation, from the median distance from the median."""
     return float(np.median(np.abs(values - np.median(values))) / NORMAL)
 
 
 def rate_trace(source: Any, energisings: OperatingPoint | Sequence[Energising] | None = None) -> RateTrace:
-    """Rate of injection from anything that has one.
+    """Take the injection rate from a source that has one.
 
-    Of a `Trace` each sample is taken as the mean over the interval around its time [m³/s]. Energisings are those of
-    the source by default. Raises `ConfigurationError` if the source has no rate.
+    A sample of a `Trace` is the mean over the interval around its time [m³/s]. Energisings default to those in
+    the source. `ConfigurationError` if the source has no rate.
     """
     pulses = energisings.pulses if isinstance(energisings, OperatingPoint) else energisings
     pulses = None if pulses is None else instances(pulses, Energising, "energisings")
@@ -131,6 +131,6 @@ def rate_trace(source: Any, energisings: OperatingPoint | Sequence[Energising] |
     if isinstance(point, OperatingPoint) and hasattr(source, "bounds") and hasattr(source, "rate"):
         return RateTrace(source.bounds, source.rate, energisings=tuple(point.pulses if pulses is None else pulses))
     raise ConfigurationError(
-        "Features are found in a rate of injection: a RateTrace, what commonrail.simulate returns, a Trace or a "
+        "Features need an injection rate: a RateTrace, the result of commonrail.simulate, a Trace or a "
         f"RateData, not {shown(source)}."
     )

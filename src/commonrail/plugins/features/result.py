@@ -1,4 +1,4 @@
-"""Features of a trace as they were found: values, reasons, levels; units in which they are shown."""
+"""Features of a trace: values, reasons, levels, and units for display."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from commonrail.plugins.features.table import check_name, features_of_traces, fi
 _DECIMALS = {"s": 1, "m3/s": 2, "kg/s": 2}
 
 
-def decimals_of(unit: str) -> int:
-    """Decimals with which a feature of an SI unit is shown in its `field_unit`."""
+def choose_decimals(unit: str) -> int:
+    """Decimals of a feature of an SI unit, in its `field_unit`."""
     return _DECIMALS.get(unit, 3)
 
 
@@ -29,11 +29,11 @@ class Injection:
     Attributes
     ----------
     values : mapping of str to float
-        By feature [SI]; NaN where there is none, and `statuses` say why.
+        By feature [SI]; NaN if missing, with the reason in `statuses`.
     standard_errors : mapping of str to float
-        By feature [SI], as far as the noise of the trace gives them.
+        By feature [SI], as far as the noise of the trace determines them.
     statuses : tuple of FeatureStatus
-        Empty if all features were found.
+        Empty if no feature is missing.
     energising : int or None
         Number of its energising, from 1; None if unknown.
     """
@@ -44,11 +44,11 @@ class Injection:
     energising: int | None = None
 
     def __getitem__(self, name: str) -> float:
-        """Value of a feature [SI]; `ConfigurationError` for a name that is none."""
+        """Value of a feature [SI]; `ConfigurationError` for an unknown name."""
         return self.values[check_name(name, self.values)]
 
     def record(self) -> dict[str, Any]:
-        """JSON-able form [SI]; null where there is no number."""
+        """JSON-able form [SI]; null for a missing number."""
         return {
             "energising": self.energising,
             "statuses": [status.value for status in self.statuses],
@@ -67,17 +67,17 @@ class Features:
     injections : tuple of Injection
         In the order of time.
     status : FeatureStatus
-        OK if there are injections, or the reason for which there is none.
+        OK with injections, else the reason for their absence.
     quantity : float
         Sum over the whole trace [m³ or kg].
     noise : float
-        Standard deviation of one sample [m³/s or kg/s].
+        Standard deviation of a sample [m³/s or kg/s].
     levels : Levels
-        Threshold and averaging that were applied.
+        Applied threshold and averaging.
     unit : str
         Of rates, "m3/s" or "kg/s".
     energisings : tuple of Energising
-        Those of the trace.
+        In order; empty if unknown.
     """
 
     injections: tuple[Injection, ...]
@@ -89,13 +89,13 @@ class Features:
     energisings: tuple[Energising, ...]
 
     def of(self, injection: int) -> Injection | None:
-        """Injection of an energising, or by order where energisings are unknown, from 1; None if there is none."""
+        """Injection of an energising, from 1, or by order if energisings are unknown; None if absent."""
         if self.energisings:
             return next((candidate for candidate in self.injections if candidate.energising == injection), None)
         return self.injections[injection - 1] if 0 < injection <= len(self.injections) else None
 
     def value(self, name: str, injection: int = 1) -> float:
-        """Feature of one injection [SI]; NaN where there is none.
+        """Feature of one injection [SI]; NaN if missing.
 
         Parameters
         ----------
@@ -107,7 +107,7 @@ class Features:
         return math.nan if match is None else match.values.get(name, math.nan)
 
     def reason(self, injection: int = 1) -> FeatureStatus:
-        """Status that explains a missing feature of one injection, numbered as for `of`."""
+        """Status that explains a missing feature of one injection, numbered as in `of`."""
         match = self.of(injection)
         if match is None:
             return FeatureStatus.NO_INJECTION if self.injections else self.status
@@ -119,7 +119,7 @@ class Features:
         return tuple(i for i in range(1, len(self.energisings) + 1) if self.of(i) is None)
 
     def record(self) -> dict[str, Any]:
-        """JSON-able form [SI]; null where there is no number."""
+        """JSON-able form [SI]; null for a missing number."""
         return {
             "status": self.status.value,
             "message": self.status.sentence,
@@ -134,7 +134,7 @@ class Features:
         }
 
 
-def unit_of(name: str, unit: str = "m3/s") -> str:
+def feature_unit(name: str, unit: str = "m3/s") -> str:
     """SI unit of a feature of a trace whose rate has a unit."""
     by_volume = find_feature(name).unit
     return {"m3/s": unit, "m3": RATE_UNITS[unit]}.get(by_volume, by_volume)

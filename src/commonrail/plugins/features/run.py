@@ -1,4 +1,4 @@
-"""Features of a rate of injection: one function for measured and simulated traces."""
+"""Find features of an injection rate: one function for measured and simulated traces."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ def find_features(
     settings: FeatureSettings | None = None,
     levels: Levels | None = None,
 ) -> Features:
-    """Features of a rate of injection, measured or simulated.
+    """Find features of an injection rate, measured or simulated.
 
     Parameters
     ----------
     source : RateTrace, Solution, Trace or RateData
-        Rate of injection.
+        Injection rate.
     energisings : OperatingPoint or sequence of Energising, optional
-        Those of the source if it has some. Delays need them.
+        By default from the source. Delays need them.
     settings : FeatureSettings, optional
     levels : Levels, optional
-        Those of another trace, to judge both alike; by default they follow from the settings and this trace.
+        From another trace, to judge both by the same; by default from the settings and this trace.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def find_features(
     if settings.zero_at_rest:
         if not len(trace.at_rest):
             raise ConfigurationError(
-                "The rate has no sample before the first energising, so that its zero is unknown; give a longer trace "
+                "The rate has no sample before the first energising, and its zero is unknown; give a longer trace "
                 "and its energisings, or omit zero_at_rest."
             )
         trace = trace.with_rate(trace.rate - float(np.mean(trace.at_rest)))
@@ -91,7 +91,7 @@ def _injections(trace: RateTrace, levels: Levels, settings: FeatureSettings) -> 
         return []
     instants = [find_instants(trace, course, segment, levels) for segment in parts]
     windows = list(_windows(trace, instants, parts, float(settings.tail)))
-    # number of the last energising that starts at least a delay before the opening
+    # number of the last energising that starts at least the least delay before the opening
     starts = [pulse.start + float(settings.least_delay) for pulse in trace.energisings]
     numbers = [sum(start <= at.begin for start in starts) or None for at in instants]
     before = [Instant(), *(at.closing for at in instants[:-1])]
@@ -121,7 +121,7 @@ def _windows(
 
 
 def _injection(traced: TracedInjection, number: int | None, *, again: bool) -> Injection:
-    """Injection with all features of the table; `number` is that of its energising, `again` tells a reopening."""
+    """Injection with all features of the table; `number` counts energisings, `again` marks a reopening."""
     estimates = {name: f.of_trace(traced) for name, f in features_of_traces().items() if f.of_trace}
     errors = {name: estimate.error for name, estimate in estimates.items() if estimate.error is not None}
     statuses = traced.statuses

@@ -1,4 +1,4 @@
-"""Thresholds and averaging with which features are found, as stated and as they apply to one trace."""
+"""Thresholds and averaging for features, as stated and as applied to one trace."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from commonrail.plugins.features.rate_trace import RateTrace, spread
 
 AVERAGINGS = Limits(1e-9, 1e-3, (1e-6, 1e-3), ("us",))  # [s]
 TIMES = Limits(0.0, 0.1, (1e-6, 0.1), ("us", "ms"))  # [s]
-LONGEST = 25e-6  # to which a noisy trace is averaged by itself [s]
-QUIET = 2e-4  # standard deviation of the averaged rate that is aimed at for dividing a trace, as a share of the largest
-CLEAR = 4.0  # standard deviations of the averaged rate within the hysteresis
-SEEN = 8.0  # standard deviations above which a largest rate is no noise
+LONGEST = 25e-6  # automatic averaging of a noisy trace, at most [s]
+QUIET = 2e-4  # target standard deviation of the averaged rate when a trace is divided, as a share of the largest rate
+CLEAR = 4.0  # standard deviations of the averaged rate that must fit into the hysteresis
+SEEN = 8.0  # standard deviations above which a largest rate is not noise
 LEAST = {"m3/s": 1e-7, "kg/s": 1e-4}  # largest rate below which nothing is injected: 0.1 mm³/ms, 0.1 mg/ms
 
 
@@ -31,7 +31,7 @@ class Threshold(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """Rates [m³/s or kg/s] and times [s] as they apply to a trace, so that others can be judged alike."""
+    """Rates [m³/s or kg/s] and times [s] applied to a trace, reusable for other traces."""
 
     threshold: float  # rate at which an injection opens and closes
     trigger: float  # rate that an injection must exceed
@@ -54,17 +54,17 @@ class FeatureSettings:
         Share of the threshold by which the rate must rise above it for an injection to count, and fall below it for
         the next to begin.
     split : float
-        Share of the smaller neighbouring peak below which the rate must fall for injections to be divided.
+        Share of the smaller neighbouring peak below which the rate must fall to divide injections.
     ramp : (float, float)
         Shares of the largest rate between which ramps are timed.
     averaging : float or str, optional
-        Time over which the rate is averaged [s]; by default one sample, and up to 25 us where there is noise, about
+        Time over which the rate is averaged [s]; by default one sample, with noise up to 25 us, near
         openings and closings at most twice the time to the foot or the top of the ramp.
     peak_averaging : float or str
-        Time over which the largest rate is a mean [s].
+        Averaging time of the largest rate [s].
     tail : float or str
-        Time before opening and after closing that counts for quantity and dribble [s]; half the distance to the next
-        injection at most.
+        Time before opening and after closing that counts for quantity and dribble [s], at most half the distance to
+        the next injection.
     least_delay : float or str
         Shortest time from the start of an energising to its injection [s].
     zero_at_rest : bool
@@ -73,7 +73,7 @@ class FeatureSettings:
     Raises
     ------
     ConfigurationError
-        If a value cannot be read or makes no sense.
+        If a value cannot be read or is out of range.
     """
 
     threshold: Threshold | Quantity = 0.1
@@ -108,9 +108,9 @@ class FeatureSettings:
 
 
 def resolve_levels(trace: RateTrace, settings: FeatureSettings) -> Levels:
-    """Rates and averaging as they apply to a trace; the threshold is NaN where nothing is injected.
+    """Compute the rates and averaging for a trace; the threshold is NaN without an injection.
 
-    Raises `ConfigurationError` if the threshold is a rate by mass and the trace one by volume, or the other way round.
+    `ConfigurationError` if the threshold is a rate by mass and the trace one by volume, or vice versa.
     """
     noise, wide = trace.noise, max(float(settings.peak_averaging), trace.interval)
     largest = float(trace.means(trace.bounds, wide).max())
@@ -142,7 +142,7 @@ def _averaging_width(trace: RateTrace, settings: FeatureSettings, noise: float, 
 
 
 def _noise_of_average(trace: RateTrace, width: float, noise: float) -> float:
-    """Standard deviation of the rate averaged over a width: as of white noise, or more where it is seen at rest."""
+    """Standard deviation of the averaged rate: white noise, or more if the samples at rest show it."""
     white = noise / math.sqrt(max(width / trace.interval, 1.0))
     count = len(trace.at_rest)
     middles = trace.bounds[: count + 1]

@@ -1,4 +1,4 @@
-"""Statistics of features over repeated shots: mean, scatter, their intervals, and shots that stand apart."""
+"""Statistics of features over repeated shots: mean, scatter, their intervals, and outliers."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.base.text import number as plain
 from commonrail.base.text import numbers
 from commonrail.plugins.features.rate_trace import spread
-from commonrail.plugins.features.result import Features, unit_of
+from commonrail.plugins.features.result import Features, feature_unit
 from commonrail.plugins.features.table import features_of_traces
 
-APART = 3.5  # standard deviations by medians from the median, beyond which a shot stands apart
+APART = 3.5  # robust standard deviations from the median, beyond which a shot is an outlier
 FEWEST_TO_JUDGE = 5  # shots
 
 Interval = tuple[float, float]
@@ -33,13 +33,13 @@ class ShotStatistic:
     injection : int
         Number of the injection, see `Features.of`.
     count, missing : int
-        Shots with the feature, and without it.
+        Shots with the feature, and shots without it.
     mean, deviation : float
-        Of the shots with the feature; the deviation is NaN for a single one.
+        Of the shots with the feature; the deviation of a single shot is NaN.
     mean_interval, deviation_interval : (float, float)
-        By Student's t and by chi-squared, for values that scatter normally.
+        By Student's t and by chi-squared, for normal scatter.
     outliers : tuple of int
-        Shots, from 1, beyond 3.5 standard deviations by medians. They count in all other figures.
+        Shots, from 1, beyond 3.5 robust standard deviations. They count in all other figures.
     """
 
     name: str
@@ -54,7 +54,7 @@ class ShotStatistic:
     outliers: tuple[int, ...]
 
     def record(self) -> dict[str, Any]:
-        """JSON-able form [SI]; null where there is no number."""
+        """JSON-able form [SI]; null for a missing number."""
         return {
             "feature": self.name,
             **{key: getattr(self, key) for key in ("unit", "injection", "count", "missing")},
@@ -67,19 +67,19 @@ class ShotStatistic:
 
 
 def shot_statistics(shots: Sequence[Features], level: float = 0.95) -> tuple[ShotStatistic, ...]:
-    """Statistics of every feature of every injection that at least one shot has.
+    """Compute statistics of every feature of every injection that at least one shot has.
 
     Parameters
     ----------
     shots : sequence of Features
-        Of repeated shots at one operating point.
+        Repeated shots at one operating point.
     level : float
         Probability of the intervals.
 
     Raises
     ------
     ConfigurationError
-        If there is no shot, their units differ, or the level is no probability.
+        If there are no shots, their units differ, or the level is not a probability.
     """
     shots = instances(shots, Features, "shots")
     if not shots or len({shot.unit for shot in shots}) > 1:
@@ -93,7 +93,7 @@ def shot_statistics(shots: Sequence[Features], level: float = 0.95) -> tuple[Sho
 def _statistic(name: str, shots: Sequence[Features], injection: int, level: float) -> ShotStatistic:
     values = np.array([shot.value(name, injection) for shot in shots])
     finite = values[np.isfinite(values)]
-    count, unit = len(finite), unit_of(name, shots[0].unit)
+    count, unit = len(finite), feature_unit(name, shots[0].unit)
     mean = float(np.mean(finite)) if count else math.nan
     deviation = float(np.std(finite, ddof=1)) if count > 1 else math.nan
     about_mean, about_deviation = _intervals(mean, deviation, count, level)

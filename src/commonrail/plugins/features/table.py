@@ -1,6 +1,6 @@
-"""The features of an injection: name, unit, meaning, and how each follows from a trace and from a simulation.
+"""Table of features: name, unit, meaning, and how each follows from a trace and from a simulation.
 
-A feature is added here, in a function and an entry of `FEATURES`, or by an installed package with an entry point of the
+To add a feature, write a function and an entry of `FEATURES`, or install a package with an entry point of the
 group "features" whose object is a `Feature` of the entry point's name.
 """
 
@@ -24,12 +24,12 @@ from commonrail.engine.operating_point import OperatingPoint
 from commonrail.engine.solution import Batch
 from commonrail.plugins.features.injections import Instant, TracedInjection, second_difference
 
-STEADY_PART = 0.2  # last part of the longest energising whose mean rate is the steady rate of a simulation
-SHIFT = 1e-3  # flow added to a rate to make a sum of absolute errors linear [m³/s]; some ten times any injector's
+STEADY_PART = 0.2  # last part of the longest energising, for the steady rate of a simulation
+SHIFT = 1e-3  # flow added to a rate to make a sum of absolute errors linear [m³/s]; about ten times any injector's
 
 
 class Estimate(NamedTuple):
-    """Value of a feature, NaN where there is none, and its standard error by the noise; None where none is known."""
+    """Value of a feature, NaN if missing, and its standard error from the noise; None if unknown."""
 
     value: float
     error: float | None = None
@@ -42,16 +42,16 @@ class Feature(NamedTuple):
     ----------
     name, meaning : str
     unit : str
-        SI unit, by volume: in a trace by mass "m3" stands for "kg".
+        SI unit, by volume; a trace by mass has "kg" in place of "m3".
     of_trace : function of TracedInjection, optional
-        `Estimate` in a measured or simulated rate of injection; None for what no rate shows.
+        `Estimate` from a measured or simulated rate; None if a rate does not show it.
     of_simulation : function of Batch and OperatingPoint, optional
-        Values (candidates,) of the motion of the needle and of the flows at the only point of the batch; NaN where the
-        feature does not exist. None for what is found in traces alone.
+        Values (candidates,) from needle motion and flows at the only point of the batch; NaN if the
+        feature does not exist. None if only traces show it.
     final : bool
-        Known only when the simulated injection has ended; the opening is known before.
+        Defined only after the simulated injection has ended; the opening is defined before.
     own_simulation : function of OperatingPoint and time step [s], optional
-        Point and samples of a simulation that `of_simulation` needs for itself.
+        Point and samples of an extra simulation that `of_simulation` needs.
     """
 
     name: str
@@ -64,9 +64,9 @@ class Feature(NamedTuple):
 
 
 def known_features() -> dict[str, Feature]:
-    """All features by name, those that ship first; one of a package that cannot be used is told in a note."""
+    """All features by name, shipped ones first; a note reports unusable ones of packages."""
     features = dict(FEATURES)
-    for name in registry.installed("features"):
+    for name in registry.find_installed("features"):
         try:
             features[name] = find_feature(name)
         except PluginError as error:
@@ -75,13 +75,13 @@ def known_features() -> dict[str, Feature]:
 
 
 def find_feature(name: str) -> Feature:
-    """Feature of a name; `ConfigurationError` if there is none, `PluginError` if that of a package cannot be used."""
+    """Find a feature by name; `ConfigurationError` if it is unknown, `PluginError` if a package's is unusable."""
     entry = None if name in FEATURES else registry.find("features", name)
     if entry is None:
         return FEATURES[check_name(name, FEATURES)]
     feature = entry.load_as(Feature, "a Feature")
     if feature.name != name:
-        raise entry.refused(f'is to be a Feature of this name, and that of {entry.target} is called "{feature.name}"')
+        raise entry.part_error(f'must be a Feature of this name, but {entry.target} is called "{feature.name}"')
 
     def attribute_errors(function: Callable[..., Any] | None) -> Any:
         return function and partial(_call_with_blame, entry, function)
@@ -92,29 +92,29 @@ def find_feature(name: str) -> Feature:
 
 
 def _call_with_blame(entry: registry.Entry, function: Callable[..., Any], *args: Any) -> Any:
-    with entry.blamed("fails"):
+    with entry.blame("fails"):
         return function(*args)
 
 
 def features_of_traces() -> dict[str, Feature]:
-    """Features by name that a rate of injection shows."""
+    """Features by name that follow from an injection rate."""
     return {name: feature for name, feature in known_features().items() if feature.of_trace}
 
 
 def features_of_simulations() -> dict[str, Feature]:
-    """Features by name that a simulation has without its trace."""
+    """Features by name that follow from a simulation without its trace."""
     return {name: feature for name, feature in known_features().items() if feature.of_simulation}
 
 
 def check_name(name: object, names: Collection[str]) -> str:
-    """Name of a feature among those known; `ConfigurationError` with the nearest if it is none."""
+    """Return a known name of a feature; `ConfigurationError` with the nearest name if it is unknown."""
     if not isinstance(name, str) or name not in names:
         meant = nearest(name, names) if isinstance(name, str) else ""
         raise ConfigurationError(f"There is no feature {shown(name)}{meant}; the features are {', '.join(names)}.")
     return name
 
 
-# In a trace, where the rate passes the threshold.
+# From a trace: instants.
 
 
 def _between(begin: Instant, end: Instant) -> Estimate:
@@ -122,13 +122,13 @@ def _between(begin: Instant, end: Instant) -> Estimate:
 
 
 def _delay(injection: TracedInjection, at: Instant, share: float) -> Estimate:
-    """Time [s] from a share of an injection's energising to an instant; NaN without an energising."""
+    """Time [s] from a share of an injection's energising to an instant; NaN without energising."""
     if injection.pulse is None:
         return Estimate(math.nan)
     return Estimate(at.time - (injection.pulse.start + share * injection.pulse.duration), at.error)
 
 
-# In a trace, ramps and rates.
+# From a trace: ramps and rates.
 
 
 def _rise_time(injection: TracedInjection) -> Estimate:
@@ -142,7 +142,7 @@ def _fall_time(injection: TracedInjection) -> Estimate:
 
 
 def _ramp_error(injection: TracedInjection, begin: float, end: float) -> float:
-    """Standard error of the time [s] of a ramp between two instants [s]; both are shares of the largest rate."""
+    """Standard error of the time [s] of a ramp between two instants [s], both defined by shares of the largest rate."""
     time = end - begin
     if not time > 0.0:
         return math.nan
@@ -158,20 +158,20 @@ def _peak_error(injection: TracedInjection) -> float:
     """Standard error of the largest mean over the peak averaging.
 
     The largest of n means with the standard deviation σ exceeds the rate by up to σ √(2 ln n), the bound of the
-    expected largest of n normal values; that counts beside σ.
+    expected largest of n normal values, which adds to σ.
     """
     width = max(float(injection.settings.peak_averaging), injection.trace.interval)
     count = max((injection.ramps.end - injection.ramps.begin) / width, 1.0)
     return injection.levels.noise * math.sqrt(injection.levels.width / width * (1.0 + 2.0 * math.log(count)))
 
 
-# In a trace, quantities; their errors are those of sums of white noise.
+# From a trace: quantities, with the errors of sums of white noise.
 
 
 def _quantity(injection: TracedInjection) -> Estimate:
     trace, (begin, end) = injection.trace, injection.window
     length, grown = end - begin, 1.0
-    if injection.settings.zero_at_rest:  # the zero, a mean of the few samples at rest, counts over the whole window
+    if injection.settings.zero_at_rest:  # the error of the zero, a mean of few samples, counts over the whole window
         rest = trace.interval * len(trace.at_rest)
         shared = max(0.0, float(trace.bounds[len(trace.at_rest)]) - begin)  # at rest and within the window
         grown = max(1.0 + (length - 2.0 * shared) / rest, 0.0)
@@ -183,11 +183,11 @@ def _dribble(injection: TracedInjection) -> Estimate:
     return Estimate(injection.trace.quantity(closing, injection.window[1]) if math.isfinite(closing) else math.nan)
 
 
-# In a simulation.
+# From a simulation.
 
 
 def steady_samples(point: OperatingPoint, dt: float) -> tuple[OperatingPoint, Misfit]:
-    """Point that ends with the window of the steady rate, and the sample from which it is read.
+    """Return a point that ends with the window of the steady rate, and the sample that gives it.
 
     The engine sums |flow − target| over weighted samples. With the single target −`SHIFT` below any flow the sum is
     flow + `SHIFT`. The time step `dt` is in [s].

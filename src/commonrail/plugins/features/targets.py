@@ -1,4 +1,4 @@
-"""Features of injections as a kind of measured data: each judged against its tolerance."""
+"""Features of injections as measured data, each judged against its tolerance."""
 
 from __future__ import annotations
 
@@ -44,29 +44,29 @@ class FeatureData(ToleratedData):
     name : str
     role : Role
     curve : RateData
-        Measured trace that gives samples, window, operating point and density; zero where only values were measured.
+        Measured trace with samples, window, operating point and density; zero if only values were measured.
     targets : tuple of FeatureTarget
     settings : FeatureSettings
-        Of measured and simulated features alike.
+        For measured and simulated features.
     levels : Levels or None
-        Of the measured trace, applied to the simulated ones; None: each simulated trace has its own.
+        From the measured trace, applied to simulated ones; None: each simulated trace has its own.
     weight : float
     source, synthetic : str
     stroke_period : float or None
         Of a return quantity, as in `ReturnData`.
     meter : Meter or None
-        The simulated rate is looked at as this meter shows it.
+        Applied to the simulated rate.
     noise : Noise
         Its standard deviations are multiples of the tolerance.
     points : tuple of OperatingPoint
-        The one point, for each target.
+        The operating point, repeated for each target.
     judged : (targets,) bool
-        Rates and quantities, which a gain multiplies; times are not.
+        True for rates and quantities, which a gain multiplies; false for times.
 
     Raises
     ------
     ConfigurationError
-        If an argument is of another kind, or there is no target.
+        If an argument is of the wrong type, or there are no targets.
     """
 
     kind: ClassVar[str] = "features"
@@ -127,16 +127,16 @@ class FeatureData(ToleratedData):
 
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
-        """One term for each data set; the features are found in traces outside of its batch."""
+        """One term per data set; the features are found in traces outside its batch."""
         return [term_of(d, partial(_in_term, d), which_failed, to_horizon=d.returned is not None) for d in group]
 
     @property
     def samples(self) -> int:
-        """Samples of the trace, and features."""
+        """Number of samples of the trace and of features."""
         return self.curve.samples + len(self.targets)
 
     def simulated(self, simulator: Simulator, values: Floats) -> Floats:
-        """Features (candidates, targets) [SI] of simulated traces, as the meter shows them if there is one."""
+        """Features (candidates, targets) [SI] of simulated traces, after the meter if there is one."""
         rates = self.curve.simulated(simulator, values)
         trace = rate_trace(self.curve)
         values_by_target = np.array([self._find_values(trace, rate) for rate in rates])
@@ -147,7 +147,7 @@ class FeatureData(ToleratedData):
         return values_by_target * self._by_mass(Candidates(simulator, values))
 
     def _by_mass(self, candidates: Candidates) -> Floats:
-        """Factors (candidates or 1, targets) on volumes whose measured values were made of masses.
+        """Factors (candidates or 1, targets) on volumes whose measured values were converted from masses.
 
         A mass is compared with a mass, whatever the density of the candidate or of its meter.
         """
@@ -160,7 +160,7 @@ class FeatureData(ToleratedData):
         return np.where(by_mass, density / stated, 1.0)
 
     def _find_features(self, trace: RateTrace, rate: Floats) -> Features | None:
-        """Features of a simulated rate, by the function and the levels of the measured ones; None of a failed one."""
+        """Features of a simulated rate by the measured levels; None if the simulation failed."""
         if not np.isfinite(rate).all():
             return None
         return find_features(trace.with_rate(rate), settings=self.settings, levels=self.levels)
@@ -179,7 +179,7 @@ class FeatureData(ToleratedData):
         return np.broadcast_to(self.tolerances, values.shape)
 
     def score(self, simulator: Simulator) -> FeatureScore:
-        """Score of the simulator's injector as it is, with the reason of each missing feature."""
+        """Score of the simulator's injector without changes, with the reason of each missing feature."""
         rate = self.curve.simulated(simulator, ITSELF)[0]
         values = self.simulated(simulator, ITSELF)[0]
         features = self._find_features(rate_trace(self.curve), rate)
@@ -190,7 +190,7 @@ class FeatureData(ToleratedData):
         return FeatureScore(self, values, reasons)
 
     def record(self, scores: Mapping[str, FeatureScore]) -> dict[str, Any]:
-        """A row for each feature, and root mean squares in tolerances, by label."""
+        """One row per feature, and root mean squares in tolerances, by label."""
         rows = [
             {
                 "feature": target.feature,
@@ -212,9 +212,9 @@ class FeatureData(ToleratedData):
 
 @dataclass(frozen=True)
 class FeatureScore(Score):
-    """Simulated features [SI], NaN where there is none, and reasons.
+    """Simulated features [SI], NaN if missing, and reasons.
 
-    A reason says why a trace lacks a feature; it is empty where there is a number, and where the simulation failed.
+    A reason states why a trace lacks a feature; it is empty for a number and for a failed simulation.
     """
 
     data: FeatureData
@@ -226,7 +226,7 @@ class FeatureScore(Score):
         return float(np.sqrt(np.mean(self.data.errors(self.values) ** 2)))
 
     def missing(self) -> list[Missing]:
-        """Features without a number: of a failed simulation, or of a trace that does not have them."""
+        """Features without a number: of a failed simulation, or of a trace without them."""
         rows = zip(self.data.points, self.data.targets, self.values.tolist(), self.reasons, strict=True)
         return [
             Missing(point, NO_FEATURE, f"{target.text}: {reason}") if reason else Missing(point)
@@ -235,7 +235,7 @@ class FeatureScore(Score):
         ]
 
     def quantities(self) -> tuple[Floats, Floats]:
-        """Measured and simulated quantities of injections where there are both [m³]."""
+        """Measured and simulated quantities of injections that have both [m³]."""
         both = np.isfinite(self.values) & np.array(
             [target.feature in ("quantity", "total_quantity") for target in self.data.targets]
         )
@@ -248,7 +248,7 @@ class FeatureScore(Score):
         return share_of(np.sum(np.abs(data.errors(self.values))), level)
 
     def best_gain(self, gains: Floats) -> float:
-        """Factor on the simulated rates and quantities that makes J least; 1 where there are times alone."""
+        """Factor on the simulated rates and quantities that minimises J; 1 if there are only times."""
         return super().best_gain(gains) if self.data.judged.any() else 1.0
 
 
@@ -257,7 +257,7 @@ def _in_term(data: FeatureData, batch: Batch, candidates: Candidates) -> Floats:
 
 
 def _make_return_data(data: FeatureData, targets: Sequence[FeatureTarget]) -> ReturnData | None:
-    """The return quantity as a map of one point, which is simulated beyond the end of injection."""
+    """Return quantity as a map of one point, which is simulated beyond the end of injection."""
     if not targets:
         return None
     point = data.curve.point

@@ -1,4 +1,4 @@
-"""Reading of features: a measured trace, or values alone, and the target of each feature."""
+"""Read features: a measured trace, or values without a trace, and the target of each feature."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from commonrail.plugins.features.table import features_of_traces, find_feature
 from commonrail.readers.location import Place, located
 from commonrail.readers.toml import FileModel, Unit, fault
 
-RETURNED = "return_quantity"  # of the whole stroke, and of no trace
-SAMPLE = 2e-6  # of a simulated trace that no measured one gives samples for [s]
+RETURNED = "return_quantity"  # of the whole stroke, not of a trace
+SAMPLE = 2e-6  # of a simulated trace without a measured one [s]
 AFTER = 3e-3  # simulated after the last energising [s]
 MOST_TARGETS = 1000
 
@@ -39,12 +39,12 @@ Number = tuple[float, str]  # value and its SI unit
 
 def _check_feature(item: str) -> str:
     if item not in (names := [*features_of_traces(), RETURNED]):
-        raise fault(f'there is no feature "{item}"{nearest(item, names)}')
+        raise fault(f'unknown feature "{item}"{nearest(item, names)}')
     return item
 
 
 def _in_its_unit(item: Any, info: ValidationInfo) -> Number | None:
-    """Number in a unit of the feature; a fault of its name is told before."""
+    """Number in a unit of the feature, whose name was checked before."""
     name = info.data.get("feature")
     if item is None or name is None:
         return None
@@ -59,7 +59,7 @@ _InItsUnit = PlainValidator(_in_its_unit)
 
 
 class TargetModel(FileModel):
-    """A feature of one injection, its tolerance, and its value where the trace does not give it."""
+    """Feature of one injection, its tolerance, and its value unless the trace gives it."""
 
     feature: Annotated[str, AfterValidator(_check_feature)]
     injection: int = Field(default=1, ge=1, le=100)
@@ -68,7 +68,7 @@ class TargetModel(FileModel):
 
 
 class FeaturesModel(RateModel):
-    """Features of an injection curve, or values alone where there is no file."""
+    """Features of an injection curve, or values without a file."""
 
     kind: Literal["features"]  # type: ignore[assignment]  # another kind with the keys of a curve
     file: str = ""
@@ -84,7 +84,7 @@ class FeaturesModel(RateModel):
 class FeatureTarget(NamedTuple):
     """Feature of one injection, its measured value and its tolerance [SI, by volume].
 
-    `mass_density` is the density [kg/m³] that made a volume of a value measured by mass; NaN for other values.
+    `mass_density` is the density [kg/m³] that converted a measured mass to a volume; NaN for other values.
     """
 
     feature: str
@@ -100,9 +100,9 @@ class FeatureTarget(NamedTuple):
 
 
 def make_settings(model: FeaturesModel, injector: Injector, point: OperatingPoint, at: Place) -> FeatureSettings:
-    """Settings of a block, with a threshold by mass as one by volume.
+    """Settings of a block; a threshold by mass is converted to one by volume.
 
-    An error names the place `at` which the block stands.
+    Errors name the place `at` of the block.
     """
     with located(at):
         settings = FeatureSettings(**{name: getattr(model, name) for name in _SETTINGS})
@@ -114,10 +114,10 @@ def make_settings(model: FeaturesModel, injector: Injector, point: OperatingPoin
 
 
 def read_curve(model: FeaturesModel, context: Context) -> RateData:
-    """Measured curve of a block; without a file a curve of zeros at the block's operating point.
+    """Read the measured curve of a block; without a file return zeros at the block's operating point.
 
-    Raises `InputError` and `ConfigurationError` as `DataSet.read_all`; also if there is no file, and something needs
-    one.
+    `InputError` and `ConfigurationError` as `DataSet.read_all`, also if a file is missing and
+    needed.
     """
     if model.file:
         curves = RateData.read_all(model, context)
@@ -154,10 +154,10 @@ def _point(model: FeaturesModel, context: Context) -> OperatingPoint:
 def read_targets(
     model: FeaturesModel, injector: Injector, point: OperatingPoint, measured: Any, at: Place
 ) -> tuple[FeatureTarget, ...]:
-    """Targets of a block, with the values of the measured trace where none is stated.
+    """Read the targets of a block; the measured trace gives missing values.
 
-    The fuel of the `injector` turns masses into volumes. Raises `InputError` and `ConfigurationError` if a value is
-    neither stated nor in the trace, an injection has no energising, or a target is repeated.
+    The fuel of the `injector` converts masses to volumes. `InputError` and `ConfigurationError` if a value is
+    missing there too, an injection has no energising, or a target is repeated.
     """
     targets = []
     for i, item in enumerate(model.features):
@@ -176,7 +176,7 @@ def read_targets(
     names = [target.text for target in targets]
     for name in names:
         if names.count(name) > 1:
-            raise ConfigurationError(f"{at / 'features'}: {name} is there more than once; keep one of them.")
+            raise ConfigurationError(f"{at / 'features'}: {name} is stated more than once; keep one of them.")
     return tuple(targets)
 
 

@@ -1,4 +1,4 @@
-"""Features as measured data in reports: tables of values and of errors in tolerances, a figure of the errors."""
+"""Features as measured data in reports: tables of values and errors in tolerances, and a figure of the errors."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from commonrail.base.chart import MARKERS, Figure, Panel, Series
-from commonrail.base.table import BEST_LEGEND, SIGNS, Cell, Part, Table, marked, size_of, table_of
-from commonrail.base.text import field_unit, fixed, megapascal, number, pressure, several, signed
+from commonrail.base.table import BEST_LEGEND, SIGNS, Cell, Part, Table, judge_size, mark_least, table_from_parts
+from commonrail.base.text import field_unit, megapascal, number, pressure, several, to_fixed, to_signed
 from commonrail.data.records import JUDGED, MEASURED, Record, Texts, origin_of
-from commonrail.plugins.features.result import decimals_of
+from commonrail.plugins.features.result import choose_decimals
 from commonrail.report.data.view import Merit, Models, Plotted, View, present, start_words
 
 _STEPS = (1.0, 2.0)  # [tolerances]
@@ -20,12 +20,12 @@ class FeatureView(View):
     """Tables, figures and sentences of features."""
 
     def operating_point(self, data: Record) -> Record:
-        """The operating point of the features."""
+        """Operating point of the features."""
         return data
 
     def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
         """Root mean square error in tolerances."""
-        best, start = (several([d["rms"].get(key) for d in data], lambda v: fixed(v, 2)) for key in (label, "start"))
+        best, start = (several([d["rms"].get(key) for d in data], lambda v: to_fixed(v, 2)) for key in (label, "start"))
         return Merit(best, f"tolerances rms of the features{start_words(start, '')}".replace(" )", ")"))
 
     def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
@@ -52,7 +52,7 @@ def _name(row: Record) -> str:
 
 
 def _format_value(row: Record, key: str) -> str:
-    return fixed(row.get(key), decimals_of(row["unit"]), field_unit(row["unit"]).factor)
+    return to_fixed(row.get(key), choose_decimals(row["unit"]), field_unit(row["unit"]).factor)
 
 
 def _error(row: Record, label: str) -> float | None:
@@ -64,9 +64,9 @@ def _error(row: Record, label: str) -> float | None:
 def _values_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
     def errors(row: Record) -> Iterator[str | Cell]:
         factor, value = field_unit(row["unit"]).factor, number(row.get(JUDGED))
-        yield signed(None if value is None else (value - row[MEASURED]) * factor, decimals_of(row["unit"]))
+        yield to_signed(None if value is None else (value - row[MEASURED]) * factor, choose_decimals(row["unit"]))
         error = _error(row, JUDGED)
-        yield Cell(signed(error, 2), size_of(error, _STEPS))
+        yield Cell(to_signed(error, 2), judge_size(error, _STEPS))
 
     parts = (
         _HEAD,
@@ -77,20 +77,20 @@ def _values_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
         Part(("error", "error, tolerances"), errors),
     )
     title = f"Features of {data['name']} ({data['role']}), {pressure(data['rail_pressure'])}"
-    return table_of(title, data["rows"], parts, f"Errors are {texts[JUDGED]} − {origin_of(data)}. {_LEGEND}", 2)
+    return table_from_parts(title, data["rows"], parts, f"Errors are {texts[JUDGED]} − {origin_of(data)}. {_LEGEND}", 2)
 
 
 def _errors_table(data: Record, labels: Sequence[str]) -> Table:
     def errors(row: Record) -> list[Cell]:
-        return marked([_error(row, label) for label in labels], lambda error: signed(error, 2), _STEPS)
+        return mark_least([_error(row, label) for label in labels], lambda error: to_signed(error, 2), _STEPS)
 
     parts = (_HEAD, Part((origin_of(data),), lambda row: (_format_value(row, MEASURED),)), Part(labels, errors))
     title = f"Errors of the features in tolerances: {data['name']}, {megapascal(data['rail_pressure'])} MPa"
-    return table_of(title, data["rows"], parts, f"{_LEGEND} {BEST_LEGEND}", 2)
+    return table_from_parts(title, data["rows"], parts, f"{_LEGEND} {BEST_LEGEND}", 2)
 
 
 def _figure(data: Record, models: Models) -> Figure:
-    """Errors in tolerances, a place for each feature."""
+    """Errors in tolerances, one place per feature."""
     rows = data["rows"]
     places = tuple(float(i) for i in range(len(rows)))
     series = [
@@ -99,7 +99,7 @@ def _figure(data: Record, models: Models) -> Figure:
     ]
     return Figure(
         f"Features of {data['name']}",
-        f"Simulated − {origin_of(data)}, each in its tolerance; the number is that of the injection.",
+        f"Simulated − {origin_of(data)}, in units of the tolerance; the number counts injections.",
         "",
         (Panel("error, tolerances", present(series), zero_line=True, categories=tuple(_name(row) for row in rows)),),
     )

@@ -1,4 +1,4 @@
-"""commonrail features: delays, ramps, rates and quantities of measured traces, or of a run beside its simulation."""
+"""commonrail features: delays, ramps, rates and quantities of measured traces or of a run."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from commonrail.base.errors import InputError
 from commonrail.base.units import parse
 from commonrail.cli import options
 from commonrail.cli.console import print_result, print_table, print_text
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 
 if TYPE_CHECKING:
     from commonrail.engine.operating_point import Energising
 
 
-@verb
+@table_verb
 def features(
     source: Annotated[
         Path, Argument(metavar="FILE|RUN", help="File with a time and one or more rates, or a run folder.")
@@ -50,7 +50,7 @@ def features(
         bool, Option("--zero-at-rest", help="Subtract the mean rate before the first energising.")
     ] = False,
     separate: Annotated[
-        bool, Option("--separate", help="The rates are of different operating points, no repeated shots.")
+        bool, Option("--separate", help="The rates are of different operating points, not repeated shots.")
     ] = False,
     encoding: options.Encoding = None,
     decimal: options.DecimalSign = None,
@@ -61,8 +61,8 @@ def features(
 ) -> None:
     """Find delays, ramps, rates and quantities in traces.
 
-    Several rates of a file count as repeated shots: mean and scatter are shown with intervals, and shots that stand
-    apart are named. Of a run folder, measured and simulated features stand side by side.
+    Several rates of a file count as repeated shots: mean and scatter are shown with intervals, and outliers are
+    listed. For a run folder, measured and simulated features are compared.
 
     \b
     Examples:

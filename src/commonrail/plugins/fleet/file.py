@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from commonrail.base.csv_output import write_csv
-from commonrail.base.output import replacing, summed
+from commonrail.base.output import replacing, write_set
 from commonrail.data.records import record_head
 from commonrail.data.registry import kind_of
 from commonrail.physics.meters import known_quantity
@@ -171,7 +171,7 @@ def write_results(
     columns = result_columns(fleet, entries, why)
     notes = [f"SYNTHETIC: {' '.join(record['synthetic'].split())}"] if record["synthetic"] else []
     rows = zip(*(map(_text, column) for column in columns.values()), strict=True)
-    with summed(folder):
+    with write_set(folder):
         write_csv(folder / RESULTS, notes, list(columns), rows)
         _write_parquet(folder / RESULTS_PARQUET, columns, record["synthetic"])
         write_record(folder / RECORD, record)

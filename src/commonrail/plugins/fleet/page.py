@@ -10,8 +10,8 @@ from pathlib import Path
 from commonrail.base.chart import Boxes, Figure, Panel, Series
 from commonrail.base.errors import InputError
 from commonrail.base.output import write_text
-from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import counted, duration, fixed, listed, number, percent, quantity, significant
+from commonrail.base.table import Column, Table, table_from_columns
+from commonrail.base.text import count_noun, duration, join_words, number, percent, quantity, significant, to_fixed
 from commonrail.data.records import Record
 from commonrail.plugins.fleet.file import RECORD
 from commonrail.plugins.fleet.population import correlation_map, each_injector, histograms, outlier_table
@@ -78,10 +78,10 @@ def fleet_html(record: Record, command: str) -> str:
 def fleet_lines(record: Record) -> list[str]:
     """Sentences on the number of calibrated injectors, their errors, and the parameters that the data determine."""
     counts, best, start = record["counts"], record["J"]["best"], record["J"]["start"]
-    total = counted(counts["injectors"], "injector")
+    total = count_noun(counts["injectors"], "injector")
     lines = [f"{counts['finished']} of {total} calibrated, {counts['failed']} failed."]
     if counts["pending"]:
-        lines.append(f"{counted(counts['pending'], 'injector')} not done yet: the same command goes on.")
+        lines.append(f"{count_noun(counts['pending'], 'injector')} not done yet: the same command goes on.")
     if best and start:
         lines.append(
             f"J of the fitted data fell from {significant(start['median'])} to {significant(best['median'])} "
@@ -90,7 +90,7 @@ def fleet_lines(record: Record) -> list[str]:
     bounded = [p["name"] for p in record["parameters"] if p["at_bound"] > 0.05 * counts["finished"]]
     if bounded:
         lines.append(
-            f"At a bound in more than 5 % of the injectors: {listed(bounded)}; widen it if the part allows it."
+            f"At a bound in more than 5 % of the injectors: {join_words(bounded)}; widen it if the part allows it."
         )
     return lines
 
@@ -124,7 +124,7 @@ def fleet_warnings(record: Record) -> list[str]:
     """For each kind of warning, how many injectors have it, and the sentence of the first."""
     total = record["counts"]["finished"]
     return [
-        f"{w['injectors']:,} of {counted(total, 'injector')}: {w['code']}. The first, {w['first']}: {w['sentence']}"
+        f"{w['injectors']:,} of {count_noun(total, 'injector')}: {w['code']}. The first, {w['first']}: {w['sentence']}"
         for w in record["warnings"]
     ]
 
@@ -149,7 +149,7 @@ def _data_table(record: Record) -> Table:
         *((head, lambda d, key=key: significant((d["best"] or {}).get(key), 4)) for key, head in _QUARTILES.items()),
     ]
     note = "Errors of the calibrated injectors; those of the start values in one column."
-    return tabulated("Error of each data set over the fleet", record["data"], columns, note, 3)
+    return table_from_columns("Error of each data set over the fleet", record["data"], columns, note, 3)
 
 
 def _parameter_table(record: Record) -> Table:
@@ -164,7 +164,7 @@ def _parameter_table(record: Record) -> Table:
         ("at a bound", "at_bound"),
     ]
     note = "The share is that of the distance between the quartiles in the median; “at a bound” counts injectors."
-    return tabulated("Calibrated parameters over the fleet", record["parameters"], columns, note)
+    return table_from_columns("Calibrated parameters over the fleet", record["parameters"], columns, note)
 
 
 def _verdict_table(record: Record) -> Table:
@@ -179,7 +179,7 @@ def _verdict_table(record: Record) -> Table:
         "Number of injectors. What is not determined must not be read as a measurement of the part. Intervals: "
         f"{record['estimator']}."
     )
-    return tabulated("What the data determine", record["parameters"], columns, note)
+    return table_from_columns("What the data determine", record["parameters"], columns, note)
 
 
 def _worst_table(record: Record) -> Table:
@@ -187,17 +187,17 @@ def _worst_table(record: Record) -> Table:
 
     def times(w: Record) -> str:
         best = number(w["J"]["best"])
-        return fixed(best / median if best is not None and median else None, 2)
+        return to_fixed(best / median if best is not None and median else None, 2)
 
     columns: list[Column] = [
         ("injector", "injector"),
         ("J, start", lambda w: significant(w["J"]["start"])),
         ("J, calibrated", lambda w: significant(number(w["J"]["best"]))),
         ("times the median", times),
-        ("parameters at a bound", lambda w: listed(w["at_bound"]) or "none"),
+        ("parameters at a bound", lambda w: join_words(w["at_bound"]) or "none"),
     ]
     note = "Each has a study of its own in the folder “injectors”, which commonrail calibrate runs to the same result."
-    return tabulated("Worst fits", record["worst"], columns, note)
+    return table_from_columns("Worst fits", record["worst"], columns, note)
 
 
 def _failure_table(record: Record) -> Table:
@@ -205,7 +205,7 @@ def _failure_table(record: Record) -> Table:
     more = len(failures) - SHOWN
     note = f"{more:,} more are in results.csv." if more > 0 else ""
     columns: list[Column] = [("injector", "injector"), ("reason", "reason")]
-    return tabulated("Failures", failures[:SHOWN], columns, note, 2)
+    return table_from_columns("Failures", failures[:SHOWN], columns, note, 2)
 
 
 def fleet_figures(record: Record) -> list[Figure]:
@@ -272,5 +272,5 @@ def _last_run(clock: Record) -> str:
     if not clock["calibrated_now"]:
         return "nothing was left to calibrate"
     speed = significant(clock["injectors_per_second"], 3)
-    calibrated, workers = counted(clock["calibrated_now"], "injector"), counted(clock["workers"], "worker")
+    calibrated, workers = count_noun(clock["calibrated_now"], "injector"), count_noun(clock["workers"], "worker")
     return f"{calibrated} in {duration(clock['seconds'])} with {workers}, {speed} injectors/s"

@@ -9,8 +9,8 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Figure, HeatMap, Panel, Series, points
-from commonrail.base.table import Table, tabulated
-from commonrail.base.text import quantity, shown_unit, signed, significant
+from commonrail.base.table import Table, table_from_columns
+from commonrail.base.text import quantity, shown_unit, significant, to_signed
 from commonrail.data.records import Record
 from commonrail.plugins.fleet.journal import Entry
 
@@ -131,7 +131,7 @@ def correlation_map(record: Record, names: dict[str, str]) -> HeatMap | None:
         labels,
         labels,
         tuple(tuple(row) for row in matrix),
-        tuple(tuple("" if value is None else signed(value, 2) for value in row) for row in matrix),
+        tuple(tuple("" if value is None else to_signed(value, 2) for value in row) for row in matrix),
         "",
         True,
         1.0,
@@ -146,7 +146,7 @@ def outlier_table(record: Record) -> Table:
         unit = units.get(row["name"], "")
         return quantity(row[key], unit) if unit else significant(row[key])
 
-    return tabulated(
+    return table_from_columns(
         "Outliers",
         record.get("population", {}).get("outliers", []),
         [
@@ -154,7 +154,7 @@ def outlier_table(record: Record) -> Table:
             ("of", "name"),
             ("value", lambda row: amount(row, "value")),
             ("median of the fleet", lambda row: amount(row, "median")),
-            ("standard deviations", lambda row: signed(row["deviations"], 1)),
+            ("standard deviations", lambda row: to_signed(row["deviations"], 1)),
         ],
         "Beyond 3.5 standard deviations from the median, by the median absolute deviation.",
         2,

@@ -13,7 +13,7 @@ import numpy as np
 
 from commonrail.base.arguments import file_path, flag, function, instance
 from commonrail.base.errors import CommonrailError, StudyError
-from commonrail.base.hooks import held_interrupts, note
+from commonrail.base.hooks import hold_interrupts, note
 from commonrail.calibration.study import Study, objective_of
 from commonrail.calibration.study_file import load_study
 from commonrail.compiler.target import describe
@@ -126,7 +126,7 @@ def fleet(
     existing = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
     if not (folder / JOURNAL).is_file() and existing not in ({LOCK}, {LOCK, f"{LOCK}-journal"}):
         create_run_folder(folder)  # but not over the lock of a fleet that was killed before its journal was there
-    with Journal(folder) as journal, held_interrupts() as stop:
+    with Journal(folder) as journal, hold_interrupts() as stop:
         run = _Run(fleet, folder, journal, retry, progress)
         warnings = run.check_target()
         status, fault = FINISHED, None

@@ -10,7 +10,7 @@ import click
 
 from commonrail.base.errors import SimulationError
 from commonrail.cli.console import Bar, Stage, print_json, print_lines, print_table, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import ClusterAddress, Json, check_workers
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 REPORTED = 20  # failures that are reported as they occur; the tables list all
 
 
-@verb
+@table_verb
 def fleet(
     file: Annotated[Path, Argument(metavar="FLEET.toml", help="Fleet file.")],
     *,
@@ -79,7 +79,7 @@ def _print(run: FleetRun, report: Path) -> None:
     from commonrail.plugins.fleet.page import fleet_lines, fleet_tables, fleet_warnings
 
     if run.record["synthetic"]:
-        click.echo(f"SYNTHETIC: {run.record['synthetic']}")
+        print_lines([f"SYNTHETIC: {run.record['synthetic']}"])
     print_lines(fleet_lines(run.record))
     for line in fleet_warnings(run.record):
         click.echo(f"warning: {line}")

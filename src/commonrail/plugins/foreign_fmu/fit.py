@@ -10,7 +10,7 @@ import numpy as np
 
 from commonrail.base.arguments import function, instance
 from commonrail.base.arrays import Floats
-from commonrail.base.hooks import held_interrupts, note
+from commonrail.base.hooks import hold_interrupts, note
 from commonrail.calibration.identifiability import identify_at
 from commonrail.calibration.search import Checkpoint, Listeners, Progress, Recorder, Search, SearchResult
 from commonrail.plugins.foreign_fmu.data import by_set
@@ -91,7 +91,7 @@ def calibrate_fmu(
     for sentence in study.notes:
         note(sentence)
     simulator_settings = study.fmu, study.space.names, study.data, study.step, study.time_limit, processes
-    with open_simulator(*simulator_settings) as simulator, held_interrupts() as stop:
+    with open_simulator(*simulator_settings) as simulator, hold_interrupts() as stop:
         objective = FmuObjective(study, simulator)
         search = Search(study, objective, None, Listeners(progress, recorder, stop), checkpoint)
         simulator.check_stop = lambda: search.check_stop()

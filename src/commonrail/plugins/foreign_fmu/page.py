@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from commonrail.base.chart import BOTH, MARKERS, Figure, Panel, Series, points
-from commonrail.base.table import Column, Table, tabulated
+from commonrail.base.table import Column, Table, table_from_columns
 from commonrail.base.text import number, quantity, quantity_range, significant
 from commonrail.calibration.record import FitRecord, read_as
 from commonrail.data.records import Record, origin_of
@@ -121,8 +121,8 @@ def fmu_tables(record: Record) -> list[Table]:
         ("largest, best", lambda d: significant(d["largest"]["best"], 3)),
     ]
     tables = [
-        tabulated("Parameters", record["parameters"], parameters, note),
-        tabulated("Errors in tolerances", record["data"], errors, "", 2),
+        table_from_columns("Parameters", record["parameters"], parameters, note),
+        table_from_columns("Errors in tolerances", record["data"], errors, "", 2),
     ]
     failures = record["evaluations"]["failures"]
     if failures:
@@ -132,7 +132,7 @@ def fmu_tables(record: Record) -> list[Table]:
             ("meaning", "sentence"),
             ("first message", lambda f: record["messages"].get(f["status"], "")),
         ]
-        tables.append(tabulated("Failures", failures, columns, "", 4))
+        tables.append(table_from_columns("Failures", failures, columns, "", 4))
     return tables
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from commonrail.base.arguments import file_path, instance, integer
 from commonrail.base.csv_output import write_csv
-from commonrail.base.output import summed
+from commonrail.base.output import write_set
 from commonrail.calibration.search import Checkpoint
 from commonrail.plugins.foreign_fmu.file import fmu_record
 from commonrail.plugins.foreign_fmu.fit import FmuFit, calibrate_fmu
@@ -87,7 +87,7 @@ def _write(folder: Path, fit: FmuFit) -> None:
     synthetic = fit.study.synthetic
     notes = (f"Values of: {fit.study.title}", f"SYNTHETIC: {synthetic}" if synthetic else "not declared synthetic")
     header = ["data", "variable", "unit", "axis", "at", "measured", "start", "best"]
-    with summed(folder):
+    with write_set(folder):
         write_record(folder / RECORD, record)
         write_csv(folder / VALUES, notes, header, _rows(record))
 

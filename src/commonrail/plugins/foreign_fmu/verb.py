@@ -12,7 +12,7 @@ import click
 
 from commonrail.base.errors import InputError
 from commonrail.cli.console import print_json, print_lines, print_table
-from commonrail.cli.fit import end_if_stopped, reported, stage_of
+from commonrail.cli.fit import end_if_stopped, run_and_report, stage_of
 from commonrail.cli.options import free_run_folder, stem_of
 from commonrail.cli.study_kind import RunOptions, StudyKind
 
@@ -55,14 +55,14 @@ def _run(title: str, folder: Path, search: Callable[..., object], json: bool) ->
     from commonrail.plugins.foreign_fmu.page import fmu_lines, fmu_tables
 
     stage = partial(stage_of, counted="simulations")
-    outcome = reported(title, folder, lambda listener: search(listener=listener), stage)
+    outcome = run_and_report(title, folder, lambda listener: search(listener=listener), stage)
     record = outcome.record
     if json:
         places = {"run": str(folder), "report": str(outcome.report)}
         print_json({"kind": "fmu calibration", **places, "result": record})
     else:
         if record["synthetic"]:
-            click.echo(f"SYNTHETIC: {record['synthetic']}")
+            print_lines([f"SYNTHETIC: {record['synthetic']}"])
         for table in fmu_tables(record):
             print_table(table)
         print_lines(fmu_lines(record))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from commonrail.base.errors import InputError
 from commonrail.base.input import read_plain
-from commonrail.base.text import counted
+from commonrail.base.text import count_noun
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table, find_column, finite
 from commonrail.readers.guarded import read_apart
 from commonrail.readers.location import MOST_COLUMNS, check_columns
@@ -96,7 +96,7 @@ class MatFile:
         if values.shape != (len(rail), len(other)):
             raise InputError(
                 f'{self.path}: "{names[cells]}" is {values.shape[0]} × {values.shape[1]}, and there are '
-                f"{counted(len(rail), 'rail pressure')} and {counted(len(other), axis)}."
+                f"{count_noun(len(rail), 'rail pressure')} and {count_noun(len(other), axis)}."
             )
         said = ["variables " + ", ".join(f'"{name}"' for name in names.values())]
         matrix = Matrix(rail, other, values, np.arange(1, values.size + 1))

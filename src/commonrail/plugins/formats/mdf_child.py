@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from asammdf import MDF
 
-from commonrail.base.text import counted
+from commonrail.base.text import count_noun
 from commonrail.plugins.formats.records import Channels, Refused
 from commonrail.readers.guarded import Save
 
@@ -74,7 +74,7 @@ def _decode(samples: Any, rule: Any, numeric: Sequence[int]) -> tuple[Any, str]:
     is_text = np.array([word != "" for word in words])[places]
     if len(codes) and is_text.mean() < 0.5:
         numbers = np.asarray(rule.convert(codes, ignore_value2text_conversions=True), np.float64)[places]
-        said = [f"{counted(int(is_text.sum()), 'sample')} with the code of a text omitted"] if is_text.any() else []
+        said = [f"{count_noun(int(is_text.sum()), 'sample')} with the code of a text omitted"] if is_text.any() else []
         said += [] if hasattr(blocks.get("default_addr"), "convert") else ["the file scales no number"]
         return np.where(is_text, np.nan, numbers), "; ".join(said)
     if set(codes.tolist()) <= {0, 1}:

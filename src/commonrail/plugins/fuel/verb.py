@@ -7,11 +7,11 @@ from typing import Annotated
 
 from commonrail.base.errors import InputError
 from commonrail.cli.console import print_json, print_rows, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import Json, check_file, read_axis, refuse_unused
 
 
-@verb
+@table_verb
 def fuel(
     table: Annotated[
         Path | None,

@@ -1,4 +1,4 @@
-"""Maps adjusted for a control unit: smoothed, made monotone and rounded, and the quantity error of each step."""
+"""Adjust maps for a control unit: smooth, make monotone, round, and state the quantity error of each step."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 STRENGTHS = (-12.0, 7.0)  # decimal logarithm of the weakest and the strongest smoothing
 HALVINGS = 14  # of that range: to a thousandth of a decade
-SLOPE_STEP = 5e-6  # half of the time over which the slope of the quantity is taken [s]
+SLOPE_STEP = 5e-6  # half of the time over which the slope of the quantity is computed [s]
 
 
 class Adjustment(NamedTuple):
-    """Steps that a map goes through for a control unit, in this order.
+    """Steps that adjust a map for a control unit, in this order.
 
     `smooth`: quantity error that smoothing may cost, root mean square over the cells [m³]; `monotone`: quantities do
     not fall with the energising time, times do not fall with the quantity; `time_resolution` [s] and
@@ -35,7 +35,7 @@ class Adjustment(NamedTuple):
     quantity_resolution: float | None = None
 
     def check(self) -> Adjustment:
-        """Return the adjustment, or refuse a number that is not greater than zero."""
+        """Return the adjustment; `ConfigurationError` for a number that is not greater than zero."""
         for name in ("smooth", "time_resolution", "quantity_resolution"):
             value = getattr(self, name)
             if value is not None and not value > 0.0:
@@ -48,7 +48,7 @@ UNADJUSTED = Adjustment()
 
 
 class Cost(NamedTuple):
-    """Quantities after a step less those before it, over the cells of a map.
+    """Quantities after a step minus those before it, over the cells of a map.
 
     `step` is "smooth", "monotone" or "resolution"; `inverse` is true for the map of energising times, whose quantities
     are simulated before and after. Root mean square `rms` and `largest` difference [m³], the latter at a
@@ -64,7 +64,7 @@ class Cost(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """Step, its error, and the cell of the largest one."""
+        """Step, its error, and the cell with the largest error."""
         what, at = "quantities", f"{self.at * 1e6:.4g} us"
         if self.inverse:
             what, at = "energising times", f"{self.at * 1e9:.4g} mm3"
@@ -78,7 +78,7 @@ WORDS = {"smooth": "smoothed", "monotone": "made monotone", "resolution": "round
 
 
 class Curves(NamedTuple):
-    """Quantities (pressures, times) [m³] over energising times (times,) [s] from 0 on, finer than the axis of a map."""
+    """Quantities (pressures, times) [m³] at energising times (times,) [s] from 0 on, finer than the axis of a map."""
 
     time: Floats
     volume: Floats
@@ -87,11 +87,12 @@ class Curves(NamedTuple):
 def adjust(
     adjustment: Adjustment, axes: MapAxes, curves: Curves, inverse: Inverse, simulate: Simulate
 ) -> tuple[Curves, Inverse, tuple[Cost, ...]]:
-    """Quantities and energising times after the steps, and the errors of these.
+    """Adjust quantities and energising times; return both with the errors of the steps.
 
     `simulate` takes the indices of pressures (n,) and energising times (n,) [s].
     """
-    costs, cells, shut = list[Cost](), np.isin(curves.time, axes.energising_time), curves.volume == 0.0
+    costs = list[Cost]()
+    cells, shut = np.isin(curves.time, axes.energising_time), curves.volume == 0.0
     plain, times = curves.volume, inverse.energising_time
 
     def clip_quantities(volume: Floats) -> Floats:
@@ -105,7 +106,7 @@ def adjust(
         costs.append(_cost(step, False, axes, (volume - curves.volume)[:, cells]))
         curves = curves._replace(volume=volume)
     reached = np.isin(inverse.state, (CellState.REACHED, CellState.SEVERAL))
-    jump = inverse.state == CellState.JUMP  # below its time there is another quantity
+    jump = inverse.state == CellState.JUMP  # a shorter time delivers a much smaller quantity
     searched, before = reached | jump, inverse.delivered
 
     def at(time: Floats) -> Inverse:
@@ -136,7 +137,7 @@ def _steps(
     resolution: float | None,
     up: Bools,
 ) -> Iterator[tuple[str, Floats]]:
-    """Values after each step; those of the mask `up` are never rounded down."""
+    """Yield the values after each step; values in the mask `up` are never rounded down."""
     if adjustment.smooth is not None:
         values = smooth_values(adjustment.smooth)
         yield "smooth", values
@@ -160,7 +161,7 @@ def _slopes(curves: Curves, time: Floats) -> Floats:
 
 
 def monotone(values: Floats) -> Floats:
-    """Rows that do not fall, nearest to `values` (rows, n) by least squares; NaN stays.
+    """Return non-decreasing rows nearest to `values` (rows, n) by least squares; NaN stays.
 
     Neighbours that fall are pooled to their mean (isotonic regression, Barlow et al. 1972; Busing 2022).
     """
@@ -182,11 +183,11 @@ def smooth(
     cost: Callable[[Floats], float],
     largest: float,
 ) -> Floats:
-    """Smoothest values (n, m) over two axes, passed through `limit`, whose cost does not exceed the largest one.
+    """Return the smoothest values (n, m) over two axes, after `limit`, whose cost is at most `largest`.
 
-    Least squares with a penalty on second divided differences along both axes (Whittaker 1923; Eilers 2003): planes
-    stay as they are. The strength of the penalty is the largest that the cost allows (Morozov 1966). Values that are
-    NaN, or whose weight is zero, follow from the others.
+    Least squares with a penalty on second divided differences along both axes (Whittaker 1923; Eilers 2003), which
+    leaves planes unchanged. The penalty is as strong as the cost allows (Morozov 1966). Values that are NaN or have
+    zero weight follow from the others.
     """
     from scipy.sparse import csc_array, diags_array, eye_array, kron  # slow to import
     from scipy.sparse.linalg import spsolve
@@ -198,7 +199,7 @@ def smooth(
     target = scaled * np.where(sound, values, 0.0)
     identity = [eye_array(len(axis)) for axis in axes]
     penalty = kron(_bending(axes[0]), identity[1]) + kron(identity[0], _bending(axes[1]))
-    data = diags_array(scaled.ravel() + 1e-12)  # none of the values is undetermined
+    data = diags_array(scaled.ravel() + 1e-12)  # makes every value determined
 
     def solve(strength: float) -> Floats:
         matrix = csc_array(data + 10.0**strength * penalty)
@@ -219,7 +220,7 @@ def smooth(
 
 
 def _bending(axis: Floats) -> csc_array:
-    """Matrix (n, n) of the sum of squared second divided differences over an axis in units of its mean spacing."""
+    """Matrix (n, n) of the sum of squared second divided differences, with the mean spacing of the axis as unit."""
     from scipy.sparse import csc_array, diags_array
 
     if len(axis) < 3:
@@ -231,12 +232,12 @@ def _bending(axis: Floats) -> csc_array:
 
 
 def _rms(difference: Floats) -> float:
-    """Root mean square of what is not NaN; zero of nothing."""
+    """Root mean square of the finite values; zero if there are no values."""
     return float(np.sqrt(np.mean(np.square(difference[np.isfinite(difference)])))) if difference.size else 0.0
 
 
 def _cost(step: str, inverse: bool, axes: MapAxes, difference: Floats) -> Cost:
-    """Error of a step from the differences (pressures, n) of the quantities; NaN where there is none."""
+    """Error of a step from the differences (pressures, n) of the quantities, NaN in cells without one."""
     size = np.nan_to_num(np.abs(difference))
     i, j = np.unravel_index(int(np.argmax(size)), size.shape)
     at = (axes.quantity if inverse else axes.energising_time)[j]

@@ -13,9 +13,9 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.base.units import to_text
 from commonrail.engine.operating_point import ENERGISING_TIMES as LIMITS
 
-MOST_POINTS = 200  # of an axis; maps of control units have some twenty
+MOST_POINTS = 200  # of an axis; maps of control units have about twenty
 
-# Those of a control unit: 16 pressures, and 18 quantities that are dense from 0.5 to 10 mm³.
+# Typical of a control unit: 16 pressures, and 18 quantities that are dense from 0.5 to 10 mm³.
 RAIL_PRESSURES = tuple(mpa * 1e6 for mpa in (20, 30, 40, 50, 60, 70, 80, 90, 100, 110, 120, 130, 140, 150, 160, 180))
 QUANTITIES = tuple(mm3 * 1e-9 for mm3 in (0, 0.5, 0.75, 1, 1.5, 2, 3, 4, 5, 6, 8, 10, 15, 20, 30, 40, 60, 80))
 ENERGISING_TIMES = tuple(
@@ -35,7 +35,7 @@ class MapAxes:
     quantity : (k,)
         Injected volumes [m³], zero or greater, at the reference density.
     energising_time : (m,)
-        [s], greater than zero. The last one is the longest that is simulated.
+        [s], greater than zero. The last one is the longest simulated.
 
     Raises
     ------
@@ -62,15 +62,15 @@ class MapAxes:
 
     @classmethod
     def usual(cls, highest: float) -> MapAxes:
-        """Axes of a control unit, with the rail pressures up to `highest` [Pa]."""
+        """Typical axes of a control unit, with the rail pressures up to `highest` [Pa]."""
         pressures = [p for p in RAIL_PRESSURES if p <= highest * (1.0 + 1e-9)]
         return cls(np.array(pressures), np.array(QUANTITIES), np.array(ENERGISING_TIMES))
 
 
 def increasing(values: ArrayLike, unit: str, what: str) -> Floats:
-    """Axis (n,) of SI values, from numbers or texts with units; `what` names it in messages.
+    """Return a checked axis (n,) of SI values, from numbers or texts with units; `what` names it in messages.
 
-    ConfigurationError if it is empty, longer than `MOST_POINTS`, or does not increase strictly.
+    `ConfigurationError` if it is empty, longer than `MOST_POINTS`, or does not increase strictly.
     """
     axis = array(values, unit, what, 1)
     if not 1 <= len(axis) <= MOST_POINTS:

@@ -1,4 +1,4 @@
-"""Choices of an inverse map, and the states that its cells can have."""
+"""Choices for an inverse map, and the states of its cells."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from enum import Enum, IntEnum
 
 
 class Several(Enum):
-    """Energising time that is taken where several deliver the quantity, because it falls in between.
+    """Rule for quantities that several energising times deliver, because the quantity falls in between.
 
-    NEIGHBOURS takes the one that continues the cells next to it over rail pressure and quantity.
+    NEIGHBOURS takes the time that continues the adjacent cells over rail pressure and quantity.
     """
 
     NEIGHBOURS = "neighbours"
@@ -17,7 +17,7 @@ class Several(Enum):
 
 
 class Beyond(Enum):
-    """Energising time of a quantity that the longest simulated one does not deliver.
+    """Rule for quantities that the longest simulated energising time does not deliver.
 
     EXTRAPOLATE continues the last two simulated times as a straight line, as makers of control units do; HOLD takes
     the longest time; EMPTY leaves the cell without a number.
@@ -48,7 +48,7 @@ _SENTENCES = {
     CellState.REACHED: "simulated: this energising time delivers the quantity",
     CellState.ZERO: "no quantity: the energising time is 0",
     CellState.SEVERAL: "several energising times deliver the quantity, because it falls in between: one is taken",
-    CellState.JUMP: "the quantity jumps past this value: the energising time just behind the jump",
+    CellState.JUMP: "the quantity jumps past this value: the energising time just after the jump",
     CellState.BEYOND: "more than the longest simulated energising time delivers: by the stated rule",
     CellState.FAILED: "the simulation failed or the needle did not close: no number",
 }

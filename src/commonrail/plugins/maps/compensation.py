@@ -1,4 +1,4 @@
-"""Energising times that hold a quantity: of a second injection whatever the dwell, of a single one over a condition."""
+"""Energising times that hold a quantity: of a second injection at any dwell, of a single one over a condition."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ class Compensation(Shown):
     Attributes
     ----------
     alone : InjectionMap
-        Single injections over the same pressures and quantities, without a change of the condition.
+        Single injections over the same pressures and quantities, with the condition unchanged.
     first_energising_time : float
-        Of a first injection before it [s]; zero for a single injection.
+        Of a first injection [s]; zero for a single injection.
     condition : Variable
         Dwell from the end of the first energising to the start of the second, or a variable of a sweep.
     energising_time : (conditions, pressures, quantities)
-        Of the second, or of the single injection [s].
+        Of the second injection, or of the single one [s].
     inverses : tuple of Inverse
         One for each value of the condition.
     """
@@ -69,10 +69,10 @@ class Compensation(Shown):
 def compensation(
     injector: Injector, axes: MapAxes, first_energising_time: float, dwell: Floats, conditions: Conditions
 ) -> Compensation:
-    """Energising times of a second injection that hold its quantity, at dwells (d,) [s].
+    """Find energising times of a second injection that hold its quantity, at dwells (d,) [s].
 
-    The quantity is the total less that of the first injection alone; where both are fused there is none. `axes` are
-    those of the second injection. ConfigurationError if a dwell is negative or the first energising time [s] is not
+    The quantity is the total minus that of the first injection alone, and NaN where both are fused. `axes` belong to
+    the second injection. `ConfigurationError` if a dwell is negative or the first energising time [s] is not
     greater than zero.
     """
     if not (first_energising_time > 0.0 and np.all(dwell >= 0.0)):
@@ -111,25 +111,25 @@ def hold(
     threads: int | None = None,
     **fixed: Quantity,
 ) -> Compensation:
-    """Energising times that deliver quantities over rail pressures and a condition, as `commonrail sweep --hold`.
+    """Find energising times that deliver quantities over rail pressures and a condition, as `commonrail sweep --hold`.
 
     Parameters
     ----------
     model : Injector or Calibration
     vary : dict of str to array
         Rail pressures and one condition, such as ``{"rail_pressure": ["80 MPa"], "drive.boost_voltage": [50, 65]}``.
-        With a ``first_energising_time`` the condition is the dwell, and the times are those of the second injection.
+        With a ``first_energising_time`` the condition is the dwell, and the times apply to the second injection.
     quantities : array
         SI or texts with units [m³]; a small one gives the dead time.
     longest : float or str
-        Longest energising time that is simulated [s].
+        Longest simulated energising time [s].
     time_step, threads, **fixed
         As in `sweep`.
 
     Raises
     ------
     ConfigurationError
-        If an argument is of another kind, or other variables are varied.
+        If an argument is of the wrong type, or other variables are varied.
     SimulationError
         If no point could be simulated.
     """
@@ -141,10 +141,10 @@ def hold(
 def hold_quantities(
     injector: Injector, variables: Sequence[Variable], quantity: Floats, base: Base, longest: float
 ) -> Compensation:
-    """Energising times, up to the longest one [s], that deliver quantities (k,) [m³] over the variables of a sweep.
+    """Find energising times, up to `longest` [s], that deliver quantities (k,) [m³] over the variables of a sweep.
 
-    These are rail pressures and the dwell if there is a first injection, else rail pressures and any one condition.
-    ConfigurationError if others are varied.
+    With a first injection the variables are rail pressures and the dwell, else rail pressures and any one condition.
+    `ConfigurationError` for other variables.
     """
     varied = {v.name: v for v in variables}
     rail = varied.pop("rail_pressure", Variable("rail_pressure", "Pa", np.array([base.rail_pressure])))
@@ -174,10 +174,10 @@ def hold_quantities(
 
 
 def fusion_dwell(injector: Injector, base: Base, rail_pressure: Floats, longest: float) -> Floats:
-    """Longest dwell (n,) at which two injections of a base fuse into one [s], at rail pressures (n,) [Pa].
+    """Find the longest dwell (n,) [s] at which two injections of a base fuse, at rail pressures (n,) [Pa].
 
-    NaN where they do so at the longest that is tried [s], and where a simulation failed. Halved to 1 us, taking for
-    granted that injections which fuse also fuse at any shorter dwell.
+    NaN where they fuse at `longest` [s] too, and where a simulation failed. Bisection to 1 us, which assumes that
+    injections fused at one dwell are fused at all shorter ones.
     """
     low, high = np.zeros(len(rail_pressure)), np.full(len(rail_pressure), longest)
     first = simulate_many(injector, base.points({"rail_pressure": rail_pressure}, alone=True), base.conditions)

@@ -25,11 +25,11 @@ from commonrail.readers.location import read_bytes
 NUMBERS = 6  # in a line
 LARGEST = 20_000_000  # [bytes]
 MOST_VALUES = 1_000_000
-MOST_DECIMALS = 15  # of a value that is written: those of a double near 1
+MOST_DECIMALS = 15  # of a written value, as for a double near 1
 MOST_COMMENTS = 1000  # that are kept
-MOST_MAPS = 10_000  # of a file; chosen: a control unit has some thousand
+MOST_MAPS = 10_000  # of a file; chosen: a control unit has several thousand
 _FORMAT = "KONSERVIERUNG_FORMAT"
-# Lines of maps that are no tables of numbers over numbers.
+# Lines of maps that are not tables of numbers over numbers.
 _FOREIGN = dict.fromkeys(("ST_TX/X", "ST_TX/Y"), "its support points are texts") | {
     "TEXT": "its values are texts",
     "VAR": "it is a variant of several",
@@ -38,20 +38,21 @@ _SIGNS = str.maketrans({"µ": "u", "³": "3", "²": "2", "×": "x", "°": "deg",
 
 
 def write_dcm(path: Path, tables: Sequence[MapTable]) -> None:
-    """Write maps, whose cells all have numbers, into one file, whole or not at all."""
+    """Write maps without empty cells into one file, atomically."""
     write_text(path, "\n".join(_lines(tables)) + "\n")
 
 
 def write_into_dcm(path: Path, source: Path, label: str, table: MapTable) -> None:
-    """Write a DCM file with the values of one of its maps replaced; all other characters of it stay, notes precede it.
+    """Write a copy of a DCM file with new values in one of its maps and notes at its head.
 
-    `label` names the map in `source`; the values of `table` have its order, and its label takes the place of that.
-    InputError if a cell has no number.
+    All other characters stay. `label` names the map in `source`; the values of `table` are in the same order, and its
+    label replaces the old one. `InputError` if a cell has no number.
     """
     table.require_numbers("A DCM file")
-    values, inside, done = iter(table.values.ravel().tolist()), False, False
-    text, encoding = _decode(read_plain(source, LARGEST).removeprefix(b"\xef\xbb\xbf"))  # either keeps each byte
-    if re.search(r"\r(?!\n)", text):  # others see a line end there
+    values = iter(table.values.ravel().tolist())
+    inside = done = False
+    text, encoding = _decode(read_plain(source, LARGEST).removeprefix(b"\xef\xbb\xbf"))  # both keep each byte
+    if re.search(r"\r(?!\n)", text):  # other programs see a line end there
         raise InputError(f"{source}: a line ends with CR alone; lines must end with LF or CR LF.")
     lines = text.split("\n")
     for i, line in enumerate(lines):
@@ -65,14 +66,14 @@ def write_into_dcm(path: Path, source: Path, label: str, table: MapTable) -> Non
             lines[i] = head + word + numbers
         inside &= words[:1] != ["END"]
     if next(values, None) is not None:
-        raise InputError(f"{source}: lines of the map {label} are not found; they must end with LF or CR LF.")
+        raise InputError(f"{source}: lines of the map {label} were not found; they must end with LF or CR LF.")
     notes = "".join(f"* {_plain(note)}\n" for note in ("written by commonrail", *table.notes))
     with replacing(path, "wb") as stream:
         stream.write((notes + "\n".join(lines)).encode(encoding))
 
 
 def _decode(data: bytes) -> tuple[str, str]:
-    """Text of a DCM file, and its encoding: UTF-8, or Latin-1 if it is none."""
+    """Text of a DCM file and its encoding: UTF-8 if it is valid, else Latin-1."""
     try:
         return data.decode("utf-8"), "utf-8"
     except UnicodeDecodeError:
@@ -107,7 +108,7 @@ def _numbers(word: str, values: Sequence[float]) -> Iterator[str]:
 
 
 def number_text(value: float) -> str:
-    """Number with a decimal point and without an exponent, read back to the same double."""
+    """Format a number with a decimal point and without an exponent; it reads back to the same double."""
     return np.format_float_positional(value + 0.0, trim="0")
 
 
@@ -118,12 +119,12 @@ def _plain(text: str) -> str:
 
 
 def read_dcm(path: Path, foreign: dict[str, str] | None = None, comments: list[str] | None = None) -> list[MapTable]:
-    """Maps of a DCM 2.0 file: KENNFELD, FESTKENNFELD and GRUPPENKENNFELD; single values and curves are passed over.
+    """Read KENNFELD, FESTKENNFELD and GRUPPENKENNFELD of a DCM 2.0 file; single values and curves are skipped.
 
-    Maps that are not tables of numbers over increasing numbers, or share a label, are passed over too; `foreign` takes
-    the reasons by their labels, `comments` the comment lines. A file that is no UTF-8 is read as Latin-1.
+    Maps that are not tables of numbers over increasing numbers, or share a label, are skipped too; `foreign` receives
+    the reasons by label, `comments` the comment lines. Files that are not UTF-8 are read as Latin-1.
 
-    InputError if it is not DCM, or a map in it is damaged; the message names the line.
+    `InputError` if it is not DCM, or a map in it is damaged; the message names the line.
     """
     text, _ = _decode(read_bytes(path, LARGEST))
     lines = [(n, line) for n, raw in enumerate(text.split("\n"), start=1) if (line := raw.strip())]
@@ -152,10 +153,10 @@ def read_dcm(path: Path, foreign: dict[str, str] | None = None, comments: list[s
 
 
 def _read_map(path: Path, start: int, words: Sequence[str], content: Iterable[tuple[int, str]]) -> MapTable | str:
-    """Map from the lines up to its END, or the reason why it is not a table of numbers over numbers."""
+    """Read a map up to its END; return the reason if it is not a table of numbers over numbers."""
     if len(words) != 4 or not all(word.isascii() and word.isdecimal() for word in words[2:]):
         raise InputError(f"{path}, line {start}: expected {words[0]} NAME NX NY.")
-    if max(map(len, words[2:])) > len(str(MOST_VALUES)):  # Python reads no number of thousands of digits
+    if max(map(len, words[2:])) > len(str(MOST_VALUES)):  # Python refuses to read thousands of digits
         digits = max(map(len, words[2:]))
         raise InputError(f"{path}, line {start}: a size has {digits} digits, and 1 to {MOST_VALUES} values are read.")
     nx, ny = int(words[2]), int(words[3])
@@ -167,7 +168,7 @@ def _read_map(path: Path, start: int, words: Sequence[str], content: Iterable[tu
     numbers: dict[str, list[float]] = {word: [] for word in counts}
     foreign = ""
     for number, line in content:
-        word, rest = [*line.split(None, 1), ""][:2]  # at whatever space, a no-break one too
+        word, rest = [*line.split(None, 1), ""][:2]  # at any white space, no-break spaces too
         if word == "END":
             if foreign:
                 return foreign
@@ -187,7 +188,7 @@ def _read_map(path: Path, start: int, words: Sequence[str], content: Iterable[tu
             if word == "WERT":
                 places = (-int(Decimal(text).as_tuple().exponent) for text in rest.split())
                 decimals = min(max([decimals, *places]), MOST_DECIMALS)
-            if len(numbers[word]) > counts[word]:  # or a file of such lines is read to its end
+            if len(numbers[word]) > counts[word]:  # limits the memory for a file of such lines
                 raise InputError(
                     f"{path}, line {number}: the {word} lines of the map {words[1]} hold more than the {counts[word]} "
                     f"numbers that are expected for {nx} × {ny}."

@@ -1,4 +1,4 @@
-"""A simulated map beside another one: a second model, or measured quantities."""
+"""Compare a simulated map with a second model or with measured quantities."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from commonrail.plugins.maps.run import InjectionMap
 from commonrail.readers.quantity_matrix import COLUMNS, FoundMap
 from commonrail.readers.tables import read_found_map, take_columns
 
-SMALL = 3e-9  # below it errors are judged in mm³, above it in percent [m³]
+SMALL = 3e-9  # limit between errors in mm³ (below) and in percent (above) [m³]
 
 
 class MeasuredMap(NamedTuple):
@@ -35,25 +35,25 @@ class Comparison(NamedTuple):
 
     @property
     def rms_large(self) -> float:
-        """Root mean square of the relative errors where more than `SMALL` is measured; NaN if nowhere."""
+        """Root mean square of the relative errors above `SMALL`; NaN if there are no such points."""
         large = (self.measured.volume > SMALL) & np.isfinite(self.simulated)
         return rms((self.simulated[large] - self.measured.volume[large]) / self.measured.volume[large])
 
     @property
     def rms_small(self) -> float:
-        """Root mean square of the errors elsewhere [m³]; NaN if nowhere."""
+        """Root mean square of the other errors [m³]; NaN if there are no such points."""
         small = (self.measured.volume <= SMALL) & np.isfinite(self.simulated)
         return rms(self.simulated[small] - self.measured.volume[small])
 
 
 def compare_with(simulated: InjectionMap, measured: MeasuredMap, source: str) -> Comparison:
-    """Simulate a map's injector at the points of a measured map; `source` is the name of its file."""
+    """Simulate the injector of a map at the points of a measured map; `source` is its file name."""
     response = respond(simulated.injector, measured.rail_pressure, measured.energising_time, simulated.conditions)
     return Comparison(measured, source, response.volume)
 
 
 def difference(first: InjectionMap, second: InjectionMap) -> tuple[Floats, Floats]:
-    """Second less first, over the same axes.
+    """Subtract the first map from the second, over the same axes.
 
     Energising times (pressures, quantities) [s] and volumes (pressures, times) [m³].
     """
@@ -63,19 +63,19 @@ def difference(first: InjectionMap, second: InjectionMap) -> tuple[Floats, Float
     return second.inverse.energising_time - first.inverse.energising_time, second.volume - first.volume
 
 
-# Measured quantity maps as a model is compared with them, in SI units.
+# Measured quantity maps in SI units.
 
 
 def read_measured_map(path: Path, density: float) -> MeasuredMap:
-    """Measured quantities of a file; the density [kg/m³] makes volumes of masses.
+    """Read measured quantities; the density [kg/m³] converts masses to volumes.
 
-    InputError if it has no map.
+    `InputError` if the file has no map.
     """
     return in_si(read_found_map(path), density)
 
 
 def in_si(measured: FoundMap, density: float) -> MeasuredMap:
-    """Map in SI units; masses are divided by a density [kg/m³]."""
+    """Convert a map to SI units; masses are divided by a density [kg/m³]."""
     table = take_columns(measured, COLUMNS, 1)
     rail, time, quantity = table.columns.values()
     return MeasuredMap(rail, time, quantity / density if table.units["quantity"] == "kg" else quantity)

@@ -23,7 +23,7 @@ from commonrail.readers.columns import PLAIN, Column, FileForm, Table, name_and_
 
 
 class EcuMaps(NamedTuple):
-    """Maps of a file by their labels, reasons why others are not read, and the comments of the file."""
+    """Maps of a file by label, reasons why others were skipped, and the comments of the file."""
 
     kind: str
     tables: dict[str, MapTable]
@@ -48,7 +48,7 @@ class EcuMaps(NamedTuple):
             return
         increase = all(len(axis.values) and np.all(np.diff(axis.values) > 0.0) for axis in (x, y))
         if values.shape != (len(y.values), len(x.values)) or not (increase and np.isfinite(values).all()):
-            self.foreign[label] = "its support points do not increase, or are not those of its values"
+            self.foreign[label] = "its support points do not increase, or do not match its values"
             return
         decimals = max(-int(Decimal(cell).as_tuple().exponent) for row in rows for cell in row)
         states = tuple(("",) * len(x.values) for _ in rows)
@@ -59,22 +59,22 @@ class EcuMaps(NamedTuple):
 
 
 def read_ecu_maps(path: Path) -> EcuMaps:
-    """Maps of a DCM or CDFX file or of a table of TunerStudio; `InputError` if it cannot be read."""
+    """Read a DCM or CDFX file or a TunerStudio table; `InputError` if that fails."""
     data = read_plain(path, LARGEST)
     if not data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
         maps = EcuMaps("DCM 2", {}, {}, [])
         maps.tables.update({table.label: table for table in read_dcm(path, maps.foreign, maps.comments)})
         return maps
-    if b"<!ENTITY" in data or b"\0" in data:  # entities may grow without end
+    if b"<!ENTITY" in data or b"\0" in data:  # entities can expand without limit
         raise InputError(f"{path}: XML with entities or in UTF-16 is not read; save it as plain UTF-8.")
     try:
         return _read_table(path, data) if b"<tableData" in data else _read_cdfx(path, data)
     except (ElementTree.ParseError, LookupError, StopIteration, ValueError) as error:
-        raise InputError(f"{path}: this is no CDFX file or table of TunerStudio that can be read ({error}).") from error
+        raise InputError(f"{path}: this is not a readable CDFX file or TunerStudio table ({error}).") from error
 
 
 def _elements(path: Path, data: bytes, tag: str) -> Iterator[ElementTree.Element]:
-    """Elements of a name, without their name space; what others hold is dropped."""
+    """Elements of a name, without their name space; the content of others is dropped to save memory."""
     count = 0
     for event, element in ElementTree.iterparse(BytesIO(data), ("start", "end")):
         count += event == "start"
@@ -87,7 +87,7 @@ def _elements(path: Path, data: bytes, tag: str) -> Iterator[ElementTree.Element
 
 
 def _read_cdfx(path: Path, data: bytes) -> EcuMaps:
-    """Maps of ASAM CDF 2.0; the support points of one may be an instance of their own."""
+    """Read ASAM CDF 2.0; the support points of a map can be an instance of their own."""
     maps = EcuMaps("CDF 2", {}, {}, _notes(rb"<LONG-NAME>([^<]{1,4000})</LONG-NAME>", data))
     shared = {
         _text(instance, "SHORT-NAME"): [v.text or "" for v in instance.iter("V")]
@@ -107,7 +107,7 @@ def _read_cdfx(path: Path, data: bytes) -> EcuMaps:
 
 
 def _read_table(path: Path, data: bytes) -> EcuMaps:
-    """Map of a table of TunerStudio; its axes have units only where their names state them."""
+    """Read a TunerStudio table; its axes have units only if their names state them."""
     root = next(_elements(path, data, "table"))
     maps = EcuMaps("TunerStudio", {}, {}, _notes(rb"<!--([^<]{1,4000})-->", data))
     places = [root.find("xAxis"), root.find("yAxis")]
@@ -122,7 +122,7 @@ def _read_table(path: Path, data: bytes) -> EcuMaps:
 
 
 def _notes(pattern: bytes, data: bytes) -> list[str]:
-    """Notes in the first match of a pattern, as they are written with semicolons between."""
+    """Notes in the first match of a pattern, separated by semicolons."""
     note = re.search(pattern, data)
     return unescape((note[1] if note else b"").decode("utf-8", "replace").strip()).split("; ")
 
@@ -132,9 +132,9 @@ def _text(element: ElementTree.Element, name: str) -> str:
 
 
 def read_axes(path: Path) -> MapTable:
-    """First map of a file over rail pressure and quantity, the first of those of times if there is one.
+    """Read the first map of times over rail pressure and quantity, else the first map over both.
 
-    InputError if no map has such axes.
+    `InputError` if no map has such axes.
     """
     maps = read_ecu_maps(path)
     fitting = [table for table in maps.sound if is_turned(table) is not None]
@@ -145,13 +145,13 @@ def read_axes(path: Path) -> MapTable:
 
 
 class MapFile:
-    """File of a control unit, a `Sheet` that holds maps and no columns.
+    """File of a control unit: a `Sheet` with maps and without columns.
 
     Attributes
     ----------
     taken_for : str
     facts : dict of str to str
-        Size, axes and unit of each map by its label, or why it is not read.
+        Size, axes and unit of each map by label, or why it is not read.
     comments : sequence of str
 
     Raises
@@ -167,7 +167,7 @@ class MapFile:
         self.path = path
         maps = read_ecu_maps(path)
         if not (maps.tables or maps.foreign):
-            raise InputError(f"{path}: there is no map in this file; single values and curves are passed over.")
+            raise InputError(f"{path}: there is no map in this file; single values and curves are skipped.")
         self._tables = maps.sound
         self.comments = maps.comments
         self.taken_for = f"calibration data, {maps.kind}"
@@ -178,13 +178,13 @@ class MapFile:
         } | {label: f"not read: {reason}" for label, reason in maps.foreign.items()}
 
     def take(self, columns: Sequence[Column]) -> Table:
-        """Refused: the file has no columns."""
+        """Raise `InputError`: the file has no columns."""
         raise InputError(f'{self.path}: this file holds maps and no columns; read it with layout = "found".')
 
     def quantity_map(self, units_in_study: quantity_matrix.GivenUnits) -> quantity_matrix.FoundMap:
         """First duration map of the file, else its first quantity map.
 
-        Units that the file does not have are those `units_in_study`. Raises `InputError` if it has none.
+        `units_in_study` replace missing units. `InputError` if there is no such map.
         """
         stated = units_in_study.by_kind()
         candidates: list[tuple[bool, int, list[str], list[str], MapTable]] = []
@@ -198,7 +198,7 @@ class MapFile:
         if not candidates:
             raise InputError(
                 f"{self.path}: no map in it has rail pressures, quantities and energising times with their units; "
-                "state those that are missing, a crank angle with its speed, as degCA@2000rpm."
+                "state the missing ones, a crank angle with its speed, as degCA@2000rpm."
             )
         _, _, kinds, units, table = min(candidates)
         by_kind = dict(zip(kinds, map(quantity_matrix.plain_unit, units), strict=True))

@@ -1,4 +1,4 @@
-"""Maps in files, each in the format that the end of its name says."""
+"""Write maps into files whose format follows from the ending of their name."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from commonrail.base.csv_output import neutralised, write_csv
+from commonrail.base.csv_output import neutralise, write_csv
 from commonrail.base.errors import InputError
 from commonrail.base.output import replacing, write_text
 from commonrail.base.text import number, numbers
@@ -26,9 +26,9 @@ LONGEST_SHEET = 31  # characters of the name of a sheet
 
 
 def write_map_file(path: Path, tables: Sequence[MapTable]) -> None:
-    """Write maps into one file, whole or not at all, in the format of its name's end (`ENDINGS`); CSV holds one map.
+    """Write maps into one file, atomically, in the format of its ending (`ENDINGS`); CSV holds one map.
 
-    InputError if the ending is unknown, the format cannot hold the maps, or its library is not installed.
+    `InputError` if the ending is unknown, the format cannot hold the maps, or its library is not installed.
     """
     check_map_file(path)
     form = _FORMS[path.suffix.lower()]
@@ -40,7 +40,7 @@ def write_map_file(path: Path, tables: Sequence[MapTable]) -> None:
 
 
 def write_map_like(path: Path, table: MapTable, like: MapTable, source: Path) -> None:
-    """Write a map in the shape of another one, whose file is `source`: a DCM file as that file with new values."""
+    """Write a map in the shape of another one, whose file is `source`; from DCM to DCM as a copy with new values."""
     table = arrange_like(table, like)
     if path.suffix.lower() == source.suffix.lower() == ".dcm":
         write_into_dcm(path, source, like.label, table)
@@ -49,7 +49,7 @@ def write_map_like(path: Path, table: MapTable, like: MapTable, source: Path) ->
 
 
 def check_map_file(path: Path) -> None:
-    """Refuse a name whose end tells no format, and a format whose library is missing."""
+    """Refuse a name with an unknown ending, and a format whose library is missing."""
     suffix = path.suffix.lower()
     if suffix not in _FORMS:
         raise InputError(f"{path}: maps are written as {', '.join(ENDINGS)}; name a file that ends so.")
@@ -58,7 +58,7 @@ def check_map_file(path: Path) -> None:
 
 
 def _write_csv(path: Path, tables: Sequence[MapTable]) -> None:
-    """One row for each cell, so that the file can serve as data of a study."""
+    """One row per cell, a form that a study can read as data."""
     (table,) = tables
     parts: list[Axis | Layer] = [table.x, table.y, *table.layers]
     x, y, *layers = (f"{column.name} [{column.unit}]" for column in parts)
@@ -115,18 +115,18 @@ def _write_mat(path: Path, tables: Sequence[MapTable]) -> None:
 
 
 def _variable(path: Path, label: str) -> str:
-    """Name of a variable of MATLAB: points and brackets become underscores."""
+    """Name of a MATLAB variable: points and brackets become underscores."""
     name = label.translate(str.maketrans(".[]", "___"))
     if len(name) > 31 or name.startswith("_"):
         raise InputError(
-            f"{path}: the label {label} is no name of a MATLAB variable, which has at most 31 characters and begins "
+            f"{path}: the label {label} cannot be a MATLAB variable, which has at most 31 characters and begins "
             "with a letter; give a shorter label."
         )
     return name
 
 
 def _write_xlsx(path: Path, tables: Sequence[MapTable]) -> None:
-    """Sheets for each map, its values, its states and edges of bands, and one with notes."""
+    """Sheets for each map with its values, states and edges of bands, and one with notes."""
     from openpyxl import Workbook
 
     book = Workbook()
@@ -134,21 +134,21 @@ def _write_xlsx(path: Path, tables: Sequence[MapTable]) -> None:
     last.title = "notes"
     for table in tables:
         for line in (f"{table.label}: {table.title}", *table.notes):
-            last.append([neutralised(line)])
+            last.append([neutralise(line)])
         parts = [(table.name, table.unit, numbers(table.values)), ("states", "", table.states)]
         parts += [(layer.name, layer.unit, numbers(layer.values)) for layer in table.layers]
         for what, unit, cells in parts:
             sheet = book.create_sheet(_sheet_name(what, [s.title for s in book.worksheets]))
             title = f"{what} [{unit}]" if unit else what
             notes = filter(None, (*table.notes[:1], "; ".join(table.notes[1:])))
-            sheet.append([title, *map(neutralised, notes)])
+            sheet.append([title, *map(neutralise, notes)])
             sheet.append(
                 [f"{table.y.name} [{table.y.unit}] \\ {table.x.name} [{table.x.unit}]", *table.x.values.tolist()]
             )
             for place, row in zip(table.y.values.tolist(), cells, strict=True):
                 sheet.append([place, *row])
             sheet.freeze_panes = "B3"
-    book.move_sheet(last, len(book.worksheets))  # a reader takes the first sheet
+    book.move_sheet(last, len(book.worksheets))  # readers take the first sheet
     with replacing(path, "wb") as stream:
         book.save(stream)
 
@@ -167,16 +167,16 @@ def _write_cdfx(path: Path, tables: Sequence[MapTable]) -> None:
 
 
 def _write_table(path: Path, tables: Sequence[MapTable]) -> None:
-    """Table of TunerStudio, for open control units."""
+    """TunerStudio table, for open control units."""
     (table,) = tables
     values = f"values: {table.name} [{table.unit}]"
     notes = "; ".join((f"written by commonrail: {table.label}", table.title, values, *table.notes))
-    notes = notes.replace("--", "\u2010\u2010")  # two hyphens would end the comment
+    notes = notes.replace("--", "\u2010\u2010")  # two hyphens would end the XML comment
     write_text(path, render("table.xml", __package__, table=table, notes=notes, text=number_text) + "\n")
 
 
 class _Form(NamedTuple):
-    """Format of a file: its writer, what it is called, and whether it holds a `single` map, or `full` ones alone."""
+    """Format of a file: its writer, its name, whether it holds a `single` map, and whether it requires `full` maps."""
 
     write: Callable[[Path, Sequence[MapTable]], None]
     name: str
@@ -200,7 +200,7 @@ ENDINGS = tuple(_FORMS)
 
 
 def map_record(maps: Mapping[str, InjectionMap], compared: Comparison | None = None) -> dict[str, Any]:
-    """Record [SI] of maps by label, the first one compared with measured data; null where there is no number."""
+    """Record [SI] of maps by label, the first compared with measured data; null if a number is missing."""
     record: dict[str, Any] = {
         "schema": 1,
         "kind": "map",
@@ -253,7 +253,7 @@ def _one_map_record(label: str, m: InjectionMap) -> dict[str, Any]:
 
 
 def _bands(bands: MapBands) -> dict[str, Any]:
-    """Edges by the share that a band is to hold, over the cells of the quantity map and of the inverse."""
+    """Edges of the bands by level, over the cells of the quantity map and of the inverse."""
     edges = {
         name: [{"lower": numbers(low), "upper": numbers(high)} for low, high in pairs.values()]
         for name, pairs in (("injected_volume", bands.quantity), ("delivered", bands.delivered))

@@ -1,8 +1,8 @@
-"""Inverse of a quantity map: the energising time that delivers a quantity, found by simulation, not by interpolation.
+"""Inverse of a quantity map: find the energising time of a quantity by simulation, not by interpolation.
 
 Each cell has a bracket of two simulated energising times, which Chandrupatla's method (Advances in Engineering Software
-28, 1997) narrows; all open cells of a round are simulated at once. A cell is done when the simulated quantity meets the
-wanted one, so that every number that is not named otherwise has been simulated.
+28, 1997) narrows. All open cells of a round are simulated at once. A cell is done when the simulated quantity meets its
+target; all cells without a special state have been simulated.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ Simulate = Callable[[IndexArray, Floats], Response]
 Cell = tuple[int, int]  # pressure, quantity
 
 TOLERANCE = 0.01e-9  # of a delivered quantity [m³]
-NARROWEST = 10e-9  # bracket within which a quantity that is not met has been jumped over [s]; control units have 100 ns
-INSIDE = 0.02  # share of a bracket that the next time keeps from its ends: each round narrows it
-ROUNDS = 500  # in which times of neighbours spread into cells with several: as many cells as an axis has, and more
+NARROWEST = 10e-9  # bracket within which a missed quantity counts as jumped over [s]; control units have 100 ns
+INSIDE = 0.02  # least distance of the next time from both ends, as a share of the bracket: each round narrows it
+ROUNDS = 500  # for times of neighbours to spread into cells with several; more than the cells of an axis
 
 
 class Rules(NamedTuple):
-    """Rules for cells with several energising times, and with none."""
+    """Rules for cells with several energising times and for unreachable cells."""
 
     several: Several = Several.NEIGHBOURS
     beyond: Beyond = Beyond.EXTRAPOLATE
 
 
 class Inverse(NamedTuple):
-    """Energising times (pressures, quantities) [s], what they deliver [m³], largest lifts [m], and states.
+    """Energising times (pressures, quantities) [s], delivered volumes [m³], largest lifts [m], and states.
 
-    A time is NaN where there is none, a delivered quantity and a lift where nothing was simulated.
+    A missing time is NaN, and so are volume and lift of cells that were not simulated.
     """
 
     energising_time: Floats
@@ -47,9 +47,9 @@ class Inverse(NamedTuple):
 
 
 class _Cells(NamedTuple):
-    """Open cells (n,): their places (2, n), target volumes, and simulated times with their misses (3, n) [s], [m³].
+    """Open cells (n,): places (2, n), target volumes, simulated times [s] and their misses (3, n) [m³].
 
-    The target volume lies between the first two times; the third is the one that they have replaced last.
+    The first two times enclose the target volume; the third is the one that was replaced last.
     """
 
     place: IndexArray
@@ -63,7 +63,7 @@ class _Cells(NamedTuple):
 
 
 def sample_lines(simulate: Simulate, rail_pressure: Floats, times: Floats) -> list[Line]:
-    """Lines at rail pressures (n,) [Pa], simulated at the same energising times (m,) [s]."""
+    """Simulate lines at rail pressures (n,) [Pa] and the same energising times (m,) [s]."""
     shape = len(rail_pressure), len(times)
     response = simulate(np.repeat(np.arange(shape[0]), shape[1]), np.tile(times, shape[0]))
     samples = zip(rail_pressure.tolist(), response.volume.reshape(shape), response.lift.reshape(shape), strict=True)
@@ -71,10 +71,10 @@ def sample_lines(simulate: Simulate, rail_pressure: Floats, times: Floats) -> li
 
 
 def invert(simulate: Simulate, lines: list[Line], quantity: Floats, rules: Rules) -> tuple[Inverse, list[Line]]:
-    """Energising times for quantities (k,) [m³] at some lines, and the lines with the samples that were added.
+    """Find energising times for quantities (k,) [m³] on lines; return them and the lines with the new samples.
 
-    `simulate` takes the indices of lines (n,) and energising times (n,) [s]. Lines whose rail pressures increase are
-    one map: they are neighbours.
+    `simulate` takes indices of lines (n,) and energising times (n,) [s]. Consecutive lines with increasing rail
+    pressure belong to one map: they are neighbours.
     """
     shape = len(lines), len(quantity)
     number = np.full(shape, np.nan)
@@ -89,7 +89,7 @@ def invert(simulate: Simulate, lines: list[Line], quantity: Floats, rules: Rules
         place = np.array(list(brackets), np.intp).T
         around = np.array([brackets[cell][branch[cell]] for cell in brackets]).transpose(1, 2, 0)
         lines = _search(simulate, inverse, lines, _Cells(place, quantity[place[1]], around[0], around[1]))
-    for row, line in enumerate(lines):  # more than one energising time delivers a quantity inside a fall
+    for row, line in enumerate(lines):  # several energising times deliver a quantity inside a fall
         for fall in find_falls(line):
             inside = (quantity >= fall.low) & (quantity <= fall.high) & (inverse.state[row] == CellState.REACHED)
             inverse.state[row, inside] = CellState.SEVERAL
@@ -97,13 +97,14 @@ def invert(simulate: Simulate, lines: list[Line], quantity: Floats, rules: Rules
 
 
 def _brackets(inverse: Inverse, cell: Cell, line: Line, target: float, beyond: Beyond) -> Floats:
-    """Brackets (n, 2, 3) of a cell, one for each time at which the quantity rises past `target` [m³].
+    """Find the brackets (n, 2, 3) of a cell, one for each time at which the quantity rises past `target` [m³].
 
-    Each has three times and their misses, as in `_Cells`. None where the number of the cell needs no search.
+    Each has three times and their misses, as in `_Cells`. Empty if the cell needs no search.
     """
     none = np.empty((0, 2, 3))
     if target == 0.0:
-        inverse.energising_time[cell], inverse.delivered[cell], inverse.state[cell] = 0.0, 0.0, CellState.ZERO
+        inverse.energising_time[cell] = inverse.delivered[cell] = 0.0
+        inverse.state[cell] = CellState.ZERO
         return none
     sound = np.isfinite(line.volume)
     if not sound.any():
@@ -120,11 +121,11 @@ def _brackets(inverse: Inverse, cell: Cell, line: Line, target: float, beyond: B
 def _branches(
     brackets: Mapping[Cell, Floats], rail_pressure: list[float], shape: tuple[int, int], several: Several
 ) -> dict[Cell, int]:
-    """Bracket of each cell that is searched, by the rule.
+    """Choose the bracket of each cell by the rule.
 
-    By that of neighbours the times of cells with one bracket are continued into the others, where each is the mean of
-    its neighbours over rail pressure and quantity. The bracket nearest to that is taken, among those that lie behind
-    the time of the next smaller quantity.
+    NEIGHBOURS: times of cells with one bracket spread into the other cells, whose expected time is the mean of
+    their neighbours over rail pressure and quantity. Chosen is the bracket nearest to the
+    expected time, among those after the time of the next smaller quantity.
     """
     if several is not Several.NEIGHBOURS:
         return {cell: 0 if several is Several.SHORTEST else len(around) - 1 for cell, around in brackets.items()}
@@ -149,13 +150,13 @@ def _branches(
 
 
 def _chord(brackets: Floats) -> Floats:
-    """Times (n,) [s] at which straight lines between the first two points of brackets (n, 2, 3) have no miss."""
+    """Times (n,) [s] at which straight lines through the first two points of brackets (n, 2, 3) meet the target."""
     (t0, t1), (m0, m1) = brackets[:, 0, :2].T, brackets[:, 1, :2].T
     return np.asarray(t0 - m0 * (t1 - t0) / (m1 - m0))
 
 
 def _beyond(time: Floats, miss: Floats, rule: Beyond) -> float:
-    """Energising time of a quantity that is not reached, by the rule."""
+    """Energising time of an unreachable quantity, by the rule."""
     if rule is Beyond.EMPTY:
         return float("nan")
     slope = (miss[-1] - miss[-2]) / (time[-1] - time[-2]) if len(time) > 2 else 0.0
@@ -185,8 +186,8 @@ def _search(simulate: Simulate, inverse: Inverse, lines: list[Line], cells: _Cel
 def _share(cells: _Cells, first: bool) -> Floats:
     """Share of the way from the first to the second time at which each cell is simulated next.
 
-    Inverse quadratic interpolation where the three points are smooth enough for it, else one half; in the first round
-    the chord in place of one half.
+    Inverse quadratic interpolation if the three points are smooth enough, else one half (in the first round the
+    chord).
     """
     (x1, x2, x3), (f1, f2, f3) = cells.time, cells.miss
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -198,7 +199,7 @@ def _share(cells: _Cells, first: bool) -> Floats:
 
 
 def _narrow(cells: _Cells, time: Floats, miss: Floats) -> _Cells:
-    """Cells with the simulated time as first end of each bracket; the end that it replaces becomes the third point."""
+    """Shrink the brackets: the simulated time becomes the first end, the end that it replaces the third point."""
     same = (miss < 0.0) == (cells.miss[0] < 0.0)
 
     def shift(new: Floats, old: Floats) -> Floats:
@@ -208,7 +209,7 @@ def _narrow(cells: _Cells, time: Floats, miss: Floats) -> _Cells:
 
 
 def _store(inverse: Inverse, cells: _Cells, time: Floats, response: Response) -> None:
-    """Write cells that are done into `inverse`."""
+    """Write finished cells into `inverse`."""
     at = cells.place[0], cells.place[1]
     sound = np.isfinite(response.volume)
     inverse.energising_time[at] = np.where(sound, time, np.nan)

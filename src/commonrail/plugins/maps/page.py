@@ -1,4 +1,4 @@
-"""The page of a quantity map and its inverse: sentences, heat maps, curves, and the cells that are named."""
+"""Report of a quantity map and its inverse: sentences, heat maps, curves, and special cells."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from commonrail.base.arrays import Floats, Ints
 from commonrail.base.chart import BOTH, LINES, MARKERS, Band, Figure, HeatMap, Panel, Series, points
-from commonrail.base.table import Table, tabulated
-from commonrail.base.text import counted, fixed, listed, megapascal, pressure, quantity, significant
+from commonrail.base.table import Table, table_from_columns
+from commonrail.base.text import count_noun, join_words, megapascal, pressure, quantity, significant, to_fixed
 from commonrail.data.records import MICROSECOND, MM3, MPA
 from commonrail.physics.injector import Injector
 from commonrail.plugins.maps.adjust import WORDS
@@ -27,9 +27,9 @@ from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 
 TIME = "energising_time"
 ZOOM = 10e-9  # largest quantity of the enlarged curves [m³]
-ISO_LINES = 8  # quantities that are drawn
-ERRORS = (0.05, 0.15)  # relative errors at which measured points change their colour
-CURVES = 8  # rail pressures whose curves are drawn
+ISO_LINES = 8  # number of lines of equal quantity
+ERRORS = (0.05, 0.15)  # relative errors at which measured points change colour
+CURVES = 8  # number of rail pressures with a curve
 MARKS = {CellState.SEVERAL: "‡", CellState.JUMP: "*", CellState.BEYOND: "†", CellState.FAILED: "–"}
 REFERENCE = "At the reference density; cells without a number could not be simulated."
 LEGEND = (
@@ -38,7 +38,7 @@ LEGEND = (
 
 
 def map_html(maps: Mapping[str, InjectionMap], compared: Comparison | None = None) -> str:
-    """Page of one map, the first compared with measured data, or of two with their difference; maps by their labels."""
+    """Report of one map, the first compared with measured data, or of two with their difference; maps by label."""
     heats, curves = map_figures(maps, compared)
     first = next(iter(maps.values()))
     return page(
@@ -93,7 +93,7 @@ def page(
 
 
 def map_lines(maps: Mapping[str, InjectionMap], compared: Comparison | None = None) -> list[str]:
-    """Sentences: size of the map, what its cells deliver, and which cells are named."""
+    """Sentences: size of the map, accuracy of its cells, and exceptions."""
     lines = [sentence for label, m in maps.items() for sentence in _lines(label if len(maps) > 1 else "", m)]
     if compared is not None:
         large, small = significant(100.0 * compared.rms_large, 3), significant(compared.rms_small * MM3, 3)
@@ -108,10 +108,10 @@ def _lines(label: str, m: InjectionMap) -> list[str]:
     miss = np.abs(inverse.delivered - m.axes.quantity)[searched]
     opening = f"{label}: " if label else ""
     lines = [
-        f"{opening}{counted(len(m.axes.rail_pressure), 'rail pressure')} × "
-        f"{counted(len(m.axes.quantity), 'quantity', 'quantities')}; {searched.sum()} of "
-        f"{counted(inverse.state.size, 'cell')} have simulated energising times, which deliver their quantity within "
-        f"{fixed(miss.max(initial=0.0), 3, MM3)} mm³ ({m.simulations} injections)."
+        f"{opening}{count_noun(len(m.axes.rail_pressure), 'rail pressure')} × "
+        f"{count_noun(len(m.axes.quantity), 'quantity', 'quantities')}; {searched.sum()} of "
+        f"{count_noun(inverse.state.size, 'cell')} have simulated energising times, which deliver their quantity "
+        f"within {to_fixed(miss.max(initial=0.0), 3, MM3)} mm³ ({m.simulations} injections)."
     ]
     counts = {
         CellState.BEYOND: "hold a quantity that the longest energising time does not deliver",
@@ -121,27 +121,27 @@ def _lines(label: str, m: InjectionMap) -> list[str]:
     }
     exceptions = [f"{m.count(state)} {words}" for state, words in counts.items() if m.count(state)]
     if exceptions:
-        lines.append(f"Of the cells {listed(exceptions)}.")
+        lines.append(f"Of the cells {join_words(exceptions)}.")
     if m.inverse_ballistic.any():
         lines.append(
-            f"{int(m.inverse_ballistic.sum())} of all {counted(m.inverse.state.size, 'cell')} are ballistic, reached "
-            "or not: the needle turns round below its largest lift."
+            f"{int(m.inverse_ballistic.sum())} of all {count_noun(m.inverse.state.size, 'cell')} are ballistic, "
+            "reached or not: the needle turns round below its largest lift."
         )
     return [*lines, *_band_sentences(m), _monotonicity(m)]
 
 
 def _monotonicity(m: InjectionMap) -> str:
     if not m.falls:
-        return f"Monotone: the quantity never falls by more than {fixed(FALL, 2, MM3)} mm³ with longer energising."
-    pressures = listed([megapascal(p) for p in sorted({fall.rail_pressure for fall in m.falls})])
+        return f"Monotone: the quantity never falls by more than {to_fixed(FALL, 2, MM3)} mm³ with longer energising."
+    pressures = join_words([megapascal(p) for p in sorted({fall.rail_pressure for fall in m.falls})])
     return (
-        f"Not monotone: the quantity falls with longer energising at {counted(len(m.falls), 'place')}, at {pressures} "
-        "MPa; the table names them."
+        f"Not monotone: the quantity falls with longer energising at {count_noun(len(m.falls), 'place')}, at "
+        f"{pressures} MPa; the table names them."
     )
 
 
 def map_tables(maps: Mapping[str, InjectionMap], compared: Comparison | None = None) -> list[Table]:
-    """Falls, cells that are named, and largest differences."""
+    """Tables of falls, special cells, and largest differences."""
     tables = [_costs_table(maps), _falls_table(maps), _special_cells_table(maps), _pressure_falls_table(maps)]
     if compared is not None:
         tables.append(_comparison_table(compared))
@@ -149,7 +149,7 @@ def map_tables(maps: Mapping[str, InjectionMap], compared: Comparison | None = N
 
 
 def _costs_table(maps: Mapping[str, InjectionMap]) -> Table:
-    return tabulated(
+    return table_from_columns(
         "Quantity errors of the adjustments",
         [(label, cost) for label, m in maps.items() for cost in m.costs],
         [
@@ -167,16 +167,16 @@ def _costs_table(maps: Mapping[str, InjectionMap]) -> Table:
 
 
 def _falls_table(maps: Mapping[str, InjectionMap]) -> Table:
-    return tabulated(
+    return table_from_columns(
         "Places where the quantity falls with longer energising",
         [(label, fall) for label, m in maps.items() for fall in m.falls],
         [
             ("model", lambda r: r[0]),
             ("rail pressure, MPa", lambda r: megapascal(r[1].rail_pressure)),
-            ("from, µs", lambda r: fixed(r[1].start, 1, MICROSECOND)),
-            ("to, µs", lambda r: fixed(r[1].end, 1, MICROSECOND)),
-            ("largest, mm³", lambda r: fixed(r[1].high, 2, MM3)),
-            ("smallest, mm³", lambda r: fixed(r[1].low, 2, MM3)),
+            ("from, µs", lambda r: to_fixed(r[1].start, 1, MICROSECOND)),
+            ("to, µs", lambda r: to_fixed(r[1].end, 1, MICROSECOND)),
+            ("largest, mm³", lambda r: to_fixed(r[1].high, 2, MM3)),
+            ("smallest, mm³", lambda r: to_fixed(r[1].low, 2, MM3)),
         ],
         f"Found on all simulated energising times, every 12.5 µs up to 500 µs; falls below {FALL * MM3:g} mm³ are not "
         "listed.",
@@ -189,20 +189,21 @@ def _special_cells_table(maps: Mapping[str, InjectionMap]) -> Table:
         for (i, j), state in np.ndenumerate(m.inverse.state):
             if CellState(int(state)) in MARKS:
                 rows.append((label, m.axes.rail_pressure[i], m.axes.quantity[j], m.inverse, (i, j)))
-    return tabulated(
-        "Cells that are named",
+    return table_from_columns(
+        "Special cells",
         rows,
         [
             ("model", lambda r: r[0]),
             ("meaning", lambda r: CellState(r[3].state[r[4]]).sentence),
             ("rail pressure, MPa", lambda r: megapascal(r[1])),
             ("quantity, mm³", lambda r: significant(r[2], 4, MM3)),
-            ("energising time, µs", lambda r: fixed(r[3].energising_time[r[4]], 1, MICROSECOND)),
-            ("delivered, mm³", lambda r: fixed(r[3].delivered[r[4]], 3, MM3)),
+            ("energising time, µs", lambda r: to_fixed(r[3].energising_time[r[4]], 1, MICROSECOND)),
+            ("delivered, mm³", lambda r: to_fixed(r[3].delivered[r[4]], 3, MM3)),
         ],
         f"All other cells deliver their quantity within {TOLERANCE * MM3:g} mm³"
         + (", before the adjustments." if any(m.costs for m in maps.values()) else "."),
         2,
+        inputs=("meaning",),  # the sentences above count these
     )
 
 
@@ -211,32 +212,32 @@ def _pressure_falls_table(maps: Mapping[str, InjectionMap]) -> Table:
     for label, m in maps.items():
         for i, j in np.argwhere(m.falls_with_pressure):
             rows.append((label, m.axes.rail_pressure[i], m.axes.energising_time[j], m.volume[i - 1, j], m.volume[i, j]))
-    return tabulated(
+    return table_from_columns(
         "Cells whose quantity falls with the rail pressure",
         rows,
         [
             ("model", lambda r: r[0]),
             ("rail pressure, MPa", lambda r: megapascal(r[1])),
-            ("energising time, µs", lambda r: fixed(r[2], 1, MICROSECOND)),
-            ("at the pressure before, mm³", lambda r: fixed(r[3], 2, MM3)),
-            ("here, mm³", lambda r: fixed(r[4], 2, MM3)),
+            ("energising time, µs", lambda r: to_fixed(r[2], 1, MICROSECOND)),
+            ("at the pressure before, mm³", lambda r: to_fixed(r[3], 2, MM3)),
+            ("here, mm³", lambda r: to_fixed(r[4], 2, MM3)),
         ],
-        "At a higher rail pressure the valve opens later, so that a short energising can inject less.",
+        "At a higher rail pressure the valve opens later, and a short energising can inject less.",
     )
 
 
 def _comparison_table(compared: Comparison) -> Table:
     measured = compared.measured
     rows = zip(*(v.tolist() for v in (*measured, compared.simulated)), strict=True)
-    return tabulated(
+    return table_from_columns(
         "Measured and simulated quantities",
         list(rows),
         [
             ("rail pressure, MPa", lambda r: megapascal(r[0])),
-            ("energising time, µs", lambda r: fixed(r[1], 1, MICROSECOND)),
-            ("measured, mm³", lambda r: fixed(r[2], 2, MM3)),
-            ("simulated, mm³", lambda r: fixed(r[3], 2, MM3)),
-            ("difference, mm³", lambda r: fixed(r[3] - r[2], 2, MM3)),
+            ("energising time, µs", lambda r: to_fixed(r[1], 1, MICROSECOND)),
+            ("measured, mm³", lambda r: to_fixed(r[2], 2, MM3)),
+            ("simulated, mm³", lambda r: to_fixed(r[3], 2, MM3)),
+            ("difference, mm³", lambda r: to_fixed(r[3] - r[2], 2, MM3)),
         ],
         f"Measured: {compared.source}.",
         0,
@@ -261,7 +262,7 @@ def map_figures(
 
 
 def _heats(m: InjectionMap, label: str) -> Iterator[HeatMap]:
-    """Energising times, quantities, and half widths of the widest band where the map has bands."""
+    """Energising times, quantities, and half widths of the widest band, if the map has bands."""
     inverse = m.inverse
     yield _heat(m, "quantity", inverse.energising_time, f"Energising time of {label}", LEGEND, states=inverse.state)
     yield _heat(m, TIME, m.volume, f"Injected quantity of {label}", REFERENCE, 1)
@@ -270,7 +271,7 @@ def _heats(m: InjectionMap, label: str) -> Iterator[HeatMap]:
         caption = f"Share of measured quantities that are expected inside. Bands: {m.bands.estimator}."
         sources = (("quantity", "Inverse", m.bands.delivered), (TIME, "Quantity map", m.bands.quantity))
         for over, what, edges in sources:
-            title = f"{what} of {label}: half width of the {fixed(level, 0, 100.0)} % band"
+            title = f"{what} of {label}: half width of the {to_fixed(level, 0, 100.0)} % band"
             yield _heat(m, over, _half_widths(edges[level]), title, caption, None)
 
 
@@ -287,8 +288,8 @@ def _heat(
 ) -> HeatMap:
     """Heat map of values (pressures, y) over an axis of the map: energising times [s] or volumes [m³].
 
-    Cells have so many decimals; half widths of bands have two significant digits, more would pretend that bands are
-    known so well. The state of a cell is added as its mark.
+    `decimals` sets the number format; half widths of bands have two significant digits, which is all that is known.
+    A mark in a cell shows its state.
     """
     unit, scale = ("mm³", MM3) if over == TIME or decimals is None else ("µs", MICROSECOND)
     y_title, y_scale = ("energising time, µs", MICROSECOND) if over == TIME else ("quantity, mm³", MM3)
@@ -298,7 +299,7 @@ def _heat(
     def text(value: float, state: int) -> str:
         if decimals is None:
             return significant(value, 2) if np.isfinite(value) else ""
-        return f"{fixed(value, decimals)}{MARKS.get(CellState(state), '')}"
+        return f"{to_fixed(value, decimals)}{MARKS.get(CellState(state), '')}"
 
     return HeatMap(
         f"{title}, {unit}",
@@ -323,7 +324,7 @@ def _half_widths(edges: tuple[Floats, Floats]) -> Floats:
 
 
 def _band_sentences(m: InjectionMap) -> list[str]:
-    """Sentence on the widest band of a map and where it is; none where the map has no bands."""
+    """Sentence on the widest band of a map and its cell; empty without bands."""
     if m.bands is None:
         return []
     level = max(m.bands.quantity)
@@ -333,16 +334,16 @@ def _band_sentences(m: InjectionMap) -> list[str]:
     i, j = np.unravel_index(int(np.nanargmax(half)), half.shape)
     median, largest = (significant(float(value), 2, MM3) for value in (np.nanmedian(half), half[i, j]))
     return [
-        f"{fixed(level, 0, 100.0)} % of measured quantities are expected within ±{median} mm³ of the inverse's "
+        f"{to_fixed(level, 0, 100.0)} % of measured quantities are expected within ±{median} mm³ of the inverse's "
         f"quantities in the median, within ±{largest} mm³ at most ({significant(m.axes.quantity[j], 4, MM3)} mm³ at "
         f"{megapascal(m.axes.rail_pressure[i])} MPa)."
     ]
 
 
 def _band_about(m: InjectionMap, row: int, step: tuple[int, int], largest: float) -> tuple[Band, ...]:
-    """Area of the widest band about the curve of a rail pressure, up to the largest quantity that is drawn [m³].
+    """Area of the widest band around the curve of a rail pressure, up to the largest quantity shown [m³].
 
-    `step` is the pressure's number and how many are drawn.
+    `step` holds the number of the pressure and the number of curves.
     """
     if m.bands is None:
         return ()
@@ -353,7 +354,7 @@ def _band_about(m: InjectionMap, row: int, step: tuple[int, int], largest: float
 
 
 def _choose_pressures(m: InjectionMap, compared: Comparison | None = None) -> Sequence[int]:
-    """Rail pressures whose curves are drawn: the measured ones, or some evenly among all."""
+    """Rail pressures with a curve: the measured ones, or some evenly spaced ones."""
     count = len(m.lines)
     if compared is not None:
         measured = [np.isclose(compared.measured.rail_pressure, line.rail_pressure).any() for line in m.lines]
@@ -362,7 +363,7 @@ def _choose_pressures(m: InjectionMap, compared: Comparison | None = None) -> Se
 
 
 def _curves(m: InjectionMap, compared: Comparison | None, largest: float) -> Figure:
-    """Quantities over energising time, every simulated point; enlarged if there is a largest quantity."""
+    """Curves of quantity over energising time with every simulated point; enlarged if `largest` is given."""
     series: list[Series] = []
     bands: list[Band] = []
     rows = _choose_pressures(m, compared)
@@ -416,7 +417,7 @@ def _iso_lines(m: InjectionMap, compared: Comparison | None) -> Figure:
 
 
 def _ballistic_limit(m: InjectionMap, row: int) -> float:
-    """Middle between the longest ballistic energising time of the map and the next one [s]; NaN without both."""
+    """Middle between the longest ballistic energising time of the map and the next [s]; NaN if one is missing."""
     ballistic = np.flatnonzero(m.ballistic[row])
     times = m.axes.energising_time
     if not len(ballistic) or ballistic[-1] + 1 == len(times):
@@ -425,9 +426,9 @@ def _ballistic_limit(m: InjectionMap, row: int) -> float:
 
 
 def _comparison_series(compared: Comparison) -> Iterator[Series]:
-    """Measured points, of one colour for each range of the relative error of the simulated quantity."""
+    """Measured points, coloured by the relative error of the simulated quantity."""
     measured = compared.measured
-    error = np.full(measured.volume.shape, np.nan)  # nowhere where nothing is measured
+    error = np.full(measured.volume.shape, np.nan)  # undefined for a measured zero
     np.divide(np.abs(compared.simulated - measured.volume), measured.volume, error, where=measured.volume > 0.0)
     for (low, high), family in zip(pairwise((0.0, *ERRORS, np.inf)), (2, 1, 7), strict=True):
         at = (error >= low) & (error < high)
@@ -449,8 +450,8 @@ def _tiles(m: InjectionMap, compared: Comparison | None) -> list[Tile]:
         ),
         Tile(
             "with longer energising",
-            f"falls at {counted(falls, 'place')}" if falls else "always grows",
-            f"by more than {fixed(FALL, 2, MM3)} mm³",
+            f"falls at {count_noun(falls, 'place')}" if falls else "always grows",
+            f"by more than {to_fixed(FALL, 2, MM3)} mm³",
             CARE if falls else GOOD,
         ),
     ]

@@ -23,14 +23,14 @@ from commonrail.engine.threads import usable_threads
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
 
-# Simulated after the end of energising, a time and a share of the energising; a simulation ends early once its needle
-# has closed, and one whose needle has not is repeated with the longest horizon.
+# Time simulated after the end of energising, plus a share of the energising. A simulation ends early once its needle
+# has closed; one whose needle is still open is repeated with the longest horizon.
 AFTER = (2e-3, 0.5)  # [s], [1]
 LONGEST_AFTER = 12e-3  # [s]
 
 
 class Conditions(NamedTuple):
-    """Pressures behind the nozzle and of the return line [Pa], time step [s] and threads of all points of a map."""
+    """Cylinder and return pressure [Pa], time step [s] and threads, shared by all points of a map."""
 
     cylinder_pressure: float = 5e6
     return_pressure: float = 0.5e6
@@ -48,7 +48,7 @@ class Conditions(NamedTuple):
 # Simulation of many operating points that share their pressures and energisings.
 
 AT_A_TIME = 2048  # points of a batch: Ctrl-C takes effect between batches
-ENOUGH = 4  # batches for each thread from which on every thread has batches of its own
+ENOUGH = 4  # batches for each thread, from which on threads simulate whole batches
 
 
 def simulate_many(
@@ -60,10 +60,10 @@ def simulate_many(
 ) -> Batch:
     """Simulate all candidates at all points without traces, some points at a time to save memory.
 
-    Of the conditions, the time step and the threads count. Candidates are SI `values` (candidates, names) of
-    parameters; by default the injector itself is the only one. Many batches are prepared and simulated side by side,
-    each by one thread, so that none waits for another one's end. The bits are those of `simulate_batch`.
-    ConfigurationError if the injector's model or its fuel does not cover a point.
+    Only the time step and the threads of the conditions are used. Candidates are SI `values` (candidates, names) of
+    parameters; default: the injector itself. Many batches are prepared and simulated in parallel, each by one
+    thread, to avoid waiting. The bits are the same as those of `simulate_batch`.
+    `ConfigurationError` if the injector's model or its fuel does not cover a point.
     """
     step, threads = check_step(conditions.time_step), conditions.threads or usable_threads()
     places = [slice(first, first + AT_A_TIME) for first in range(0, len(points), AT_A_TIME)]
@@ -83,13 +83,13 @@ def simulate_many(
 
 
 def _join_batches(parts: Sequence[Batch]) -> Batch:
-    """One batch of several that follow one another in their points."""
+    """Join batches of consecutive points."""
     names = Batch.__dataclass_fields__
     return Batch(**{name: np.concatenate([getattr(batch, name) for batch in parts], axis=1) for name in names})
 
 
 def prepare_shared(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> Prepared:
-    """`plan.prepare` of points without traces, which works out each set of pressures and each energising once."""
+    """Prepare points without traces as `plan.prepare`, computing each set of pressures and each energising once."""
     pressures: dict[object, int] = {}
     energisings: dict[object, int] = {}
     by_pressure, by_energising = [], []
@@ -97,7 +97,7 @@ def prepare_shared(injector: Injector, points: Sequence[OperatingPoint], dt: flo
     for point in points:
         pressure = point.rail_pressure, point.cylinder_pressure, point.return_pressure
         energising = point.energisings, point.horizon, point.start
-        # one that brings something new is worked out; its number is that of both
+        # points that add pressures or an energising are prepared; their number serves both
         if pressure not in pressures or energising not in energisings:
             pressures.setdefault(pressure, len(distinct))
             energisings.setdefault(energising, len(distinct))
@@ -126,7 +126,7 @@ def prepare_shared(injector: Injector, points: Sequence[OperatingPoint], dt: flo
 class Response:
     """Simulated injections: volume at the reference density [m³] and largest needle lift [m], arrays of one shape.
 
-    A volume is NaN where the simulation failed or the needle did not close.
+    A volume is NaN if the simulation failed or the needle did not close.
     """
 
     volume: Floats
@@ -138,15 +138,15 @@ class Response:
 
 
 def density_at(injector: Injector, conditions: Conditions) -> float:
-    """Reference density [kg/m³], which turns volumes of a map into masses: that at cylinder pressure."""
+    """Reference density [kg/m³], at cylinder pressure, which converts volumes of a map to masses."""
     return reference_density(injector, conditions.point(max(20e6, 2.0 * conditions.cylinder_pressure), 1e-4))
 
 
 def respond(injector: Injector, rail_pressure: Floats, energising_time: Floats, conditions: Conditions) -> Response:
     """Simulate single injections at rail pressures (n,) [Pa] and energising times (n,) [s].
 
-    One whose needle is still open at its end is repeated with a longer horizon. ConfigurationError if a point lies
-    outside what the injector's model covers.
+    An injection whose needle is still open is repeated with a longer horizon. `ConfigurationError` if the injector's
+    model does not cover a point.
     """
     pairs = zip(rail_pressure.tolist(), energising_time.tolist(), strict=True)
     points = [conditions.point(*pair) for pair in pairs]
@@ -166,20 +166,20 @@ def _simulate_points(
     return batch.injected_volume[0], batch.greatest_lift[0], batch.status[0]
 
 
-# Quantity over energising time at each rail pressure: samples, where they fall, and brackets of a quantity.
+# Quantity over energising time at each rail pressure: samples, falls, and brackets of a quantity.
 
-# Spacing of the energising times that are simulated: within the first half millisecond, where the needle turns round
-# before its stop, a fall of the quantity is some tens of microseconds wide; later the quantity is nearly a line.
+# Spacing of the simulated energising times: within the first half millisecond, where the needle turns before its
+# stop, a fall of the quantity is tens of microseconds wide; later the quantity is nearly linear.
 FINE_UNTIL = 500e-6  # [s]
 FINE = 12.5e-6  # [s]
 SHORTEST = 50e-6  # below it no injector opens its needle [s]
 GROWTH = 1.12  # ratio of neighbouring times beyond the fine range
 
-FALL = 0.01e-9  # smallest fall of the quantity that is named [m³]: half the tolerance of the inverse
+FALL = 0.01e-9  # smallest fall that is listed [m³]: half the tolerance of the inverse
 
 
 class Fall(NamedTuple):
-    """Fall of the quantity, though the injector is energised longer.
+    """Fall of the quantity although the injector is energised for longer.
 
     Rail pressure [Pa], energising times at the largest and at the smallest quantity [s], and these quantities [m³].
     """
@@ -194,7 +194,7 @@ class Fall(NamedTuple):
 class Line(NamedTuple):
     """Samples at one rail pressure [Pa], sorted: energising times [s], volumes [m³] and largest lifts [m].
 
-    A volume is NaN where the simulation failed.
+    A volume is NaN if the simulation failed.
     """
 
     rail_pressure: float
@@ -216,7 +216,7 @@ class Line(NamedTuple):
 
 
 def require_some(injector: Injector, lines: Sequence[Line], conditions: Conditions) -> None:
-    """Refuse lines without a single volume by a SimulationError with the reason at the last sample of the last line."""
+    """Raise `SimulationError` if no line has a volume, with the reason at the last sample of the last line."""
     if all(np.isnan(line.volume).all() for line in lines):
         point = conditions.point(lines[-1].rail_pressure, float(lines[-1].time[-1]))
         status = _simulate_points(injector, [point], conditions)[2]
@@ -224,12 +224,12 @@ def require_some(injector: Injector, lines: Sequence[Line], conditions: Conditio
 
 
 def sample_times(times: Floats) -> Floats:
-    """Energising times that are simulated at each rail pressure: an axis and a fine grid up to its end [s]."""
+    """Energising times simulated at each rail pressure: an axis and a fine grid up to its end [s]."""
     longest = float(times[-1])
     count = int(np.ceil(np.log(max(longest / FINE_UNTIL, 1.0)) / np.log(GROWTH)))
     coarse = FINE_UNTIL * GROWTH ** np.arange(1, count)
     grid = np.concatenate([np.arange(SHORTEST, FINE_UNTIL + FINE / 2, FINE), coarse])
-    # a grid time beside one of the axis would only repeat it
+    # drop grid times next to one of the axis
     is_distinct = np.min(np.abs(grid[:, None] - times), axis=1) > FINE / 4
     return np.unique(np.concatenate([times, grid[(grid < longest) & is_distinct]]))
 

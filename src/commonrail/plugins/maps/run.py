@@ -1,4 +1,4 @@
-"""Quantity map of an injector, its inverse, and where the quantity is not monotone."""
+"""Simulate the quantity map of an injector and its inverse, and find where the quantity is not monotone."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from commonrail.base.arguments import Quantity, array, enum_member, flag, instan
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.text import counted
+from commonrail.base.text import count_noun
 from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector
 from commonrail.plugins.maps import response
@@ -22,7 +22,7 @@ from commonrail.plugins.maps.axes import MapAxes
 from commonrail.plugins.maps.choices import Beyond, CellState, Several
 from commonrail.plugins.maps.inverse import Inverse, Rules, invert, sample_lines
 from commonrail.plugins.maps.response import Conditions
-from commonrail.plugins.maps.sweep import OPERATING, Base, Sweep, Variable, unit_of
+from commonrail.plugins.maps.sweep import OPERATING, Base, Sweep, Variable, resolve_variable
 from commonrail.plugins.maps.sweep import sweep as swept
 
 if TYPE_CHECKING:
@@ -31,15 +31,15 @@ if TYPE_CHECKING:
 
 Edges = Mapping[float, tuple[Floats, Floats]]
 
-BALLISTIC = 0.98  # share of the largest lift at a rail pressure below which a needle turns round before its end
+BALLISTIC = 0.98  # share of the largest lift at a rail pressure, below which an injection is ballistic
 
 
 class MapBands(NamedTuple):
-    """Edges between which measured quantities are expected [m³], by the share of them that a band is to hold.
+    """Edges [m³] of the bands in which measured quantities are expected, by level.
 
-    `estimator` is that of the `Prediction`; `quantity` are edges (pressures, energising times) of the quantity map,
-    `delivered` edges (pressures, quantities) of what the energising times of the inverse deliver; NaN in cells that
-    hold no simulated time.
+    `estimator` comes from the `Prediction`; `quantity` holds edges (pressures, energising times) of the quantity map,
+    `delivered` edges (pressures, quantities) of the quantities delivered by the inverse; NaN in cells without a
+    simulated time.
     """
 
     estimator: str
@@ -73,11 +73,11 @@ class InjectionMap(Shown):
     lines : tuple of Line
         All simulated points, one line for each rail pressure.
     adjustment : Adjustment
-        Steps after which `curves`, `volume` and `inverse` are.
+        Steps applied to `curves`, `volume` and `inverse`.
     costs : tuple of Cost
         Quantity errors of these steps.
     bands : MapBands or None
-        Of measured quantities, where a fit tells them.
+        Of measured quantities, if the model comes from a fit.
     """
 
     presenter = "commonrail.plugins.maps.page:INJECTION_MAP"
@@ -105,7 +105,7 @@ class InjectionMap(Shown):
 
     @property
     def falls_with_pressure(self) -> Bools:
-        """Cells (pressures, energising times) whose quantity is below that at the rail pressure before."""
+        """Cells (pressures, energising times) whose quantity is smaller than at the rail pressure before."""
         fallen = np.zeros(self.volume.shape, bool)
         fallen[1:] = np.diff(self.volume, axis=0) < -1e-11
         return fallen
@@ -121,7 +121,7 @@ class InjectionMap(Shown):
         Returns
         -------
         array or float
-            NaN outside of the pressures of the map, of 0 to its longest time, and next to a failed simulation.
+            NaN outside the pressures of the map, beyond its longest time, and next to a failed simulation.
         """
         rail, time = self._arguments(rail_pressure, energising_time, "energising time", "s")
         return np.asarray(self._interpolator(np.stack([rail, time], axis=-1)).reshape(rail.shape))[()]
@@ -129,7 +129,7 @@ class InjectionMap(Shown):
     def energising_time(self, rail_pressure: ArrayLike, quantity: ArrayLike) -> Floats:
         """Energising time [s] at which `quantity` gives a volume.
 
-        Where several do, it is the one nearest to the inverse map.
+        If several do, the one nearest to the inverse map.
 
         Parameters
         ----------
@@ -139,7 +139,7 @@ class InjectionMap(Shown):
         Returns
         -------
         array or float
-            Zero for no quantity; NaN outside of the pressures of the map, and for what is not reached.
+            Zero for no quantity; NaN outside the pressures of the map and for unreachable quantities.
         """
         rail, volume = self._arguments(rail_pressure, quantity, "quantity", "m3")
         times, target = self.curves.time, volume.reshape(-1, 1)
@@ -177,7 +177,7 @@ class InjectionMap(Shown):
 
 
 def _interpolator(axes: tuple[Floats, Floats], values: Floats) -> Callable[[Floats], Floats]:
-    """Function of points (..., 2) that interpolates linearly, and gives NaN outside of the axes."""
+    """Linear interpolator for points (..., 2); NaN outside the axes."""
     from scipy.interpolate import RegularGridInterpolator  # slow to import
 
     interpolate: Callable[[Floats], Floats] = RegularGridInterpolator(
@@ -187,7 +187,7 @@ def _interpolator(axes: tuple[Floats, Floats], values: Floats) -> Callable[[Floa
 
 
 def usual_axes(injector: Injector) -> MapAxes:
-    """Axes of a control unit, up to the highest pressure that the injector's fuel is declared for."""
+    """Axes of a control unit, up to the highest pressure of the injector's fuel."""
     return MapAxes.usual(injector.fuel.pressure_range[1])
 
 
@@ -201,8 +201,8 @@ def injection_map(
 ) -> InjectionMap:
     """Simulate the quantity map of an injector and its inverse, by default over the axes of a control unit.
 
-    `progress` is called with a line of text before each stage. ConfigurationError if an argument is of another kind, or
-    a pressure lies outside what the model covers; SimulationError if no point could be simulated.
+    `progress` receives a line of text before each stage. `ConfigurationError` if an argument is of the wrong type or
+    the model does not cover a pressure; `SimulationError` if no point could be simulated.
     """
     instance(injector, Injector, "injector")
     axes = usual_axes(injector) if axes is None else instance(axes, MapAxes, "axes")
@@ -212,15 +212,15 @@ def injection_map(
         return response.respond(injector, axes.rail_pressure[rows], times, conditions)
 
     knots = response.sample_times(axes.energising_time)
-    at = counted(len(axes.rail_pressure), "rail pressure")
-    tell(f"simulating {counted(len(knots), 'energising time')} at {at} ...")
+    at = count_noun(len(axes.rail_pressure), "rail pressure")
+    tell(f"simulating {count_noun(len(knots), 'energising time')} at {at} ...")
     lines = sample_lines(simulate, axes.rail_pressure, knots)
     response.require_some(injector, lines, conditions)
     forward = [line.at(axes.energising_time) for line in lines]
     volume = np.array([line.at(knots).volume for line in lines])
     curves = Curves(np.concatenate([[0.0], knots]), np.pad(volume, ((0, 0), (1, 0))))
     cells = len(axes.rail_pressure) * len(axes.quantity)
-    tell(f"inverting {counted(cells, 'cell')} ...")
+    tell(f"inverting {count_noun(cells, 'cell')} ...")
     inverse, lines = invert(simulate, lines, axes.quantity, rules)
     curves, inverse, costs = adjust(adjustment.check(), axes, curves, inverse, simulate)
     full = np.array([np.nanmax(line.lift, initial=0.0) for line in lines])[:, None]
@@ -262,28 +262,28 @@ def quantity_map(
     threads: int | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> InjectionMap:
-    """Quantity map of an injector and its inverse, as `commonrail map` computes it.
+    """Simulate the quantity map of an injector and its inverse, as `commonrail map`.
 
     Parameters
     ----------
     model : Injector or Calibration
-        Of a calibration the calibrated injector.
+        A calibration stands for its calibrated injector.
     pressures, times, quantities : array, optional
-        Axes, SI or texts with units, ``["40 MPa", "80 MPa"]``; by default those of a control unit.
+        Axes, SI or texts with units, ``["40 MPa", "80 MPa"]``; default: axes of a control unit.
     cylinder_pressure, return_pressure : float or str
         [Pa].
     time_step : float or str
         [s].
     several : Several
-        Energising time where several deliver a quantity.
+        Energising time if several deliver a quantity.
     beyond : Beyond
-        Rule for quantities that are not reached.
+        Rule for unreachable quantities.
     smooth : float or str, optional
         Quantity error that smoothing may cost in both maps, root mean square over their cells [m³].
     monotone : bool
         Pool quantities that fall with the energising time, and times that fall with the quantity.
     resolution : (float or str or None, float or str or None)
-        Of energising times [s] and of quantities [m³] in the control unit, to which both maps are rounded.
+        Resolution of energising times [s] and of quantities [m³] in the control unit, to which both maps are rounded.
     threads : int, optional
         All usable processors by default.
     progress : function of str, optional
@@ -292,7 +292,7 @@ def quantity_map(
     Raises
     ------
     ConfigurationError
-        If an argument is of another kind, or an axis does not increase.
+        If an argument is of the wrong type, or an axis does not increase.
     SimulationError
         If no point could be simulated.
     """
@@ -326,7 +326,7 @@ def sweep(
     threads: int | None = None,
     **fixed: Quantity,
 ) -> Sweep:
-    """Quantities over all combinations of one to three variables, as `commonrail sweep` computes them.
+    """Simulate quantities over all combinations of one to three variables, as `commonrail sweep`.
 
     Parameters
     ----------
@@ -339,7 +339,7 @@ def sweep(
     threads : int, optional
         All usable processors by default.
     **fixed : float or str
-        Operating point besides: the first six names above.
+        Fixed conditions, by the first six names above.
 
     Raises
     ------
@@ -358,13 +358,13 @@ def read_sweep(
     injector = _injector(model)
     for name in fixed:
         if name not in OPERATING:
-            raise ConfigurationError(f"There is no {name} of an operating point; there are {', '.join(OPERATING)}.")
+            raise ConfigurationError(f"An operating point has no {name}; it has {', '.join(OPERATING)}.")
     point = {name: number(fixed.get(name, usual), unit, name) for name, (unit, usual) in OPERATING.items()}
     pressures = point.pop("cylinder_pressure"), point.pop("return_pressure")
     base = Base(**point, conditions=Conditions(*pressures, number(time_step, "s", "time step"), threads))
     variables = []
     for name, values in mapping(vary, "variables of a sweep", '{"dwell": ["400 us", "800 us"]}').items():
-        full, unit = unit_of(name)
+        full, unit = resolve_variable(name)
         variables.append(Variable(full, unit, np.atleast_1d(array(values, unit, name))))
     return injector, variables, base
 
@@ -372,28 +372,28 @@ def read_sweep(
 def _injector(model: object) -> Injector:
     if isinstance(model, Injector):
         return model
-    from commonrail.calibration.run import Calibration  # late: the map of an injector needs no calibration
+    from commonrail.calibration.run import Calibration  # late import: maps of injectors do not need calibration
 
     calibration: Any = instance(model, Injector | Calibration, "model")
     injector: Injector = calibration.injector
     return injector
 
 
-# Bands of measured quantities about the cells of a map, from the fit that the model was calibrated by.
+# Bands of measured quantities around the cells of a map, from the fit of the model.
 
-SAME = 1e-6  # relative difference of a parameter from the fit's value that is rounding of the injector's file
+SAME = 1e-6  # relative difference from the fit's value that counts as rounding in the injector's file
 
 
 def add_bands(
     mapped: InjectionMap, study: Study, best: Mapping[str, float], draws: Floats | None = None
 ) -> InjectionMap:
-    """Map of an injector that a study has calibrated, with bands by `predict`; `best` are the values [SI] of the fit.
+    """Add bands by `predict` to the map of a calibrated injector; `best` holds the values [SI] of the fit.
 
-    The bands are predicted with the conditions and the time step of the map, and lie about its quantities: from `draws`
-    (m, d), parameters [SI] of the posterior, or from draws that `predict` makes.
+    The bands are predicted with the conditions and the time step of the map, around its quantities: from `draws`
+    (m, d), parameters [SI] of the posterior, or from new draws of `predict`.
 
-    ConfigurationError if the injector of the map does not have the values of the fit, or the study fits no quantity
-    map; SimulationError if the best values cannot be simulated.
+    `ConfigurationError` if the injector of the map does not have the values of the fit, or the study fits no quantity
+    map; `SimulationError` if the best values cannot be simulated.
     """
     from commonrail.plugins.prediction.run import LEVELS, predict
 
@@ -401,19 +401,19 @@ def add_bands(
     for name, value in best.items():
         if name in values and not np.isclose(values[name], value, rtol=SAME, atol=0.0):
             raise ConfigurationError(
-                f"{mapped.injector.name} has {name} = {values[name]:g} and the fit {value:g}: the bands of a fit are "
-                "those of the injector that it has calibrated; omit the changes or the bands."
+                f"{mapped.injector.name} has {name} = {values[name]:g} and the fit {value:g}: bands apply to the "
+                "calibrated injector only; omit the changes or the bands."
             )
     axes, conditions = mapped.axes, mapped.conditions
     forward, inverse = np.isfinite(mapped.volume), np.isfinite(mapped.inverse.delivered) & (axes.quantity > 0.0)
     pairs = _pairs(axes.rail_pressure, np.broadcast_to(axes.energising_time, forward.shape), forward)
     pairs += _pairs(axes.rail_pressure, mapped.inverse.energising_time, inverse)
-    # a needle that closes late is no failure: simulations end with their injection anyway
+    # a needle that closes late is not a failure: simulations end with their injection anyway
     points = [replace(conditions.point(rail, time), horizon=time + response.LONGEST_AFTER) for rail, time in pairs]
     study = replace(study, time_step=conditions.time_step)
     predicted = predict(study, best, points, draws=draws, levels=LEVELS, threads=conditions.threads)
     (band,) = predicted.bands
-    stated = float(np.asarray(band.data.mass_density))  # of the data; NaN for the injector's
+    stated = float(np.asarray(band.data.mass_density))  # density of the data; NaN for the injector's
     factor = stated / mapped.density if np.isfinite(stated) else 1.0
     count = int(forward.sum())
     quantity, delivered = {}, {}
@@ -431,7 +431,7 @@ def _pairs(rail_pressure: Floats, time: Floats, which: Bools) -> list[tuple[floa
 
 
 def _tables(volume: Floats, which: Bools, offsets: list[Floats]) -> tuple[Floats, Floats]:
-    """Edges of all cells, from their distances from the quantities of marked ones; none is injected backwards."""
+    """Edges of all cells, from their distances to the quantities of marked cells; negative quantities are cut off."""
     low, high = np.full((2, *volume.shape), np.nan)
     centre = volume[which]
     low[which], high[which] = np.maximum(centre + offsets[0], np.minimum(centre, 0.0)), centre + offsets[1]

@@ -1,8 +1,8 @@
 """Quantities over one to three variables: operating conditions, dwell, and any parameters of the injector.
 
 With two injections the dwell is the time from the end of the first energising to the start of the second. The quantity
-of the second injection is the total less what the first one injects alone. Where the needle does not close in between,
-the two are fused into one, and only the total is a quantity of its own.
+of the second injection is the total minus the quantity of the first alone. If the needle does not close in between,
+the two are fused, and only the total is defined.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ AFTER = 5e-3  # simulated after the last energising; it ends early once the need
 class Base(NamedTuple):
     """Operating point around which a sweep moves.
 
-    Rail pressure [Pa]; energising time of the injection, or of the second of two [s]; that of the first of two, 0 for a
-    single one [s]; dwell from the end of the first energising to the start of the second [s].
+    Rail pressure [Pa]; energising time of the injection, or of the second of two [s]; energising time of the first of
+    two, 0 for a single injection [s]; dwell from the end of the first energising to the start of the second [s].
     """
 
     rail_pressure: float
@@ -53,10 +53,10 @@ class Base(NamedTuple):
         return OperatingPoint(**_arguments(self._rows(changed)[0].tolist(), alone))
 
     def points(self, changed: Mapping[str, Floats], alone: bool = False) -> Points:
-        """Operating points as `point` makes each of them, in a tenth of the time, and made when they are needed.
+        """Operating points as `point` builds them, in a tenth of the time, and built on demand.
 
-        All values (points,) are compared with the limits of operating points at once. A point outside is made by
-        `point`, which says what is wrong with it.
+        All values (points,) are compared with the limits of operating points at once. A point outside is built by
+        `point`, whose message explains the fault.
         """
         rows = self._rows(changed)
         rail, cylinder, back, first, start, second = rows.T
@@ -89,13 +89,14 @@ class Base(NamedTuple):
 
 
 class Points(Sequence[OperatingPoint]):
-    """Operating points of many combinations; those of a slice are made when it is taken.
+    """Operating points of many combinations, built when a slice is taken.
 
-    Their rows (points, 6) are checked; `others` are points that are not made of their rows.
+    Their rows (points, 6) are checked; `others` holds points that are not built from their rows.
     """
 
     def __init__(self, rows: Floats, alone: bool, others: Mapping[int, OperatingPoint]) -> None:
-        self._rows, self._alone, self._others = rows, alone, others
+        self._rows, self._alone = rows, alone
+        self._others = others
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -122,7 +123,7 @@ def _within(values: Floats, limits: Limits) -> Bools:
 
 
 def _make_point(row: Sequence[float], alone: bool) -> OperatingPoint:
-    """Operating point of a row that is checked."""
+    """Build an operating point from a checked row."""
     arguments = _arguments(row, alone)
     energisings = tuple(_energising(*pulse) for pulse in arguments["energisings"])
     point = object.__new__(OperatingPoint)
@@ -146,7 +147,7 @@ def _arguments(row: Sequence[float], alone: bool) -> dict[str, Any]:
 _energising = functools.lru_cache(maxsize=10_000)(Energising)  # the points of a sweep share most of theirs
 
 
-# Variables of the operating point: SI unit, and the value where none is stated.
+# Variables of the operating point: SI unit and default value.
 OPERATING = {
     "rail_pressure": ("Pa", 100e6),
     "first_energising_time": ("s", 0.0),
@@ -156,9 +157,9 @@ OPERATING = {
     "return_pressure": ("Pa", 0.5e6),
 }
 SHORT = {"temperature": FUEL_TEMPERATURE}
-OF_THE_SECOND = ("energising_time", "dwell")  # variables that the first of two injections does not know
+OF_THE_SECOND = ("energising_time", "dwell")  # variables that do not affect the first of two injections
 
-# Statuses whose cure is another one in a sweep, which has no horizon; nor has it bounds, see `reason_of`.
+# Statuses with another cure in a sweep, which has neither horizon nor bounds, see `explain`.
 _SENTENCES = {
     Status.STILL_INJECTING: (
         f"The needle was still open {to_text(AFTER, 's')} after the last energising, so the quantity is not known."
@@ -189,17 +190,17 @@ class Sweep(Shown):
     volume : array
         Injected volume of all injections at the reference density [m³]; NaN where the simulation failed.
     second : array
-        Of the second injection: total less the first alone [m³]; NaN for a single injection and where both are fused.
+        Of the second injection: total minus the first alone [m³]; NaN for a single injection and for fused ones.
     fused : array of bool
         The needle does not close between the two injections.
     opening : array
-        First opening of the needle after the start of energising [s]; NaN where it stays shut.
+        First opening of the needle after the start of energising [s]; NaN if it stays shut.
     status : array of int
         `Status` of each simulation.
     first_status : array of int
         Of the first of two injections alone; `OK` for a single injection.
     fusion : sequence of (float, float)
-        Rail pressures [Pa] and the dwells below which two injections fuse [s], as far as they were searched for.
+        Rail pressures [Pa] and the dwells below which two injections fuse [s], as far as searched.
     """
 
     presenter = "commonrail.plugins.maps.sweep_page:SWEEP"
@@ -217,19 +218,19 @@ class Sweep(Shown):
 
     @property
     def two(self) -> bool:
-        """True if there are two injections."""
+        """True with two injections."""
         return _two(self.base, self.variables)
 
 
-def reason_of(status: Status) -> str:
-    """Sentence of a status, as it is in a sweep."""
+def explain(status: Status) -> str:
+    """Sentence of a status, with the cure for a sweep."""
     return _SENTENCES.get(status, status.sentence.replace("narrow the bounds", "other values"))
 
 
 def most_frequent(statuses: NDArray[np.integer]) -> str:
-    """Sentence of the status that most simulations ended with."""
+    """Sentence of the most frequent status."""
     kinds, counts = np.unique(statuses, return_counts=True)
-    return reason_of(Status(int(kinds[np.argmax(counts)])))
+    return explain(Status(int(kinds[np.argmax(counts)])))
 
 
 def table_unit(unit: str) -> str:
@@ -237,8 +238,8 @@ def table_unit(unit: str) -> str:
     return "degC" if unit == "K" else field_unit(unit).name
 
 
-def unit_of(name: str) -> tuple[str, str]:
-    """Full name and SI unit of a variable; ConfigurationError if there is no such variable or parameter."""
+def resolve_variable(name: str) -> tuple[str, str]:
+    """Full name and SI unit of a variable; `ConfigurationError` if it is neither a condition nor a parameter."""
     plain = name.replace("-", "_")
     if plain in OPERATING:
         return plain, OPERATING[plain][0]
@@ -252,10 +253,10 @@ def unit_of(name: str) -> tuple[str, str]:
 
 
 def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Sweep:
-    """Simulate all combinations of the values of one to three variables about a base.
+    """Simulate all combinations of the values of one to three variables, starting from a base.
 
-    ConfigurationError if there are too many variables or combinations, one is named twice, or a point or a value is
-    refused; InputError if the fuel is not defined at a temperature; SimulationError if all simulations failed.
+    `ConfigurationError` if there are too many variables or combinations, a variable is repeated, or a point or value is
+    refused; `InputError` if the fuel is not defined at a temperature; `SimulationError` if all simulations failed.
     """
     _check(variables, base)
     check_values(injector, variables)
@@ -288,7 +289,7 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
     order = [[v.name for v in (*parameters, *operating)].index(v.name) for v in variables]
 
     def arrange(table: NDArray[Any]) -> NDArray[Any]:
-        """Axes in the order of the variables, from (candidates, points)."""
+        """Reorder (candidates, points) to one axis for each variable."""
         return np.asarray(table.reshape(sizes).transpose(order))
 
     statuses = (status.astype(np.int64) for status in (both.status, first_status))
@@ -297,7 +298,7 @@ def sweep(injector: Injector, variables: Sequence[Variable], base: Base) -> Swee
 
 
 def _first_alone(base: Base, columns: Mapping[str, Floats], count: int) -> tuple[Sequence[OperatingPoint], IndexArray]:
-    """Distinct points with the first of two injections alone, and of each given point the index among them."""
+    """Distinct points with the first of two injections alone, and the index of each point among them."""
     shared = {name: values for name, values in columns.items() if name not in OF_THE_SECOND}
     if not shared:
         return [base.point({}, alone=True)], np.zeros(count, np.intp)
@@ -316,7 +317,7 @@ def _check(variables: Sequence[Variable], base: Base) -> None:
         raise ConfigurationError(f"A sweep has 1 to {MOST_VARIABLES} variables, not {len(names)}.")
     for name in names:
         if names.count(name) > 1:
-            raise ConfigurationError(f"The variable {name} is named twice; keep one.")
+            raise ConfigurationError(f"The variable {name} is stated twice; keep one.")
     if base.first_energising_time < 0.0:
         raise ConfigurationError(
             f"The energising time of the first of two injections is {base.first_energising_time:g} s; it must be "
@@ -337,7 +338,7 @@ def _check(variables: Sequence[Variable], base: Base) -> None:
 
 
 def check_values(injector: Injector, variables: Sequence[Variable]) -> None:
-    """Refuse values of parameters that a simulation of their own would be refused for, with its sentence."""
+    """Refuse values of parameters that `simulate` would refuse, with the same message."""
     quantities = injector.quantities
     for name, _, values in variables:
         if name == RETURN and name in unread_inputs(injector.variant):
@@ -351,7 +352,7 @@ def check_values(injector: Injector, variables: Sequence[Variable]) -> None:
         for value in values.tolist():
             if words := not_whole(name, value):
                 raise ConfigurationError(f"{injector.name}: {words}.")
-        if name in quantities:  # one that another kind of injector has is refused as a value of this one would be
+        if name in quantities:  # a parameter of another kind of injector gets the message of this injector's parameters
             values = values[~(np.isfinite(values) & quantities[name].domain.admits(values))]
         for value in values[:1].tolist():
             injector.with_values({name: value})
@@ -361,28 +362,28 @@ def check_values(injector: Injector, variables: Sequence[Variable]) -> None:
 
 
 def _columns(variables: Sequence[Variable]) -> dict[str, Floats]:
-    """Values of each variable in all combinations, the last one moving fastest."""
+    """Values of each variable in all combinations; the last variable changes fastest."""
     grids = np.meshgrid(*(v.values for v in variables), indexing="ij")
     return {v.name: grid.ravel() for v, grid in zip(variables, grids, strict=True)}
 
 
 def find_fused(batch: Batch, starts: Floats, delay: Floats) -> Bools:
-    """Simulations (candidates, points) whose needle is open when the second of two energisings would open it.
+    """Mark simulations (candidates, points) whose needle is still open when the second energising would open it.
 
-    `starts` (points,) are those of the second energising [s], the first one starts at 0; `delay` (candidates, points)
-    is from energising to opening, as the first injection alone has it [s], NaN where it stays shut. A needle that
-    bounces when it closes counts as one that closes once.
+    `starts` (points,) are starts of the second energising [s], the first starts at 0; `delay` (candidates, points)
+    is the opening delay of the first injection alone [s], NaN if it stays shut. A needle that bounces on closing
+    counts as closing once.
     """
     return np.asarray(np.isfinite(delay) & (batch.first_closing > starts + delay))
 
 
-# Combinations of a sweep that have no number: how many, for which reasons, and the first of each.
+# Combinations without a number: count, reasons, and the first of each.
 
 
 class WithoutNumber(NamedTuple):
-    """Combinations that have no number for one reason: their number, and the variables [SI] at the first of them.
+    """Combinations without a number for one reason: their count, and the variables [SI] of the first.
 
-    `alone`: the first of two injections failed alone, so that the second one's quantity alone is not known.
+    `alone`: the first of two injections failed alone, which leaves the second quantity unknown.
     """
 
     status: Status
@@ -393,7 +394,7 @@ class WithoutNumber(NamedTuple):
     @property
     def sentence(self) -> str:
         """Reason and cure."""
-        return reason_of(self.status)
+        return explain(self.status)
 
 
 def without_number(swept: Sweep) -> list[WithoutNumber]:

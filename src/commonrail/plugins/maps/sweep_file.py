@@ -21,7 +21,7 @@ from commonrail.plugins.maps.table import describe_conditions
 
 
 def write_sweep(path: Path, swept: Sweep) -> None:
-    """Write a row for each combination."""
+    """Write one row per combination."""
     head = [f"{v.name} [{table_unit(v.unit)}]" for v in swept.variables] + ["quantity [mm3]"]
     if swept.two:
         head += ["second_quantity [mm3]", "fused"]
@@ -38,7 +38,7 @@ def write_sweep(path: Path, swept: Sweep) -> None:
 
 
 def write_compensation(path: Path, compensated: Compensation) -> None:
-    """Write a row for each value of the condition, rail pressure and quantity."""
+    """Write one row per value of the condition, rail pressure and quantity."""
     head = [f"{compensated.condition.name} [{compensated.unit}]", "rail_pressure [MPa]", "quantity [mm3]"]
     head += ["energising_time [us]", "alone [us]", "state"]
     axes = compensated.alone.axes
@@ -62,7 +62,7 @@ def write_compensation(path: Path, compensated: Compensation) -> None:
 
 
 def sweep_record(swept: Sweep) -> dict[str, Any]:
-    """Record of a sweep [SI]; null where there is no number."""
+    """Record of a sweep [SI]; null if a number is missing."""
     base = {name: value for name, value in swept.base._asdict().items() if name != "conditions"}
     return {
         "schema": 1,

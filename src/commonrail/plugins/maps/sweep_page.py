@@ -1,4 +1,4 @@
-"""The page of a sweep, and that of energising times that hold the second of two injections."""
+"""Reports of a sweep, and of energising times that hold the quantity of the second injection."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import BOTH, Figure, Panel, Series, points
-from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import counted, fixed, in_print, megapascal, pressure, quantity, significant
+from commonrail.base.table import Column, Table, table_from_columns
+from commonrail.base.text import count_noun, in_print, megapascal, pressure, quantity, significant, to_fixed
 from commonrail.base.units import convert
 from commonrail.data.records import MICROSECOND, MM3
 from commonrail.physics.injector import FUEL_TEMPERATURE
@@ -26,13 +26,14 @@ DWELL = "Dwell: from the end of the first energising to the start of the second.
 
 
 def sweep_html(swept: Sweep) -> str:
-    """Page of a sweep."""
-    title, lines, tables = f"Sweep: {swept.injector.name}", sweep_lines(swept), sweep_tables(swept)
+    """Report of a sweep."""
+    title = f"Sweep: {swept.injector.name}"
+    lines, tables = sweep_lines(swept), sweep_tables(swept)
     return page(title, [swept.injector], lines, sweep_figures(swept), tables, facts=_facts(swept))
 
 
 def _facts(swept: Sweep) -> list[tuple[str, str]]:
-    """Model, and the conditions that are not varied."""
+    """Model, and the fixed conditions."""
     base, injector = swept.base, swept.injector
     values = base._asdict() | base.conditions._asdict()
     facts = {name: _format_value(values[name], unit) for name, (unit, _) in OPERATING.items()}
@@ -47,22 +48,22 @@ def _facts(swept: Sweep) -> list[tuple[str, str]]:
 
 
 def sweep_figures(swept: Sweep) -> list[Figure]:
-    """Quantities over the first variable; of two injections the second one first."""
+    """Quantities over the first variable, with the second of two injections first."""
     figures = list(_figures(swept, swept.volume, "Injected quantity"))
     return [*_figures(swept, swept.second, "Quantity of the second injection"), *figures] if swept.two else figures
 
 
 def sweep_lines(swept: Sweep) -> list[str]:
-    """Sentences: what was varied, the range of the quantities, fused and failed injections."""
-    names = [f"{_title(v)} ({counted(len(v.values), 'value')})" for v in swept.variables]
+    """Sentences: varied names, range of the quantities, fused and failed injections."""
+    names = [f"{_title(v)} ({count_noun(len(v.values), 'value')})" for v in swept.variables]
     sound = swept.volume[np.isfinite(swept.volume)]
-    count = counted(swept.volume.size, "combination")
-    lines = [f"{count} of {', '.join(names)}: {fixed(sound.min(), 2, MM3)} to {fixed(sound.max(), 2, MM3)} mm³."]
+    count = count_noun(swept.volume.size, "combination")
+    lines = [f"{count} of {', '.join(names)}: {to_fixed(sound.min(), 2, MM3)} to {to_fixed(sound.max(), 2, MM3)} mm³."]
     if swept.two:
         second, fused = swept.second[np.isfinite(swept.second)], int(swept.fused.sum())
         lines.append(f"{fused} are fused: the needle does not close between the two injections. {DWELL}")
         if len(second):
-            low, high = fixed(second.min(), 2, MM3), fixed(second.max(), 2, MM3)
+            low, high = to_fixed(second.min(), 2, MM3), to_fixed(second.max(), 2, MM3)
             lines.append(f"The second injection, total less the first alone, has {low} to {high} mm³.")
     for group in without_number(swept):
         first = ", ".join(f"{_title(v)} {_format_value(group.first[v.name], v.unit)}" for v in swept.variables)
@@ -75,13 +76,13 @@ def sweep_lines(swept: Sweep) -> list[str]:
 
 
 def sweep_tables(swept: Sweep) -> list[Table]:
-    """Dwells below which two injections fuse, where they were searched for."""
+    """Dwells below which two injections fuse, as far as searched."""
     columns: list[Column] = [
         ("rail pressure, MPa", lambda r: megapascal(r[0])),
-        ("dwell, µs", lambda r: fixed(r[1], 0, MICROSECOND)),
+        ("dwell, µs", lambda r: to_fixed(r[1], 0, MICROSECOND)),
     ]
     note = f"Found to 1 µs; a dash: fused at the longest dwell of the sweep too, or a simulation failed. {DWELL}"
-    table = tabulated("Dwell below which the injections fuse", swept.fusion, columns, note, 0)
+    table = table_from_columns("Dwell below which the injections fuse", swept.fusion, columns, note, 0)
     return [table] if table.rows else []
 
 
@@ -91,7 +92,7 @@ def _title(variable: Variable) -> str:
 
 
 def _figures(swept: Sweep, volume: Floats, title: str) -> Iterator[Figure]:
-    """Curves over the first variable, a line for each value of the second, a figure for each of the third."""
+    """Curves over the first variable, a line per value of the second, a figure per value of the third."""
     first, others = swept.variables[0], swept.variables[1:]
     volume = volume.reshape(*volume.shape, *(1,) * (3 - volume.ndim))
     rows, parts = int(volume.shape[1]), int(np.prod(volume.shape[2:]))
@@ -121,7 +122,7 @@ def _format_value(value: float, unit: str) -> str:
 
 
 def compensation_html(compensated: Compensation) -> str:
-    """Page of energising times that hold quantities over a condition."""
+    """Report of energising times that hold quantities over a condition."""
     injector, tables = compensated.alone.injector, [compensation_table(compensated)]
     title = f"{'Second injection' if compensated.first_energising_time else 'Energising times'}: {injector.name}"
     facts = [("Conditions", note) for note in describe_conditions(compensated.alone)]
@@ -133,13 +134,14 @@ def compensation_html(compensated: Compensation) -> str:
 def _compensation_lines(compensated: Compensation) -> list[str]:
     if compensated.first_energising_time:
         return [
-            f"Energising time of the first injection: {fixed(compensated.first_energising_time, 0, 1e6)} µs. {DWELL}"
+            f"Energising time of the first injection: {to_fixed(compensated.first_energising_time, 0, 1e6)} µs. {DWELL}"
         ]
     return [f"Energising times that deliver each quantity over {_condition(compensated)}."]
 
 
 def _compensation_figures(compensated: Compensation) -> list[Figure]:
-    axes, two, figures = compensated.alone.axes, compensated.first_energising_time > 0.0, []
+    axes, two = compensated.alone.axes, compensated.first_energising_time > 0.0
+    figures = []
     for i in range(min(len(axes.rail_pressure), MOST_FIGURES)):
         times = compensated.energising_time[:, i] - (compensated.alone.inverse.energising_time[i] if two else 0.0)
         series = tuple(
@@ -149,7 +151,7 @@ def _compensation_figures(compensated: Compensation) -> list[Figure]:
             for j, q in enumerate(axes.quantity.tolist())
         )
         what = "Correction of the energising time" if two else "Energising time"
-        caption = "Energising time that holds the second quantity, less that of an injection alone." if two else ""
+        caption = "Energising time that holds the second quantity, minus that of a single injection." if two else ""
         panel = Panel("correction, µs" if two else "energising time, µs", series, zero_line=two)
         at = pressure(float(axes.rail_pressure[i]))
         figures.append(Figure(f"{what} at {at}", caption, _condition(compensated), (panel,)))
@@ -161,9 +163,9 @@ def _condition(compensated: Compensation) -> str:
 
 
 def compensation_table(compensated: Compensation) -> Table:
-    """Energising times, a row for each value of the condition, rail pressure and quantity."""
+    """Energising times, one row per value of the condition, rail pressure and quantity."""
     axes, two = compensated.alone.axes, compensated.first_energising_time > 0.0
-    return tabulated(
+    return table_from_columns(
         f"Energising time of {'the second' if two else 'an'} injection that holds its quantity",
         list(np.ndindex(compensated.energising_time.shape)),
         [
@@ -171,8 +173,8 @@ def compensation_table(compensated: Compensation) -> Table:
             (_condition(compensated), lambda p: f"{compensated.values[p[0]]:.6g}"),
             ("rail pressure, MPa", lambda p: megapascal(float(axes.rail_pressure[p[1]]))),
             ("quantity, mm³", lambda p: significant(float(axes.quantity[p[2]]), 4, MM3)),
-            ("energising time, µs", lambda p: fixed(compensated.energising_time[p], 1, MICROSECOND)),
-            ("alone, µs", lambda p: fixed(compensated.alone.inverse.energising_time[p[1:]], 1, MICROSECOND)),
+            ("energising time, µs", lambda p: to_fixed(compensated.energising_time[p], 1, MICROSECOND)),
+            ("alone, µs", lambda p: to_fixed(compensated.alone.inverse.energising_time[p[1:]], 1, MICROSECOND)),
         ],
         DWELL if two else "Alone: at the model's own value.",
     )

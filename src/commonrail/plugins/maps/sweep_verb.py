@@ -1,4 +1,4 @@
-"""commonrail sweep: quantities over one to three variables, and the second of two injections held over the dwell."""
+"""commonrail sweep: quantities over one to three variables; energising times of the second injection over dwell."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from commonrail.base.output import write_text
 from commonrail.base.units import parse
 from commonrail.cli import options
 from commonrail.cli.console import SIMULATING, print_result, print_table, print_text, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.plugins.maps.verb import read_conditions, read_quantities
 
-SECOND, SINGLE = "tiSecond", "tiEnergising"  # labels where none is given
+SECOND, SINGLE = "tiSecond", "tiEnergising"  # default labels
 
 if TYPE_CHECKING:
     from commonrail.base.arrays import Floats
     from commonrail.plugins.maps.sweep import Sweep, Variable
 
 
-@verb
+@table_verb
 def sweep(
     model: Annotated[str, Argument(metavar="MODEL", help="Injector file, a name of the catalogue, or a run folder.")],
     *,
@@ -36,7 +36,7 @@ def sweep(
             "parameter; one to three.",
         ),
     ],
-    rail_pressure: Annotated[str, Option(help="Rail pressure where it is not varied.")] = "100MPa",
+    rail_pressure: Annotated[str, Option(help="Rail pressure unless varied.")] = "100MPa",
     energising_time: Annotated[
         str, Option(help="Energising time of the injection, or of the second of two.")
     ] = "500us",
@@ -48,8 +48,8 @@ def sweep(
         str | None,
         Option(
             metavar="QUANTITIES",
-            help="Quantities, e.g. 1,2,5mm3, whose energising times are found: of the second injection over the varied "
-            "rail pressures and dwells, of a single one over rail pressures and one condition, as a voltage.",
+            help="Quantities, e.g. 1,2,5mm3. Searches for the energising time: of the second injection over the varied "
+            "rail pressures and dwells, of a single one over rail pressures and one condition, such as a voltage.",
         ),
     ] = None,
     change: Annotated[
@@ -81,8 +81,8 @@ def sweep(
 ) -> None:
     """Sweep variables, or the dwell of injections.
 
-    Two injections whose needle does not close in between are fused, and reported as such. With --hold the
-    energising time is found that delivers a quantity at each rail pressure and dwell, or at each rail pressure and
+    Two injections whose needle does not close in between are reported as fused. --hold searches for the
+    energising time that delivers a quantity at each rail pressure and dwell, or at each rail pressure and
     value of a condition; a small quantity gives dead times.
 
     \b
@@ -180,7 +180,7 @@ def sweep(
 
 
 class _Outcome(NamedTuple):
-    """Outputs of a result: rows of a CSV file, a page, a record, and text in the terminal."""
+    """Outputs of a result: rows of a CSV file, a report, a record, and text for the terminal."""
 
     write: Callable[[Path], None]
     html: Callable[[], str]
@@ -189,24 +189,26 @@ class _Outcome(NamedTuple):
 
 
 def _refuse_varied(vary: tuple[str, ...]) -> None:
-    """Refuse an option that states what `--vary` varies."""
+    """Refuse an option for a variable that `--vary` already gives."""
     for name in (text.partition("=")[0].strip() for text in vary):
         if name in click.get_current_context().params and options.is_given(name):
-            raise InputError(f"--{name.replace('_', '-')}: --vary {name} gives its values; omit one of the two.")
+            raise InputError(
+                f"--{name.replace('_', '-')}: --vary {name} already gives its values; omit one of the two."
+            )
 
 
 def _variable(text: str) -> Variable:
-    from commonrail.plugins.maps.sweep import Variable, unit_of
+    from commonrail.plugins.maps.sweep import Variable, resolve_variable
 
     name, equals, values = (piece.strip() for piece in text.partition("="))
     if not (name and equals and values):
         raise InputError(f'--vary {text}: expected NAME=VALUES, such as "dwell=0:3000:100us".')
-    full, unit = unit_of(name)
+    full, unit = resolve_variable(name)
     return Variable(full, unit, options.read_axis(values, unit, f"--vary {name}"))
 
 
 def _alone(swept: Sweep) -> Floats:
-    """Quantities (pressures,) [m³] of the second injection without a first one."""
+    """Quantities (pressures,) [m³] of the second injection without the first."""
     from commonrail.plugins.maps.sweep import sweep as run
 
     pressures = [v for v in swept.variables if v.name == "rail_pressure"]
@@ -214,7 +216,7 @@ def _alone(swept: Sweep) -> Floats:
 
 
 def _fusion(swept: Sweep) -> tuple[tuple[float, float], ...]:
-    """Rail pressures [Pa] and the dwells below which the injections fuse [s], where a dwell is varied."""
+    """Rail pressures [Pa] and the dwells below which the injections fuse [s], if a dwell is varied."""
     import numpy as np
 
     from commonrail.plugins.maps.compensation import fusion_dwell

@@ -1,4 +1,4 @@
-"""Table over two axes in the units of a control unit, as all files of maps hold it."""
+"""Table over two axes in the units of a control unit, the common form of all map files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from commonrail.readers.quantity_matrix import LONGEST_SIMULATED
 LONGEST_LABEL = 128
 _LABEL = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\[\d+\])?(\.[A-Za-z_][A-Za-z0-9_]*(\[\d+\])?)*")
 
-DIGITS = 10  # significant digits of an axis; a value as 0.1 is written as that, not as its double
+DIGITS = 10  # significant digits of an axis; writes 0.1 as such, not as its double
 DECIMALS = 3  # of energising times and quantities
 
 
@@ -42,7 +42,7 @@ class MapUnits(NamedTuple):
 
 
 ECU_UNITS = MapUnits()
-READABLE = ("MPa", "mm3", "us")  # units of files that people read
+READABLE = ("MPa", "mm3", "us")  # units of files for people
 
 
 class Axis(NamedTuple):
@@ -54,7 +54,7 @@ class Axis(NamedTuple):
 
 
 class Layer(NamedTuple):
-    """Further numbers of each cell of a table: name, unit, and values (y, x) in it."""
+    """Further numbers of each cell: name, unit, and values (y, x) in it."""
 
     name: str
     unit: str
@@ -65,10 +65,10 @@ class Layer(NamedTuple):
 class MapTable:
     """Map as files hold it.
 
-    `label` is its name in the control unit, `title` what it is, `name` and `unit` are those of its values (y, x), which
-    are rounded to what is written and NaN where there is no number. `states` (y, x) are words, `notes` tell model,
-    conditions and rules, `layers` are edges of bands, where a fit tells them; DCM and CDFX hold none. `decimals` are
-    those of the values.
+    `label` is its name in the control unit, `title` a description; `name` and `unit` belong to its values (y, x), which
+    are rounded as written and NaN if a number is missing. `states` (y, x) are words, `notes` describe model,
+    conditions and rules, `layers` are edges of bands from a fit; DCM and CDFX hold none. `decimals` apply to the
+    values.
     """
 
     label: str
@@ -84,12 +84,12 @@ class MapTable:
     decimals: int = DECIMALS
 
     def require_numbers(self, what: str) -> None:
-        """Raise an InputError that names the first cell without a number, which a format cannot hold."""
+        """Raise `InputError` that names the first cell without a number, for formats that cannot hold one."""
         missing = np.argwhere(~np.isfinite(self.values))
         if len(missing):
             y, x = missing[0]
             raise InputError(
-                f"{what} holds a number in every cell, and {len(missing)} of {self.values.size} cells have none, the "
+                f"{what} needs a number in every cell, but {len(missing)} of {self.values.size} cells have none, the "
                 f"first at {self.x.values[x]:g} {self.x.unit}, {self.y.values[y]:g} {self.y.unit} "
                 f"({self.states[y][x]}); choose other axes, or let the rule for unreachable quantities extrapolate or "
                 "hold."
@@ -97,12 +97,12 @@ class MapTable:
 
 
 def choose_units(path: Path, stated: Sequence[str | None], like: MapTable | None = None) -> MapUnits:
-    """Units of a file: those of a map `like` which it is written, else those `stated`, else what suits its format.
+    """Units of a file: those of the map `like` if given, else the `stated` ones, else the default of its format.
 
-    InputError if one is unknown or of another kind.
+    `InputError` if one is unknown or of another kind.
     """
     if like is not None:
-        return units_of(like)
+        return read_units(like)
     usual = ECU_UNITS[:3] if path.suffix.lower() in (".dcm", ".cdfx") else READABLE
     pressure, quantity, time = (unit or default for unit, default in zip(stated, usual, strict=True))
     units = MapUnits(pressure, quantity, time)
@@ -113,22 +113,22 @@ def choose_units(path: Path, stated: Sequence[str | None], like: MapTable | None
 
 
 def check_label(label: str) -> str:
-    """Return a name that a control unit can have.
+    """Return a valid name for a control unit.
 
-    InputError if it holds anything but letters without accents, digits, underscores, points and indices in brackets.
+    `InputError` if it holds anything but letters without accents, digits, underscores, points and indices in brackets.
     """
     if len(label) <= LONGEST_LABEL and _LABEL.fullmatch(label):
         return label
     raise InputError(
-        f'"{label[:LONGEST_LABEL]}" is no name of a label; write at most {LONGEST_LABEL} letters, digits and '
-        "underscores, the first one no digit, as in InjVlv_tiET_MAP."
+        f'"{label[:LONGEST_LABEL]}" cannot be a label; write at most {LONGEST_LABEL} letters, digits and '
+        "underscores, the first one not a digit, as in InjVlv_tiET_MAP."
     )
 
 
 def inverse_table(m: InjectionMap, label: str, units: MapUnits = ECU_UNITS) -> MapTable:
-    """Energising time over rail pressure (x) and quantity (y).
+    """Table of energising times over rail pressure (x) and quantity (y).
 
-    InputError if a unit is unknown or of another kind, or the label cannot be used.
+    `InputError` if a unit is unknown or of another kind, or the label is not valid.
     """
     inverse = m.inverse
     decimals = _decimals(units.decimals, m.adjustment.time_resolution, "s", units.time)
@@ -148,7 +148,7 @@ def inverse_table(m: InjectionMap, label: str, units: MapUnits = ECU_UNITS) -> M
 
 
 def _decimals(fewest: int, resolution: float | None, unit: str, written: str) -> int:
-    """Decimals that write multiples of a resolution in another unit exactly, at least the fewest."""
+    """Decimals, at least the fewest, that write multiples of a resolution in another unit exactly."""
     if resolution is None:
         return fewest
     step = Decimal(f"{convert(resolution, unit, written):.{DIGITS}g}").normalize()
@@ -156,25 +156,25 @@ def _decimals(fewest: int, resolution: float | None, unit: str, written: str) ->
 
 
 def is_turned(table: MapTable) -> bool | None:
-    """True if the y axis of a map is its pressures; None if its axes are not pressure and quantity."""
+    """True if the y axis holds the pressures; None if the axes are not pressure and quantity."""
     for turned, pressure, quantity in ((False, table.x, table.y), (True, table.y, table.x)):
         if fits(pressure.unit, "Pa") and (fits(quantity.unit, "kg") or fits(quantity.unit, "m3")):
             return turned
     return None
 
 
-def axes_of(table: MapTable, density: float) -> tuple[Floats, Floats]:
-    """Rail pressures [Pa] and quantities [m³] of a map; those by mass are divided by the reference density [kg/m³]."""
+def convert_axes(table: MapTable, density: float) -> tuple[Floats, Floats]:
+    """Rail pressures [Pa] and quantities [m³] of a map; masses are divided by the reference density [kg/m³]."""
     pressure, quantity = (table.y, table.x) if is_turned(table) else (table.x, table.y)
     by_mass = fits(quantity.unit, "kg")
     values = convert(quantity.values, quantity.unit, "kg" if by_mass else "m3")
     return convert(pressure.values, pressure.unit, "Pa"), values / density if by_mass else values
 
 
-def units_of(like: MapTable) -> MapUnits:
-    """Units and decimals of a map over rail pressure and quantity; microseconds if its values are no times.
+def read_units(like: MapTable) -> MapUnits:
+    """Units and decimals of a map over rail pressure and quantity; microseconds if its values are not times.
 
-    Decimals are at least those that tell microseconds: a map of round numbers says nothing of the others.
+    Decimals are at least enough for whole microseconds, since a map of round numbers does not show what it needs.
     """
     x, y = (like.y, like.x) if is_turned(like) else (like.x, like.y)
     if not fits(like.unit, "s"):
@@ -184,13 +184,13 @@ def units_of(like: MapTable) -> MapUnits:
 
 
 def find_simulated_columns(like: MapTable, conditions: Conditions) -> Bools:
-    """Mask (n,) of the pressures of a map that can be simulated: those above the cylinder pressure."""
-    pressure, _ = axes_of(like, 1.0)
+    """Mask (n,) of the pressures of a map that can be simulated: above the cylinder pressure."""
+    pressure, _ = convert_axes(like, 1.0)
     return np.asarray(pressure > max(conditions.cylinder_pressure, RAIL_PRESSURES.low))
 
 
 def complete_columns(table: MapTable, like: MapTable, conditions: Conditions) -> MapTable:
-    """Table over the simulated pressures of another map, completed by that map's values at its other pressures."""
+    """Complete a table over the simulated pressures of another map with that map's values at its other pressures."""
     which = find_simulated_columns(like, conditions)
     axis, before = (like.y, like.values.T) if is_turned(like) else (like.x, like.values)
     values, states = before.copy(), np.full(before.shape, "as before", object)
@@ -203,7 +203,7 @@ def complete_columns(table: MapTable, like: MapTable, conditions: Conditions) ->
 
 
 def arrange_like(table: MapTable, like: MapTable) -> MapTable:
-    """Table with the title of another map, and its axes as they are written, in its order."""
+    """Table with title, axes and order of another map."""
     if is_turned(like):
         table = replace(
             table,
@@ -218,12 +218,12 @@ def arrange_like(table: MapTable, like: MapTable) -> MapTable:
 
 
 def tables_at_quantities(compensated: Compensation, label: str, change: bool) -> list[MapTable]:
-    """Energising times that hold quantities.
+    """Tables of energising times that hold quantities.
 
     Of a second injection over rail pressure (x) and quantity (y), a table for each dwell, whose µs join the label:
-    ``label_600us``. Of a single injection, and where the `change` against an injection alone is asked for, over the
-    condition (x) and rail pressure (y), a table for each quantity, which joins the label where there are several.
-    InputError as `inverse_table`.
+    ``label_600us``. Of a single injection, and for a `change` against an injection alone, over
+    the condition (x) and rail pressure (y), a table for each quantity, which joins the label if there are several.
+    `InputError` as `inverse_table`.
     """
     if change or not compensated.first_energising_time > 0.0:
         return _condition_tables(compensated, label, change)
@@ -269,9 +269,9 @@ def _condition_tables(compensated: Compensation, label: str, change: bool) -> li
 
 
 def change_table(swept: Sweep, alone: Floats, label: str) -> MapTable:
-    """Quantity of the second of two injections less that of it alone, over dwell (x) and rail pressure (y).
+    """Change of the quantity of a second injection against the injection alone, over dwell (x) and rail pressure (y).
 
-    `swept` varies dwell and rail pressure, `alone` (pressures,) [m³]. InputError if the label cannot be used.
+    `swept` varies dwell and rail pressure, `alone` (pressures,) [m³]. `InputError` if the label is not valid.
     """
     axes = {v.name: v.values for v in swept.variables}
     turned = swept.variables[0].name == "rail_pressure"
@@ -297,7 +297,7 @@ def change_table(swept: Sweep, alone: Floats, label: str) -> MapTable:
 
 
 def quantity_table(m: InjectionMap, label: str, units: MapUnits = ECU_UNITS) -> MapTable:
-    """Quantity over rail pressure (x) and energising time (y). InputError as `inverse_table`."""
+    """Table of quantities over rail pressure (x) and energising time (y). `InputError` as `inverse_table`."""
     states = np.where(np.isfinite(m.volume), np.where(m.ballistic, "ballistic", "reached"), "failed").T
     finest, by_mass = m.adjustment.quantity_resolution, compatible(units.quantity, "kg")
     finest = finest * m.density if finest is not None and by_mass else finest
@@ -328,7 +328,7 @@ def _layers(m: InjectionMap, edges: Edges, units: MapUnits) -> tuple[Layer, ...]
 
 
 def describe_conditions(m: InjectionMap) -> tuple[str, ...]:
-    """Model, conditions, rules and adjustments of a map, a line each."""
+    """Model, conditions, rules and adjustments of a map, one per line."""
     rules = (
         f"several energising times: {_SEVERAL[m.rules.several.value]}; "
         f"unreachable quantities: {_BEYOND[m.rules.beyond.value]}; "
@@ -340,7 +340,7 @@ def describe_conditions(m: InjectionMap) -> tuple[str, ...]:
 
 
 def _conditions(injector: Injector, conditions: Conditions) -> tuple[str, ...]:
-    """Model, pressures and fuel, a line each."""
+    """Model, pressures and fuel, one per line."""
     lines = (
         f"simulated by commonrail, not measured: {injector.name} ({injector.variant.label})",
         f"synthetic: {injector.synthetic}" if injector.synthetic else "",
@@ -365,7 +365,7 @@ def _axis(name: str, values: Floats, si_unit: str, unit: str) -> Axis:
 
 
 def _quantities(m: InjectionMap, volume: Floats, units: MapUnits) -> Floats:
-    """Volumes [m³] in the unit of the file, which may be one of mass."""
+    """Volumes [m³] in the unit of the file, which can be a mass."""
     by_mass = compatible(units.quantity, "kg")
     return convert(volume * m.density if by_mass else volume, "kg" if by_mass else "m3", units.quantity)
 
@@ -378,7 +378,7 @@ _WORDS = {CellState.BEYOND: "unreachable", CellState.ZERO: "no quantity"}
 
 
 def _states(states: Ints, ballistic: Bools) -> tuple[tuple[str, ...], ...]:
-    """Words of the states of cells (y, x), which may be `ballistic`."""
+    """Words for the states of cells (y, x), including `ballistic`."""
     words = {int(state): _WORDS.get(state, state.name.lower()) for state in CellState}
     texts = np.where(ballistic & (states == CellState.REACHED), "ballistic", np.vectorize(words.get)(states))
     return tuple(map(tuple, texts.tolist()))

@@ -1,4 +1,4 @@
-"""commonrail map: quantity over pressure and energising time, and its inverse, for people and for control units."""
+"""commonrail map: quantity over pressure and energising time, and its inverse."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.errors import CommonrailError, InputError
 from commonrail.base.output import write_text
-from commonrail.base.text import counted
+from commonrail.base.text import count_noun
 from commonrail.base.units import fits, parse
 from commonrail.cli import options
 from commonrail.cli.console import print_result, print_text, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.plugins.maps.choices import Beyond, Several
 
 if TYPE_CHECKING:
@@ -30,26 +30,26 @@ if TYPE_CHECKING:
 
 
 class Bands(StrEnum):
-    """Source of the bands about the map of a run."""
+    """Source of the bands around the map of a run."""
 
     DRAWS = "draws"
-    """Draws of the parameters that the run has."""
+    """Draws of the parameters in the run."""
 
     NONE = "none"
     """No bands."""
 
 
-INVERSE, QUANTITY = "tiEnergising", "qInjected"  # labels where none is given
+INVERSE, QUANTITY = "tiEnergising", "qInjected"  # default labels
 UNITS = ("pressure_unit", "quantity_unit", "time_unit")  # options of a file's units
 
 
-@verb
+@table_verb
 def map_(
     models: Annotated[
         tuple[str, ...],
         Argument(
             metavar="MODEL",
-            help="One model, or two to be compared: an injector file, a name of the catalogue, or a run folder.",
+            help="One model, or two to compare: an injector file, a name of the catalogue, or a run folder.",
         ),
     ],
     *,
@@ -77,7 +77,7 @@ def map_(
     return_pressure: options.ReturnPressure = None,
     time_step: Annotated[str, Option(help="Time step, e.g. 1us.")] = "1us",
     set_: options.Settings = (),
-    several: Annotated[Several, Option(help="Energising time where several deliver a quantity.")] = Several.NEIGHBOURS,
+    several: Annotated[Several, Option(help="Energising time if several deliver a quantity.")] = Several.NEIGHBOURS,
     unreachable: Annotated[
         Beyond, Option(help="Rule for quantities that the longest energising time does not deliver.")
     ] = Beyond.EXTRAPOLATE,
@@ -94,11 +94,11 @@ def map_(
     ] = (),
     bands: Annotated[
         Bands | None,
-        Option(help="Bands of 50 % and 90 % about the map of a run. [default: draws, if a map was fitted]"),
+        Option(help="Bands of 50 % and 90 % around the map of a run. [default: draws, if a map was fitted]"),
     ] = None,
     measured: Annotated[
         Path | None,
-        Option(metavar="FILE", help="Measured map that the model is compared with, of a format of inspect."),
+        Option(metavar="FILE", help="Measured map to compare with, in any format of inspect."),
     ] = None,
     out: Annotated[
         tuple[Path, ...],
@@ -108,9 +108,7 @@ def map_(
         tuple[Path, ...],
         Option(metavar="FILE", help="File for the quantity map, in the same formats; repeatable."),
     ] = (),
-    label: Annotated[
-        str | None, Option(help=f"Label of the inverse map. [default: that of --axes, or {INVERSE}]")
-    ] = None,
+    label: Annotated[str | None, Option(help=f"Label of the inverse map. [default: from --axes, or {INVERSE}]")] = None,
     quantity_label: Annotated[str, Option(help="Label of the quantity map.")] = QUANTITY,
     pressure_unit: Annotated[
         str | None, Option(help="Unit of pressures in files. [default: hPa in DCM and CDFX, else MPa]")
@@ -125,8 +123,8 @@ def map_(
 ) -> None:
     """Compute the quantity map of an injector and its inverse.
 
-    Each cell of the inverse is simulated until it delivers its quantity within 0.01 mm3. Cells that cannot be
-    reached, where several energising times deliver the quantity, or where the needle is ballistic are named. The map
+    Each cell of the inverse is simulated until it delivers its quantity within 0.01 mm3. Exceptions are listed:
+    unreachable, ballistic and failed cells, and those with several energising times. The map
     of a run has bands in which measured quantities are expected, as `commonrail predict` computes them.
 
     \b
@@ -187,7 +185,7 @@ def map_(
         with _no_bands_if_refused(bands):
             first = maps[sources[0].label] = add_bands(first, *fit)
     if like is not None and not (columns := tables.find_simulated_columns(like, conditions)).all():
-        say(f"at or below the cylinder pressure {counted(int((~columns).sum()), 'column')} of {axes} kept as before")
+        say(f"at or below the cylinder pressure {count_noun(int((~columns).sum()), 'column')} of {axes} kept as before")
     for path in out:
         table = tables.inverse_table(first, label or label_as_read, units[path])
         if like is None or axes is None or not fits(like.unit, "s"):
@@ -212,7 +210,7 @@ def map_(
 def read_conditions(
     pressures: tuple[str | None, str | None], time_step: str, threads: int | None, run: Path | None
 ) -> Conditions:
-    """Conditions from the options of cylinder and return pressure and of the same names; `run`: folder of the model."""
+    """Read conditions from the options for cylinder and return pressure; `run`: folder of the model."""
     from commonrail.plugins.maps.response import Conditions
 
     return Conditions(*options.read_pressures(*pressures, run), parse(time_step, "s", "--time-step"), threads)
@@ -224,7 +222,7 @@ def _have_labels(paths: Sequence[Path]) -> bool:
 
 @contextmanager
 def _no_bands_if_refused(bands: Bands | None) -> Iterator[None]:
-    """Say why there are no bands in place of raising it, where they are not asked for."""
+    """Say why bands are missing instead of raising, unless they were asked for."""
     try:
         yield
     except CommonrailError as error:
@@ -234,11 +232,11 @@ def _no_bands_if_refused(bands: Bands | None) -> Iterator[None]:
 
 
 def _fit(model: NamedModel, bands: Bands | None) -> tuple[Study, dict[str, float], Floats | None] | None:
-    """Study, best values and draws (m, d) of the run that bands are those of; None without bands."""
+    """Study, best values and draws (m, d) of the run whose bands are shown; None without bands."""
     if bands is Bands.NONE or (bands is None and model.run is None):
         return None
     if model.run is None:
-        raise InputError(f"--bands: {model.text} is no run folder as it was calibrated, and only a fit has bands.")
+        raise InputError(f"--bands: {model.text} is not a calibrated run folder, and only a fit has bands.")
     from commonrail.runs.folder import read_draws, read_fit
 
     study, best = read_fit(model.run)
@@ -248,17 +246,18 @@ def _fit(model: NamedModel, bands: Bands | None) -> tuple[Study, dict[str, float
 def _axes(
     injector: Injector, conditions: Conditions, texts: tuple[str | None, str | None, str | None], like: MapTable | None
 ) -> MapAxes:
-    """Axes of a control unit, those of a map of a file, those of the command line: the later ones count."""
+    """Read axes: those of the command line, else of a map in a file, else of a control unit."""
     from commonrail.plugins.maps.axes import MapAxes
     from commonrail.plugins.maps.response import density_at
     from commonrail.plugins.maps.run import usual_axes
-    from commonrail.plugins.maps.table import axes_of, find_simulated_columns
+    from commonrail.plugins.maps.table import convert_axes, find_simulated_columns
 
     usual = usual_axes(injector)
-    pressure, quantity, time = usual.rail_pressure, usual.quantity, usual.energising_time
+    pressure, quantity = usual.rail_pressure, usual.quantity
+    time = usual.energising_time
     density = density_at(injector, conditions)
     if like is not None:
-        pressure, quantity = axes_of(like, density)
+        pressure, quantity = convert_axes(like, density)
         pressure = pressure[find_simulated_columns(like, conditions)]
     if texts[0] is not None:
         pressure = options.read_axis(texts[0], "Pa", "--rail-pressure", increasing=True)
@@ -270,12 +269,12 @@ def _axes(
 
 
 def _adjustment(smooth: str | None, monotone: bool, resolution: Sequence[str], density: float) -> Adjustment:
-    """Adjustment of the options; masses are divided by the reference density [kg/m³]."""
+    """Read the adjustment from the options; masses are divided by the reference density [kg/m³]."""
     from commonrail.plugins.maps.adjust import Adjustment
 
     finest: dict[str, float] = {}
     for text in resolution:
-        name = "time_resolution" if _has_unit_of(text, "s") else "quantity_resolution"
+        name = "time_resolution" if _has_unit(text, "s") else "quantity_resolution"
         if name in finest:
             raise InputError(f"--resolution {text}: a {name.replace('_', ' ')} is given twice; keep one.")
         is_time = name == "time_resolution"
@@ -284,17 +283,17 @@ def _adjustment(smooth: str | None, monotone: bool, resolution: Sequence[str], d
     return Adjustment(largest, monotone, **finest).check()
 
 
-def _has_unit_of(text: str, kind: str) -> bool:
+def _has_unit(text: str, kind: str) -> bool:
     number = options.NUMBER.fullmatch(text)
     return number is not None and fits(number[2], kind)
 
 
 def _read_quantity(text: str, density: float, option: str) -> float:
-    return parse(text, "kg", option) / density if _has_unit_of(text, "kg") else parse(text, "m3", option)
+    return parse(text, "kg", option) / density if _has_unit(text, "kg") else parse(text, "m3", option)
 
 
 def read_quantities(text: str, density: float, option: str) -> Floats:
-    """Quantities (n,) by volume [m³], increasing; masses are divided by the reference density [kg/m³]."""
-    if _has_unit_of(re.split("[,:]", text)[-1], "kg"):
+    """Read increasing quantities (n,) [m³]; masses are divided by the reference density [kg/m³]."""
+    if _has_unit(re.split("[,:]", text)[-1], "kg"):
         return options.read_axis(text, "kg", option, increasing=True) / density
     return options.read_axis(text, "m3", option, increasing=True)

@@ -18,7 +18,7 @@ from commonrail.base.errors import CommonrailError, ConfigurationError, InputErr
 from commonrail.base.hooks import note, quiet
 from commonrail.base.input import read_plain
 from commonrail.base.output import replacing, write_text, writing
-from commonrail.base.text import listed
+from commonrail.base.text import join_words
 from commonrail.base.units import fits, parse, to_text
 from commonrail.calibration.influence import around
 from commonrail.calibration.parameter import Parameter
@@ -462,7 +462,7 @@ def _temperature_lines(model: Injector, text: str) -> list[str]:
 
 
 def _head(injector: str, bench: Mapping[str, str], files: Sequence[str], noted: Sequence[str]) -> list[str]:
-    data = listed(files) if len(files) < 4 else f"{len(files)} files"
+    data = join_words(files) if len(files) < 4 else f"{len(files)} files"
     return [
         "# A calibration: which data, which parameters are free, within which bounds. Paths start at this folder.",
         "",

@@ -17,7 +17,7 @@ import click
 from commonrail.base import registry
 from commonrail.base.errors import InputError
 from commonrail.cli.console import print_json, print_pairs
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import DecimalSign, Encoding, Json, SheetName, check_folder, read_form
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ TimeUnit = Annotated[str, Option(help="Unit of the energising times of maps that
 QuantityUnit = Annotated[str, Option(help="Unit of the quantities of maps that have none, e.g. mm3.")]
 
 
-@verb
+@table_verb
 def new(
     folder: Annotated[
         Path | None, Argument(metavar="DIR", help="A new or empty folder; with --plugin by default of its name.")

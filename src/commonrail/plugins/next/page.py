@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from commonrail.base.chart import MARKERS, Chart, Figure, Panel, Points, Series, points
-from commonrail.base.table import Table, tabulated
-from commonrail.base.text import counted, fixed, pressure, quantity, signed, significant
+from commonrail.base.table import Table, table_from_columns
+from commonrail.base.text import count_noun, pressure, quantity, significant, to_fixed, to_signed
 from commonrail.calibration.study import Study
 from commonrail.data.base import Role
 from commonrail.data.records import MICROSECOND, MPA
@@ -34,29 +34,29 @@ def plan_tables(plan: MeasurementPlan) -> list[Table]:
     """Measurements in order, and standard errors before and after them."""
     rows = list(enumerate(plan.measurements, 1))
     note = f"Factor: {_AIMS[plan.settings.criterion]}, with this measurement and those above it, over that before."
-    first = tabulated(
+    first = table_from_columns(
         "Next measurements",
         rows,
         [
             ("kind", lambda row: row[1].candidate.kind),
-            ("p, MPa", lambda row: fixed(place_of(row[1].candidate.point)[0], 1, 1e-6)),
+            ("p, MPa", lambda row: to_fixed(place_of(row[1].candidate.point)[0], 1, 1e-6)),
             ("dwell, µs", lambda row: _dwell(row[1])),
-            ("ET, µs", lambda row: fixed(place_of(row[1].candidate.point)[1], 0, 1e6)),
+            ("ET, µs", lambda row: to_fixed(place_of(row[1].candidate.point)[1], 0, 1e6)),
             ("cost", lambda row: significant(row[1].candidate.cost, 3)),
             ("expected, mm³", lambda row: significant(row[1].value, 3, 1e9)),
             ("st. dev. before, mm³", lambda row: significant(row[1].deviation, 2, 1e9)),
-            ("factor", lambda row: fixed(row[1].factor, 3)),
+            ("factor", lambda row: to_fixed(row[1].factor, 3)),
         ],
         note,
     )
-    second = tabulated(
+    second = table_from_columns(
         "Standard errors at the best values",
         list(plan.before.items()),
         [
             ("parameter", lambda item: item[0]),
             ("now", lambda item: quantity(item[1], known_quantity(item[0]).unit, 3)),
             ("with the plan", lambda item: quantity(plan.after[item[0]], known_quantity(item[0]).unit, 3)),
-            ("ratio", lambda item: fixed(plan.after[item[0]] / item[1], 3)),
+            ("ratio", lambda item: to_fixed(plan.after[item[0]] / item[1], 3)),
         ],
         "What is known by bounds alone counts as a uniform distribution.",
     )
@@ -68,7 +68,7 @@ _KINDS = {"quantities": "a quantity", "rate": "a rate curve", "return quantities
 
 def plan_headline(plan: MeasurementPlan) -> str:
     """Cost of the plan, its gain, whether that is worth measuring, and the gain by another kind."""
-    texts = [f"{counted(len(plan.measurements), 'measurement')} at cost {plan.cost:g}"]
+    texts = [f"{count_noun(len(plan.measurements), 'measurement')} at cost {plan.cost:g}"]
     for last in plan.measurements[-1:]:
         aims = "predictions" if plan.settings.criterion is Criterion.V else "the parameters"
         texts.append(f"the widest interval, of {plan.widest}, becomes {_fall(last.ratio)} narrower")
@@ -83,19 +83,19 @@ def plan_headline(plan: MeasurementPlan) -> str:
 
 
 def _fall(ratio: float) -> str:
-    return f"{fixed(1.0 - ratio, 0, 100.0)} %"
+    return f"{to_fixed(1.0 - ratio, 0, 100.0)} %"
 
 
 def _where(measurement: Measurement) -> str:
     rail, time, _ = place_of(measurement.candidate.point)
-    return f"{pressure(rail)}, {fixed(time, 0, MICROSECOND)} µs"
+    return f"{pressure(rail)}, {to_fixed(time, 0, MICROSECOND)} µs"
 
 
 def plan_lines(plan: MeasurementPlan) -> list[str]:
     """Gain and cost, number of candidates, and what the plan takes for granted."""
     lines = [plan_headline(plan), f"chosen from {plan.candidates} candidates"]
     if len(plan.measurements) < plan.settings.points:
-        asked = counted(plan.settings.points, "measurement")
+        asked = count_noun(plan.settings.points, "measurement")
         lines.append(
             f"{len(plan.measurements)} of the {asked} asked for: no other candidate tells more within the budget and "
             "the distance between points; state more rail pressures or energising times, or a smaller distance."
@@ -116,7 +116,9 @@ def plan_tiles(plan: MeasurementPlan) -> list[Tile]:
     tiles = []
     for k, measurement in enumerate(plan.measurements[:TILES], 1):
         dwell = f"dwell {_dwell(measurement)} µs; " if len(measurement.candidate.point.pulses) > 1 else ""
-        words = f"{dwell}standard deviation {signed(100.0 * (measurement.factor - 1.0), 0)} % with it and those before"
+        words = (
+            f"{dwell}standard deviation {to_signed(100.0 * (measurement.factor - 1.0), 0)} % with it and those before"
+        )
         tiles.append(Tile(f"{k}. {measurement.candidate.kind}", _where(measurement), words))
     return tiles
 
@@ -138,7 +140,9 @@ def _coordinates(places: Sequence[OperatingPoint]) -> tuple[Points, Points]:
 
 def _dwell(measurement: Measurement) -> str:
     return (
-        fixed(place_of(measurement.candidate.point)[2], 0, 1e6) if len(measurement.candidate.point.pulses) > 1 else "–"
+        to_fixed(place_of(measurement.candidate.point)[2], 0, 1e6)
+        if len(measurement.candidate.point.pulses) > 1
+        else "–"
     )
 
 

@@ -13,7 +13,7 @@ from commonrail.base.arguments import instance, number, thread_count
 from commonrail.base.arrays import Bools, Floats, IndexArray
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, nearest
-from commonrail.base.text import listed
+from commonrail.base.text import join_words
 from commonrail.calibration.study import Study
 from commonrail.data.base import DataSet, Role
 from commonrail.data.quantities.data import QuantityData
@@ -318,7 +318,8 @@ def _check(candidates: Sequence[Candidate], data: Sequence[DataSet]) -> None:
     for candidate in candidates:
         if candidate.kind not in KINDS:
             raise ConfigurationError(
-                f'"{candidate.kind}" is no kind of measurement{nearest(candidate.kind, KINDS)}; {listed(KINDS)} are.'
+                f'"{candidate.kind}" is no kind of measurement{nearest(candidate.kind, KINDS)}; '
+                f"{join_words(KINDS)} are."
             )
         if not number(candidate.cost, "1", "cost of a candidate") > 0.0:
             raise ConfigurationError(f"The cost of a measurement must be greater than zero, not {candidate.cost:g}.")

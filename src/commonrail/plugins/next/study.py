@@ -11,7 +11,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.text import listed
+from commonrail.base.text import join_words
 from commonrail.data.base import DataSet
 from commonrail.data.curves.data import RateData
 from commonrail.data.quantities.data import QuantityData
@@ -100,7 +100,7 @@ def fitted_kinds(data: Sequence[DataSet]) -> list[str]:
     """Kinds of measurement that can be planned, in the order of the fitted data; ConfigurationError if none is."""
     kinds = list(dict.fromkeys(data_set.kind for data_set in data if data_set.kind in KINDS))
     if not kinds:
-        fitted = listed(sorted({data_set.kind for data_set in data}))
+        fitted = join_words(sorted({data_set.kind for data_set in data}))
         raise ConfigurationError(
             f"The study fits {fitted} alone, and the noise of a new measurement is that of a fitted set of its kind; "
             f"fit {', '.join(KINDS[:-1])} or {KINDS[-1]}."

@@ -10,12 +10,12 @@ from commonrail.base.errors import InputError, nearest
 from commonrail.base.output import write_text
 from commonrail.base.units import parse
 from commonrail.cli.console import print_result, print_text, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import Json, Threads, check_distinct, check_file, check_report, read_axis, refuse_unused
 from commonrail.plugins.next.settings import Criterion, DesignSettings
 
 
-@verb
+@table_verb
 def next_(
     run: Annotated[Path, Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
     *,

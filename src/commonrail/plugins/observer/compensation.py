@@ -1,4 +1,4 @@
-"""Energising times that deliver wanted quantities, by the model with the states that an observer has learnt."""
+"""Energising times that deliver target quantities, by the model with the states estimated by an observer."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from commonrail.plugins.observer.file import Compensated, Observation
 from commonrail.plugins.observer.response import Simulator, find_cuts, find_figures
 from commonrail.plugins.observer.study import GAIN, OFFSET, InjectionTrain, ObserverSettings
 
-SHORTEST, LONGEST = 20e-6, 5e-3  # energising times between which is searched [s]; no injector answers a shorter one
-SINGLE = np.geomspace(80e-6, 3e-3, 40)  # those of single injections, from which a search begins [s]
-NEAR = 0.02  # share to both sides of the first bracket; chosen
+SHORTEST, LONGEST = 20e-6, 5e-3  # range of the search for energising times [s]; no injector answers a shorter one
+SINGLE = np.geomspace(80e-6, 3e-3, 40)  # start values, from single injections [s]
+NEAR = 0.02  # half width of the first bracket, as a share; chosen
 MET = 1e-3  # largest miss of a quantity that counts as met, as a share: a tenth of the scatter of shots
-NARROWEST = 10e-9  # bracket within which a quantity that is not met has been jumped over [s], as of a map
-TAKEN = 0.5  # share of the way from present energising times to new ones; chosen on 6 parts, as in compensation_trial
-SAME_RAIL = 0.05  # share by which medians of the rail pressure differ from log to log at most; chosen [E]
+NARROWEST = 10e-9  # bracket within which a missed quantity counts as jumped over [s], as in a map
+TAKEN = 0.5  # share of the step from present energising times to new ones; chosen on 6 parts, as in compensation_trial
+SAME_RAIL = 0.05  # largest relative difference of the median rail pressure from log to log; chosen [E]
 ITERATIONS = 20  # a bracket that doubles is as wide as all energising times after ten
 
 
@@ -38,45 +38,45 @@ def compensate(
     last: Sequence[Compensated] | None = None,
     threads: int | None = None,
 ) -> list[Compensated]:
-    """Energising times with which trains deliver their quantities, interaction of the injections included.
+    """Find energising times with which trains deliver their quantities, including interaction of the injections.
 
-    A train whose quantities are not met, since the injector does not deliver them or they are jumped over, has the
-    nearest times that were tried, and is counted in a note.
+    If the injector does not deliver the quantities of a train, or jumps over them, the train has the
+    nearest times that were tried, and a note counts it.
 
     Parameters
     ----------
     source : Injector or Observation
-        A model as it is, or that of an observation with its states after the last shot.
+        A model without changes, or the model of an observation with its states after the last shot.
     trains : sequence of InjectionTrain
-        All with equally many injections.
+        All with the same number of injections.
     settings : ObserverSettings, optional
         Pressures and time step for an injector; an observation has its own.
     last : sequence of Compensated, optional
-        The same trains as they are injected at present, at rail pressures within 5 %: the new times lie half of the way
-        from theirs, so that what the states scatter from log to log moves the times less.
+        The same trains with their present times, at rail pressures within 5 %: the new times go half of the way
+        from these, which damps the scatter of the states from log to log.
     threads : int, optional
-        All usable processors by default; the result does not depend on it.
+        Default: all usable processors; the result does not depend on it.
 
     Notes
     -----
-    Injection after injection, since later ones do not change earlier ones: a bracket, and in it Chandrupatla's method
-    (Advances in Engineering Software 28, 1997; `scipy.optimize.elementwise`), all trains in the lanes at once. Dwells
-    are kept, so that later energisings move where an earlier one grows.
+    Injections are solved in order, since later ones do not change earlier ones: a bracket, and in it Chandrupatla's
+    method (Advances in Engineering Software 28, 1997; `scipy.optimize.elementwise`), all trains in the lanes at once.
+    Dwells are fixed, and later energisings move when an earlier one grows.
 
     Raises
     ------
     ConfigurationError
-        If an argument is of the wrong kind, an observation comes with settings, trains differ in their number of
+        If an argument is of the wrong type, settings are given for an observation, trains differ in their number of
         injections or from `last`, or the states leave the domain of a parameter or the fuel.
     """
     instance(source, Injector | Observation, "source")
     targets = instances(trains, InjectionTrain, "trains")
     present = None if last is None else _read_last_times(last, targets)
     if len({len(train.quantities) for train in targets}) != 1:
-        raise ConfigurationError("One call takes trains with equally many injections, and at least one train.")
+        raise ConfigurationError("One call takes one or more trains with equally many injections.")
     if isinstance(source, Observation):
         if settings is not None:
-            raise ConfigurationError("An observation has settings of its own; give none beside it.")
+            raise ConfigurationError("An observation has its own settings; omit `settings`.")
         injector, settings = source.injector, source.settings
     else:
         injector = source
@@ -89,7 +89,7 @@ def compensate(
     delivered = learnt.quantities(targets, times)
     met = np.all(np.abs(delivered / [train.quantities for train in targets] - 1.0) <= MET, axis=1)
     if not met.all():
-        note(f"{np.sum(~met)} of {len(met)} trains do not meet their quantities; look at what they deliver.")
+        note(f"{np.sum(~met)} of {len(met)} trains miss their quantities; check the delivered ones.")
     if present is not None:
         times = present + TAKEN * (times - present)
         delivered = learnt.quantities(targets, times)
@@ -100,7 +100,7 @@ def compensate(
 
 
 def _read_last_times(last: Sequence[Compensated], trains: Sequence[InjectionTrain]) -> Floats:
-    """Energising times (trains, injections) [s] of earlier compensations of these trains."""
+    """Read energising times (trains, injections) [s] of earlier compensations of these trains."""
     earlier = instances(last, Compensated, "last")
     before = instances([train.train for train in earlier], InjectionTrain, "trains of last")
     times = [array(train.energising_times, "s", "energising times of last", 1).tolist() for train in earlier]
@@ -116,7 +116,7 @@ def _read_last_times(last: Sequence[Compensated], trains: Sequence[InjectionTrai
 
 @dataclass(frozen=True)
 class _Model:
-    """Quantities of trains; `gain` and `offset` [Pa] are those of the sensor that shows the rail pressure."""
+    """Quantities of trains; `gain` and `offset` [Pa] belong to the sensor that shows the rail pressure."""
 
     injector: Injector
     settings: ObserverSettings
@@ -125,7 +125,7 @@ class _Model:
     offset: float = 0.0
 
     def at(self, states: Floats) -> _Model:
-        """The model with the states (states,) of an observer."""
+        """Model with the states (states,) of an observer."""
         simulator = Simulator(self.injector, self.settings)
         values = simulator.values(states[None])[0].tolist()
         sensor = {state.name: float(x) for state, x in zip(self.settings.states, states, strict=True)}
@@ -133,7 +133,7 @@ class _Model:
         return _Model(injector, self.settings, self.threads, sensor.get(GAIN, 0.0), sensor.get(OFFSET, 0.0))
 
     def quantities(self, trains: Sequence[InjectionTrain], times: Floats) -> Floats:
-        """Quantities (trains, injections) [m³] of energising times of that shape [s]; NaN where a simulation fails."""
+        """Quantities (trains, injections) [m³] for energising times of that shape [s]; NaN if a simulation fails."""
         check_stop()
         settings, dt = self.settings, float(self.settings.time_step)
         pulses = [train.energisings(row) for train, row in zip(trains, times, strict=True)]
@@ -155,9 +155,9 @@ class _Model:
 
 
 def _solve(model: _Model, trains: Sequence[InjectionTrain], first: Floats) -> Floats:
-    """Energising times (trains, injections) [s] that deliver trains, or the nearest that were tried.
+    """Find energising times (trains, injections) [s] that deliver trains, or the nearest that were tried.
 
-    `first` (trains, injections): times from which the search begins [s].
+    `first` (trains, injections): start values [s].
     """
     times, which = first.copy(), np.arange(float(len(trains)))
     for i in range(times.shape[1]):
@@ -183,7 +183,7 @@ def _solve(model: _Model, trains: Sequence[InjectionTrain], first: Floats) -> Fl
 
 
 def _solve_single(model: _Model, trains: Sequence[InjectionTrain]) -> Floats:
-    """Energising times (trains, injections) [s] that deliver each quantity by itself, each pair of values once."""
+    """Find energising times (trains, injections) [s] of single injections; each pair of values is solved once."""
     pairs = [[(train.rail_pressure, volume) for volume in train.quantities] for train in trains]
     alone = [InjectionTrain(rail, (volume,)) for rail, volume in sorted({pair for row in pairs for pair in row})]
     rails = sorted({train.rail_pressure for train in trains})

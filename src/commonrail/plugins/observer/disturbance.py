@@ -1,4 +1,4 @@
-"""Disturbance of the pressure that does not come from the injection: noise, pump, waves of neighbours."""
+"""Disturbance of the pressure from sources other than the injection: noise, pump, waves of neighbours."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from scipy.optimize import minimize
 
 from commonrail.base.arrays import Floats
 
-LEAST = 12  # samples of a quiet stretch from which anything is learnt
-MEAN, TREND = 2e6, 1e9  # standard deviations of the unknown mean [Pa] and slope [Pa/s]: both as good as free
-HIGHEST = 0.4  # frequency of a wave times the spacing of samples: beyond, it is noise
-LOWEST = 2.0  # periods of a wave in a stretch: what is slower is the rate
-# What changes the pressure at some rate varies by a share of it within some stretches, though it be steady in all of
-# them: a pump in step with the injections turns at the same place of every shot. Chosen [E].
+LEAST = 12  # samples of a quiet stretch that are needed for an estimate
+MEAN, TREND = 2e6, 1e9  # standard deviations of the unknown mean [Pa] and slope [Pa/s], wide enough to be free
+HIGHEST = 0.4  # frequency of a wave times the spacing of samples; higher frequencies count as noise
+LOWEST = 2.0  # periods of a wave in a stretch; slower changes belong to the rate
+# A rate of change of the pressure may vary by a share of itself within some stretches although all of them look
+# steady: a pump in step with the injections reverses at the same place of every shot. Chosen [E].
 VARYING, LONGEST = 0.3, 10.0
-SLOW = 8.0  # periods of a wave in a stretch from which one of the searches begins; the other at the periodogram's peak
-IMPOSSIBLE = 1e12  # cost of what is no covariance
+SLOW = 8.0  # start of one of the searches, in periods of a wave per stretch; the other starts at the periodogram's peak
+IMPOSSIBLE = 1e12  # cost of a matrix that is not a covariance
 
 
 class Disturbance(NamedTuple):
@@ -47,7 +47,7 @@ class Disturbance(NamedTuple):
         """Covariance (samples, samples) [Pa²] at evenly spaced times (samples,) [s].
 
         The rate is an Ornstein-Uhlenbeck process; its integral from the first sample on has the covariance of
-        Uhlenbeck and Ornstein (1930), Phys. Rev. 36, 823. Mean and slope are as good as free.
+        Uhlenbeck and Ornstein (1930), Phys. Rev. 36, 823. Mean and slope are practically free.
         """
         t = time - time[0]
         m, fade = self.memory, np.exp(-t / self.memory)
@@ -63,16 +63,16 @@ class Disturbance(NamedTuple):
 
 
 def learn(stretches: Sequence[Floats], spacing: float, noise: float | None = None) -> Disturbance:
-    """Disturbance of the largest likelihood of quiet stretches: the better of two bounded searches by SciPy's L-BFGS-B.
+    """Estimate a disturbance by maximum likelihood from quiet stretches: the better of two L-BFGS-B searches.
 
     Parameters
     ----------
     stretches : sequence of (samples,)
-        Averaged pressure in which nothing of the injector is open [Pa].
+        Averaged pressure while the injector is closed [Pa].
     spacing : float
         Between samples [s].
     noise : float, optional
-        Of an averaged sample, where it is known [Pa].
+        Of an averaged sample, if known [Pa].
     """
     usable = [stretch for stretch in stretches if len(stretch) >= LEAST]
     if not usable:

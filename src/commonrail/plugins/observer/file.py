@@ -1,4 +1,4 @@
-"""Result of an observer and its record, and the log that it reads."""
+"""Result of an observer and its record, and the reading of its log."""
 
 from __future__ import annotations
 
@@ -25,39 +25,39 @@ from commonrail.plugins.observer.study import FURTHER, InjectionTrain, ObserverS
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table
 from commonrail.readers.tables import open_sheet, take_columns, take_each
 
-SLOWEST = 20e3  # rate of a log: the lowest one of the table of accuracies [1/s]
+SLOWEST = 20e3  # lowest sampling rate of a log, as in the table of accuracies [1/s]
 FIGURES = ("quantity", "opening", "closing")
 COMMAND_UNITS = ("V", "A", "1")  # of a channel whose edges are the energisings
-HOLD, HOLDING = 0.75, 0.25  # share of the range below which a switch does not stay, and share of time of a current
-CUT = 2e-6  # beyond the edge of a log to where an energising that it cuts reaches at least [s]
+HOLD, HOLDING = 0.75, 0.25  # a current stays below this share of its range, for this share of the time; a switch not
+CUT = 2e-6  # assumed overhang of an energising that the log cuts [s]
 
 
 class ObservedShot(NamedTuple):
-    """Figures of one shot; None where it could not be simulated.
+    """Figures of one shot; None if it could not be simulated.
 
     Attributes
     ----------
     start : float
         Start of the first energising in the time of the log [s].
     rail_pressure : float
-        Shown before it [Pa].
+        Pressure before it, as the sensor shows it [Pa].
     energisings : tuple of Energising
         From `start` on.
     open_loop : (3, injections)
-        Figures of the model without the measured pressure.
+        Figures of the model without the log.
     figures, deviations : (3, injections)
-        Quantity [m³], opening and closing from `start` on [s], and their standard deviations; NaN for those of an
+        Quantity [m³], opening and closing from `start` on [s], and their standard deviations; NaN for an
         injection that does not open, and for times that do not exist.
     drift, drift_deviations : (states,)
         After this shot.
     consistency : float
         Squared innovation over its expectation.
     alarm : Alarm or None
-        Drift that was noticed at this shot.
+        Drift detected at this shot.
     rate, rate_deviation, rate_open_loop : (times,)
-        Mean rate of injection over each 10 µs from `start` on, its standard deviation, and the model's alone [m³/s].
+        Mean injection rate over each 10 µs from `start` on, its standard deviation, and the model's alone [m³/s].
     further : mapping of str to bool
-        Whether each further sensor counted; one that does not fit the pressure is left out.
+        Whether each further sensor counted; a sensor that contradicts the pressure is left out.
     """
 
     start: float
@@ -77,9 +77,9 @@ class ObservedShot(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """State of the filter after a log, from which the next one continues.
+    """State of the filter after a log, from which the next log continues.
 
-    `shots`: number so far; `alone`: belief by the pressures alone, against which further sensors are tested.
+    `shots`: number so far; `alone`: belief from the pressures alone, against which further sensors are tested.
     """
 
     belief: Belief
@@ -89,17 +89,17 @@ class Memory(NamedTuple):
 
 
 class Compensated(NamedTuple):
-    """Energising times of a train, and what the model with its learnt states delivers.
+    """Energising times of a train, and the quantities by the model with its estimated states.
 
     Attributes
     ----------
     train : InjectionTrain
     energising_times, quantities : (injections,)
-        Compensated ones [s], and their quantities [m³].
+        Compensated times [s] and their quantities [m³].
     plain_times, plain_quantities : (injections,)
-        Times that deliver each quantity by itself by the model without learnt states [s], and what they do here [m³].
+        Times of single injections by the model without estimated states [s], and their quantities in the train [m³].
     met : bool
-        Whether times were found that deliver the wanted quantities, within 0.1 %.
+        True if the target quantities are met within 0.1 %.
     """
 
     train: InjectionTrain
@@ -111,7 +111,7 @@ class Compensated(NamedTuple):
 
     @property
     def energisings(self) -> tuple[Energising, ...]:
-        """Energisings of an operating point."""
+        """Energisings for an operating point."""
         return self.train.energisings(self.energising_times)
 
     def record(self) -> dict[str, Any]:
@@ -130,19 +130,19 @@ class Observation(Shown):
     injector : Injector
     settings : ObserverSettings
     disturbance : Disturbance
-        As found in the quiet pressure before the shots.
+        Estimated from the quiet pressure before the shots.
     memory : Memory
         After the last shot.
     shots : tuple of ObservedShot
     asked : int
-        Shots of the log.
+        Number of shots in the log.
     injections : int
-        Single simulations that it took.
+        Number of simulations.
     seconds : float
     origin : mapping
         Of a log from a file: its name, the command line, source of the rail volume, errors of a current's times [s].
     compensation : sequence of Compensated
-        Trains that `compensate` gave for the report, if any.
+        Results of `compensate` for the report, if any.
     """
 
     presenter = "commonrail.plugins.observer.page:OBSERVATION"
@@ -159,7 +159,7 @@ class Observation(Shown):
     compensation: Sequence[Compensated] = ()
 
     def rows(self) -> list[dict[str, Any]]:
-        """One flat row for each injection, SI; ``pandas.DataFrame(rows)`` takes them."""
+        """One flat row per injection, SI; ``pandas.DataFrame(rows)`` takes them."""
         rows = []
         for k, shot in enumerate(self.record()["shots"], 1):
             for i, injection in enumerate(shot["injections"], 1):
@@ -168,7 +168,7 @@ class Observation(Shown):
         return rows
 
     def record(self) -> dict[str, Any]:
-        """JSON-able form, SI; what does not exist is None."""
+        """JSON-able form, SI; missing values are None."""
         settings = self.settings
         # noise of a sample [A] or of a shot's quantity [1], and discrepancy
         further = {
@@ -218,7 +218,7 @@ def _shot(shot: ObservedShot) -> dict[str, Any]:
 
 
 class LogColumns(NamedTuple):
-    """Columns of a log and how they are written; `energisings` is a file of its own, or None for a command channel."""
+    """Columns of a log and their form; `energisings` is a separate file, or None for a command channel."""
 
     time: str = "time"
     pressure: str = "pressure"
@@ -227,16 +227,16 @@ class LogColumns(NamedTuple):
     time_unit: str | None = None
     pressure_unit: str | None = None
     form: FileForm = PLAIN
-    # Columns of further sensors by their names, and the units of those for which the file has none.
+    # Columns of further sensors by name, and their units if the file has none.
     further: Mapping[str, str] = MappingProxyType({})
     units: Mapping[str, str | None] = MappingProxyType({})
 
 
 class Log(NamedTuple):
-    """Times (samples,) [s], pressure (samples,) [Pa], (start, duration) of the energisings [s]; errors of a current's.
+    """Log: times (samples,) [s], pressure (samples,) [Pa], energisings (start, duration) [s], and their errors.
 
-    These are the largest ones of their durations, infinite where no end was found [s]. Then samples (samples,) of
-    further sensors by their names; a return flow is a volume flow where `volume` says so.
+    Errors of energisings from a current are the largest of their durations, infinite without an end [s]. Samples
+    (samples,) of further sensors by name; `volume` marks a return flow by volume.
     """
 
     time: Floats
@@ -248,12 +248,12 @@ class Log(NamedTuple):
 
 
 def read_log(path: Path, columns: LogColumns) -> Log:
-    """Log of pressure and command.
+    """Read a log of pressure and command.
 
-    An energising lasts while the command lies above the middle between its least and its largest value, or
-    while a current flows, whose hold may lie below that; one that the log cuts begins or ends beyond it. A file of
-    energisings has the columns start and duration.
-    Raises `InputError` if a file cannot be read, or the command has no edge.
+    An energising lasts while the command is above the middle of its range, or while a current flows, whose hold may be
+    below that. An energising cut by the log begins or ends beyond it. A file of energisings has the columns start and
+    duration.
+    `InputError` if a file cannot be read, or the command has no edge.
     """
     sheet = open_sheet(path, columns.form)
     time = Column(columns.time, "s", columns.time_unit, increasing=True, stating="--time-unit")
@@ -268,20 +268,20 @@ def read_log(path: Path, columns: LogColumns) -> Log:
     for name, heading in columns.further.items():
         unit = ("kg/s", "m3/s") if name == "return" else FURTHER[name]
         column = Column(heading, unit, columns.units.get(name), stating=f"--{name}-unit")
-        table = take_columns(sheet, [time, column])  # it may be the command's column too
+        table = take_columns(sheet, [time, column])  # the column may also be the command's
         volume = volume or table.units[heading] == "m3/s"
         sensor_clock, place = table.columns[columns.time], f'{path}, column "{heading}"'  # MDF has several clocks
         step = float(np.median(np.diff(sensor_clock)))
         if (
             max(sensor_clock[0] - clock[0], clock[-1] - sensor_clock[-1]) > 1.01 * step
-        ):  # of a mean over cycles one sample may lack
+        ):  # a mean over cycles may lack the last sample
             raise InputError(
                 f"{place}: it reaches from {sensor_clock[0]:.6g} to {sensor_clock[-1]:.6g} s, the pressure from "
                 f"{clock[0]:.6g} to {clock[-1]:.6g} s; give a column that covers the pressure, or cut the log."
             )
         if name == "current" and SLOWEST * step > 1.01:
             raise InputError(
-                f"{place}: it has {1e-3 / step:.3g} samples a millisecond, and a current needs {1e-3 * SLOWEST:g} or "
+                f"{place}: it has {1e-3 / step:.3g} samples per millisecond, and a current needs {1e-3 * SLOWEST:g} or "
                 "more; give a faster one, or leave it out."
             )
         further[name] = np.interp(clock, sensor_clock, table.columns[heading])
@@ -295,13 +295,13 @@ def read_log(path: Path, columns: LogColumns) -> Log:
 
 
 def _read_command(table: Table, time: str, command: str) -> tuple[list[tuple[float, float]], list[float]]:
-    """Energisings of a command, and largest errors of those of one that is a current, or stays between as one [s]."""
+    """Energisings of a command, and their largest errors if it is a current, or has the course of one [s]."""
     clock, value = table.columns[time], table.columns[command]
     least, most = float(value.min()), float(value.max())
     on = value > 0.5 * (least + most)
     if on.all() or not on.any():
         raise InputError(
-            f'{table.path}, column "{command}": it is constant, so that nothing is energised; give the column of '
+            f'{table.path}, column "{command}": it is constant and energises nothing; give the column of '
             "the command by --command, or a file of its times by --energisings."
         )
     current, flows = flow_of(clock, value)
@@ -313,6 +313,6 @@ def _read_command(table: Table, time: str, command: str) -> tuple[list[tuple[flo
         ]
     turns = np.flatnonzero(np.diff(on.astype(np.int8)))
     at = 0.5 * (clock[turns] + clock[turns + 1])  # between two samples
-    # one that the log cuts reaches over its edge, so that its shot is not whole, and is counted as such
+    # an energising cut by the log extends beyond it, which marks its shot as incomplete
     at = np.concatenate([[clock[0] - CUT] * bool(on[0]), at, [clock[-1] + CUT] * bool(on[-1])])
     return [(float(a), float(b - a)) for a, b in zip(at[::2], at[1::2], strict=True)], []

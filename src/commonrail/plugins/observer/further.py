@@ -1,4 +1,4 @@
-"""Sensors beside the pressure's: the coil's current and the return flow."""
+"""Sensors in addition to the pressure: coil current and return flow."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from commonrail.base.text import quantity
 from commonrail.physics.components import solenoid
 from commonrail.plugins.observer.study import ObserverSettings, ShotRecord
 
-# Rows of a trace that each of them needs.
+# Rows of a trace that each sensor needs.
 PATHS = {"current": ("solenoid.flux", "valve.lift"), "return": ("cumulative_flows.returned",)}
-FADED = 0.3e-3  # after the end of an energising the current has gone [s]; chosen [E]
-RESTING = 20e-6  # the valve is closed for so long, and the guides alone give fuel to the return [s]
-CURRENT_NOISE = 0.2  # of a sample, where it is not known: 1 % of a usual peak [A]; an estimate [E]
-# Share of the bend of the current over two samples by which it is not linear in the states: where within a sample the
-# regulator meets its limit changes its slopes by them a hundredfold. Chosen [E].
+FADED = 0.3e-3  # time after the end of an energising without current [s]; chosen [E]
+RESTING = 20e-6  # time with a closed valve in which only the guides leak to the return [s]
+CURRENT_NOISE = 0.2  # default for a sample: 1 % of a usual peak [A]; an estimate [E]
+# Share of the bend of the current over two samples by which it is not linear in the states: the slopes change a
+# hundredfold where the regulator meets its limit within a sample. Chosen [E].
 CORNER = 0.5
-QUIETEST = 1e-4  # least noise of a sample of the current, as a share of the largest one: that of 12 bits
+QUIETEST = 1e-4  # least noise of a sample of the current, as a share of the largest one, as for 12 bits
 
 
 def coil_current(theta: Mapping[str, Floats], flux: Floats, lift: Floats) -> Floats:
     """Current of the coil (candidates, samples) [A], Eq. (11).
 
-    `theta`: parameters (candidates, 1) by their names; `flux` [Wb], `lift` of the valve [m]: (candidates, samples).
+    `theta`: parameters (candidates, 1) by name; `flux` [Wb], `lift` of the valve [m]: (candidates, samples).
     """
     coil = solenoid.Parameters(*(theta[f"solenoid.{name}"] for name in solenoid.Parameters._fields))  # type: ignore[arg-type]
     gap = theta["valve.lift"] - lift
@@ -35,7 +35,7 @@ def coil_current(theta: Mapping[str, Floats], flux: Floats, lift: Floats) -> Flo
 
 
 def select_current_samples(shot: ShotRecord, at: Floats) -> Bools:
-    """Averaged samples at times (samples,) [s] in which the coil's current counts."""
+    """Mark averaged samples at times (samples,) [s] in which the coil current counts."""
     last = shot.energisings[-1]
     return np.asarray((at > -1e-9) & (at < last.start + last.duration + FADED))
 
@@ -43,7 +43,7 @@ def select_current_samples(shot: ShotRecord, at: Floats) -> Bools:
 def read_meter(returned: Floats, time: Floats, period: float, gain: float) -> Floats:
     """Mass through the return line in a cycle, as a meter shows it (candidates, 1) [kg].
 
-    That of the simulation and, beyond it, the guides' leakage at rest, which is what flows before the valve opens.
+    The simulated mass, and after it the guides' leakage at rest, which flows before the valve opens.
 
     `returned` (candidates, samples): mass so far [kg] at `time` (samples,) [s]; `period` [s].
     """
@@ -53,7 +53,7 @@ def read_meter(returned: Floats, time: Floats, period: float, gain: float) -> Fl
 
 
 def find_current_noise(shots: Sequence[ShotRecord]) -> float:
-    """Standard deviation of a sample of the current before shots [A], not less than that of 12 bits."""
+    """Standard deviation of a sample of the current before shots [A], at least that of 12 bits."""
     still = [shot.further["current"][shot.time < 0.0] for shot in shots]
     largest = max(float(np.abs(shot.further["current"]).max()) for shot in shots)
     return max(float(np.concatenate([current - current.mean() for current in still]).std()), QUIETEST * largest)
@@ -63,8 +63,8 @@ def check_further_sensors(shots: Sequence[ShotRecord], further: Sequence[str]) -
     """Refuse a current that does not rise in the energisings, and a return flow without a whole cycle."""
     if "return" in further and not any("return" in shot.further for shot in shots):
         raise ConfigurationError(
-            "The log holds no whole cycle of the return flow, from one shot to the next; give a longer log, or leave "
-            "the return flow out (--return-flow)."
+            "The log holds no whole cycle of the return flow, from one shot to the next; give a longer log, or omit "
+            "the return flow (--return-flow)."
         )
     if "current" in further:
         pairs = [(shot.further["current"], shot.time, shot.energisings[-1]) for shot in shots]
@@ -82,18 +82,18 @@ def check_further_sensors(shots: Sequence[ShotRecord], further: Sequence[str]) -
 def join_covariances(
     first: Floats, alike: Floats, settings: ObserverSettings, shot: ShotRecord, shown: Floats, at: Floats
 ) -> Floats:
-    """Covariance (rows, rows) of the pressure and all further sensors, whose errors are independent of each other's.
+    """Covariance (rows, rows) of the pressure and all further sensors, with independent errors.
 
     Parameters
     ----------
     first : (samples, samples)
         Covariance of the pressure [Pa²].
     alike : (samples, samples)
-        Correlation of what the model lacks.
+        Correlation of the model error.
     settings : ObserverSettings
     shot : ShotRecord
     shown : (rows,)
-        Simulated, those of the pressure first.
+        Simulated readings, those of the pressure first.
     at : (samples,)
         Times of averaged samples [s].
     """

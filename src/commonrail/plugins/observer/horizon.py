@@ -1,4 +1,4 @@
-"""Moving horizon: least squares on the last shots together, each simulated again where its states have moved."""
+"""Moving horizon: least squares on the last shots together; shots whose states have moved are simulated again."""
 
 from __future__ import annotations
 
@@ -27,17 +27,18 @@ class _Shot:
     """One shot of a horizon: its latest update, and the variances by which states may have changed before it."""
 
     def __init__(self, number: int, measured: Measured, latest: Update) -> None:
-        self.number, self.measured, self.latest = number, measured, latest
+        self.number = number
+        self.measured, self.latest = measured, latest
         self.trusted = latest.consistency <= TRUSTED
         self.extra = np.zeros(len(latest.shot_states))
 
     def update(self, belief: Belief, states: tuple[DriftState, ...]) -> Update:
-        """Update of a belief about this shot, its response taken for linear."""
+        """Update a belief with this shot, whose response is linearised."""
         at, response = self.latest.at, self.latest.response
         trusted = np.inf if self.trusted else -1.0
         shown, covariance, _ = self.measured
         done = update(belief, states, shown, covariance, lambda x: response.shift(x - at), 1, trusted=trusted)
-        assert done is not None  # nothing is simulated
+        assert done is not None  # no simulation can fail here
         return done._replace(at=at, response=response)
 
 
@@ -54,28 +55,29 @@ class Horizon:
     length : int
         Shots.
     passes : int
-        Largest number of passes; shots whose states have moved are simulated again between two.
+        Largest number of passes; between two, shots whose states have moved are simulated again.
     """
 
     def __init__(self, states: tuple[DriftState, ...], length: int, passes: int) -> None:
-        self.states, self.length, self.passes = states, length, passes
+        self.states = states
+        self.length, self.passes = length, passes
         self._walks = np.array([state.walk**2 for state in states])
         self._spread = np.array([state.deviation for state in states])
         self._shots: list[_Shot] = []
-        self._before: list[Belief] = []  # about each shot, by those before it
+        self._before: list[Belief] = []  # about each shot, from the shots before it
 
     def add(self, number: int, measured: Measured, latest: Update, before: Belief) -> None:
-        """Take the newest shot with its update from a belief `before` it; the oldest leaves."""
+        """Add the newest shot with its update from a belief `before` it, and drop the oldest."""
         self._shots = [*self._shots, _Shot(number, measured, latest)][-self.length :]
         self._before = [*self._before, before][-self.length :]
 
     def change(self, ago: int, variances: Floats) -> None:
-        """Let states change before one of the trusted shots, so many ago, by variances (states,)."""
+        """Let states change by variances (states,) before one of the trusted shots, `ago` shots back."""
         trusted = [shot for shot in self._shots if shot.trusted]
         trusted[max(len(trusted) - 1 - ago, 0)].extra += variances
 
     def solve(self) -> Belief:
-        """Estimate all shots; the belief after the newest."""
+        """Estimate all shots; return the belief after the newest."""
         for k in range(self.passes):
             belief = self._pass()
             moved = [
@@ -90,7 +92,7 @@ class Horizon:
         return belief
 
     def updates(self) -> list[tuple[int, Update]]:
-        """Numbers of the shots and their updates by all of them."""
+        """Numbers of the shots and their updates from all of them."""
         return [(shot.number, shot.latest) for shot in self._shots]
 
     def _pass(self) -> Belief:
@@ -114,7 +116,7 @@ class Horizon:
 
 
 def _add_information(belief: Belief, information: Floats, score: Floats) -> Belief:
-    """Belief with information (states, states) and score (states,) of other shots."""
+    """Add information (states, states) and score (states,) of other shots to a belief."""
     factor = np.linalg.inv(np.eye(len(score)) + belief.covariance @ information)
     covariance = factor @ belief.covariance
     return Belief(belief.mean + covariance @ (score - information @ belief.mean), 0.5 * (covariance + covariance.T))

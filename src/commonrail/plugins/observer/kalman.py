@@ -1,4 +1,4 @@
-"""Iterated extended Kalman filter from shot to shot, and the test of its innovations for a drift."""
+"""Iterated extended Kalman filter from shot to shot, and a test of its innovations for drift."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from commonrail.base.arrays import Floats
 from commonrail.plugins.observer.response import Response
 from commonrail.plugins.observer.study import DriftState
 
-TIMES = 3e-6  # standard deviation of what the model lacks in openings and closings [s]: an estimate [E]
-# Largest consistency of a shot that is learnt from; 1,000 sound ones reached 1.5 (studies/observer_trial.py).
+TIMES = 3e-6  # standard deviation of the model's openings and closings [s]: an estimate [E]
+# Largest consistency of a shot that updates the states; 1,000 sound shots reached 1.5 (studies/observer_trial.py).
 TRUSTED = 3.0
 CONVERGED = 0.05  # largest change of an iteration that ends it, in standard deviations before the shot; chosen
 
@@ -35,16 +35,16 @@ class Belief(NamedTuple):
         return self.spread([state.walk**2 for state in states])
 
     def spread(self, variances: ArrayLike) -> Belief:
-        """Belief with variances (states,) more."""
+        """Belief with increased variances (states,)."""
         return self._replace(covariance=self.covariance + np.diag(variances))
 
 
 def innovation(
     belief: Belief, states: tuple[DriftState, ...], residual: Floats, slopes: Floats, covariance: Floats
 ) -> Floats:
-    """Whitened innovation (rows,) of a shot, that of each row given the rows before it: 1 on average of its square.
+    """Whitened innovation (rows,) of a shot: each row given the rows before it, with mean square 1.
 
-    `residual` (rows,): measured less expected; `slopes` (rows, states); `covariance` (rows, rows) of what is measured.
+    `residual` (rows,): measured minus expected; `slopes` (rows, states); `covariance` (rows, rows) of the measurements.
     """
     prior = belief.covariance + np.diag([state.scatter**2 for state in states])
     factor = np.linalg.cholesky(slopes @ prior @ slopes.T + covariance)
@@ -62,16 +62,16 @@ class Update(NamedTuple):
     consistency : float
         Squared innovation over its expectation, 1 on average of a true model.
     residual : (samples,)
-        Measured less simulated pressure at the new states [Pa].
+        Measured minus simulated pressure at the new states [Pa].
     rate, rate_deviation : (times,)
-        Of injection, as in `Response`, and its standard deviation [m³/s].
+        Injection rate, as in `Response`, and its standard deviation [m³/s].
     at, shot_states : (states,)
-        States at which the shot was simulated last, and those found; with what the shot has for itself.
+        Linearisation point and posterior mean, both with the per-shot offsets.
     response : Response
-        Simulated there.
+        Simulated at `at`.
     information : (states, states)
     score : (states,)
-        Of what the shot alone says of states x: its log-likelihood is score·x - x·information·x / 2 but for a constant.
+        Log-likelihood of this shot alone at states x: score·x - x·information·x / 2, without a constant.
     """
 
     belief: Belief
@@ -98,12 +98,12 @@ def update(
     *,
     trusted: float = TRUSTED,
 ) -> Update | None:
-    """Belief and figures after a shot; None if it cannot be simulated.
+    """Update a belief with a shot; None if it cannot be simulated.
 
-    A shot that is not to be trusted, such as one beside another injector's, changes no state; its figures are those of
-    the states before it.
+    A shot that is not trusted, for example if another injector injects at once, changes no state; its figures follow
+    from the states before it.
 
-    What a shot has for itself (`DriftState.scatter`) is estimated with the states and then forgotten: it moves the
+    Per-shot offsets (`DriftState.scatter`) are estimated with the states and then forgotten: they move the
     figures of this shot alone.
 
     Parameters
@@ -118,7 +118,7 @@ def update(
     simulate : function of (states,)
     iterations : int
     trusted : float
-        Largest consistency of a shot that is learnt from.
+        Largest consistency of a shot that updates the states.
 
     Notes
     -----
@@ -158,8 +158,8 @@ def update(
         z = z + step
         if np.max(np.abs(step) / spread) < CONVERGED:
             break
-    assert response is not None  # there is one iteration or more
-    # what the shot says of the states, about those before it, without what it has for itself
+    assert response is not None  # there is at least one iteration
+    # likelihood of the states before the shot, without its per-shot offsets
     gram, gain = white.T @ white, white.T @ rest
     shared = np.linalg.solve(gram[n:, n:] + np.diag(scatter**-2.0), np.column_stack([gram[n:, :n], gain[n:]])).T
     information, score = gram[:n, :n] - shared[:n] @ gram[n:, :n], gain[:n] - gram[:n, n:] @ shared[n]
@@ -186,19 +186,19 @@ def update(
 
 
 def _states_of_shot(z: Floats, n: int, extra: list[int]) -> Floats:
-    """States (n,) of a shot with what it has for itself."""
+    """States (n,) of a shot with its per-shot offsets."""
     shot_states = z[:n].copy()
     shot_states[extra] += z[n:]
     return shot_states
 
 
 def _append_scatter_slopes(slopes: Floats, extra: list[int]) -> Floats:
-    """Slopes (..., states) with those of what a shot has for itself."""
+    """Slopes (..., states) with those of the per-shot offsets appended."""
     return np.concatenate([slopes, slopes[..., extra]], axis=-1)
 
 
 class Alarm(NamedTuple):
-    """Drift of one state: its name, shots ago when it began (0: this one), size and standard deviation of the step."""
+    """Drift of one state: name, shots since it began (0: this one), size and standard deviation of the step."""
 
     state: str
     ago: int
@@ -209,31 +209,32 @@ class Alarm(NamedTuple):
 class StepTest:
     """Generalised likelihood ratio of a step of one state at one of the last shots.
 
-    Method of Willsky and Jones (1976), IEEE Trans. Automatic Control 21, 108: what a unit step leaves in the
-    innovations of the filter is known, since the filter is; their likelihood gives its size. By Woodbury's identity
-    innovations and slopes enter through the covariance before and after a shot alone.
+    Method of Willsky and Jones (1976), IEEE Trans. Automatic Control 21, 108: the filter is known, and so is the effect
+    of a unit step on its innovations; their likelihood gives the size of a step. By Woodbury's identity
+    innovations and slopes enter only through the covariance before and after a shot.
 
     Parameters
     ----------
     states : tuple of DriftState
     window : int
-        Shots that are looked back upon.
+        Number of past shots to search.
     significance : float
-        Standard deviations of a step that an alarm asks for, besides `DriftState.limit`.
+        Standard deviations of a step needed for an alarm, in addition to `DriftState.limit`.
     """
 
     def __init__(self, states: tuple[DriftState, ...], window: int, significance: float) -> None:
-        self.states, self.window, self.significance = states, window, significance
+        self.states = states
+        self.window, self.significance = window, significance
         self._limits = np.array([state.limit or np.inf for state in states])
         self.reset()
 
     def reset(self) -> None:
         """Forget all shots."""
-        self._left: list[Floats] = []  # of a unit step of each state (columns), by onset: error of the mean
+        self._left: list[Floats] = []  # error of the mean after a unit step of each state (columns), by onset
         self._sums: list[tuple[Floats, Floats]] = []  # score and information (states,)
 
     def add(self, before: Belief, after: Belief) -> None:
-        """Take a shot's belief before (`Belief.walk`) and after it."""
+        """Add the belief before (`Belief.walk`) and after a shot."""
         n = len(self.states)
         inverse = np.linalg.inv(before.covariance)
         factor = after.covariance @ inverse
@@ -245,7 +246,7 @@ class StepTest:
             self._left[i] = factor @ left
 
     def alarm(self) -> Alarm | None:
-        """The most significant step; None if there is none beyond significance and limit."""
+        """Most significant step; None if none exceeds significance and limit."""
         best, largest = None, self.significance
         for i, (score, information) in enumerate(self._sums):
             deviation = 1.0 / np.sqrt(np.maximum(information, 1e-300))

@@ -1,4 +1,4 @@
-"""The page of an observer: quantities shot by shot, a map of the drift, and what is assumed."""
+"""Report of an observer: quantities shot by shot, a map of the drift, and the assumptions."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import BOTH, MARKERS, Band, Chart, Figure, HeatMap, Panel, Series, points
-from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import MISSING, counted, fixed, percent, quantity, signed, significant
+from commonrail.base.table import Column, Table, table_from_columns
+from commonrail.base.text import MISSING, count_noun, percent, quantity, significant, to_fixed, to_signed
 from commonrail.data.records import MICROSECOND, MM3, MPA, Record
 from commonrail.engine.operating_point import RAIL_PRESSURES
 from commonrail.plugins.observer.kalman import TRUSTED
@@ -21,29 +21,29 @@ from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
 
 KEYS = ("title", "states", "shots", "disturbance", "sensor", "injections", "clock", "log", "rail_volume")
-MOST_COLUMNS = 16  # of the map of drift, wide enough for "−10.3"; between them shots are left out
-MOVED, OFTEN = 0.3, 0.1  # change of a quantity by the pressure that asks for a warning in a share of injections; chosen
+MOST_COLUMNS = 16  # of the map of drift, wide enough for "−10.3"; some shots are left out
+MOVED, OFTEN = 0.3, 0.1  # a warning needs this change of the quantity by the pressure, in this share; chosen
 FAR = 4.0  # standard deviations before the first shot beyond which a state is doubted; chosen
-LEARNT = 0.8  # share of its first standard deviation below which a state counts as learnt from the pressure; chosen
-CONSISTENT = (0.5, 2.0)  # medians of the consistency within which the stated deviations can be believed; chosen
-# What the deviations are worth, `studies/observer_trial.py` and docs/howto/observer.md.
+LEARNT = 0.8  # share of its first standard deviation below which a state counts as estimated from the pressure; chosen
+CONSISTENT = (0.5, 2.0)  # medians of the consistency for which the stated deviations can be trusted; chosen
+# Coverage of the stated deviations on simulated injectors: studies/observer_trial.py.
 HELD = (
-    "In a trial with a rail sensor on virtual injectors, drawn from estimates as those that the states begin with, "
-    "intervals of 95 % held 97 % of the quantities."
+    "In a trial with a rail sensor on simulated injectors, whose parameters scatter as the first deviations of the "
+    "states, 95 % intervals held 97 % of the quantities."
 )
 FURTHER_WORDS = {"current": ("the coil's current", "--current"), "return": ("the return flow", "--return-flow")}
 SHOWN_UNITS = {"1": (100.0, "%"), "Pa": (MPA, "MPa"), "s": (MICROSECOND, "µs")}  # of states in figures
-TWO = 1.96  # standard deviations to both sides that hold 95 % of a normal distribution
+TWO = 1.96  # standard deviations of a 95 % interval
 
 
 def observer_html(record: Record, folder: Path = Path("DIR")) -> str:
-    """The page of an observer; `folder` is its name for the command lines in it."""
+    """Report of an observer; `folder` is its name in the command lines shown."""
     charts = observer_figures(record)
     heights = [420, 380, 160 * len(_learnt(record))] if len(charts) > 2 else []
     if _trains(record):
         heights.append(380)
     drawn = [(c, figure_html(c, f"figure-{i}", h)) for i, (c, h) in enumerate(zip(charts, heights, strict=True))]
-    if _trains(record):  # what was asked for comes first
+    if _trains(record):  # the requested result comes first
         drawn = [drawn[-1], *drawn[:-1]]
     return analysis_html(
         "observer.html",
@@ -71,36 +71,36 @@ def observer_lines(record: Record) -> list[str]:
     observed = [row for row in rows if row["quantity"] is not None]
     if observed and not any((row["quantity_open_loop"] or 0.0) > 0.0 for row in observed):
         return [
-            f"By the model alone no injection follows from the {counted(len(rows), 'energising')} of the log, so that "
+            f"By the model alone the {count_noun(len(rows), 'energising')} of the log do not inject, and "
             "the pressure moves no quantity; check energising times, command and pressure."
         ]
     lines = [
-        f"{counted(len(record['shots']), 'shot')} with {counted(len(rows), 'injection')}; quantity, opening and "
+        f"{count_noun(len(record['shots']), 'shot')} with {count_noun(len(rows), 'injection')}; quantity, opening and "
         f"closing of {len(observed)} follow from the pressure at the {_place(record)}{further} and the command, "
         f"by the model of {record['injector']['title']}.",
         f"Rail volume {_volume(record)}.",
     ]
     if record.get("horizon", 1) > 1 and len(record["shots"]) > 1:
         lines.append(
-            f"Shots are estimated {record['horizon']} together, so that later ones correct those before them; the last "
-            "stands as the filter found it, and so do the alarms."
+            f"Estimates use a sliding window of {record['horizon']} shots, in which later shots correct earlier ones. "
+            "The last shot and the alarms come from the filter."
         )
     if strange := _strange(record):
         lines.append(
-            f"{counted(strange, 'shot')} changed no state, since the pressure{further} is not what model and "
-            "disturbance allow (consistency above 3), as where another injector injects at once; their figures are "
-            "those of the states."
+            f"{count_noun(strange, 'shot')} changed no state, since the pressure{further} contradicts model and "
+            "disturbance (consistency above 3), for example if another injector injects at once; their figures follow "
+            "from the states."
         )
     if observed:
         shift = 100.0 * np.nanmedian(_shift_by_pressure(observed))
         lines.append(
             f"Median standard deviation of a quantity {_deviation(observed)}; the pressure moved the model's "
-            f"quantities by {fixed(shift, 1)} % (median). {HELD}"
+            f"quantities by {to_fixed(shift, 1)} % (median). {HELD}"
         )
     if closed := sum(row["quantity_deviation"] is None for row in observed):
         lines.append(
-            f"{counted(closed, 'injection')} did not open by the model with its states: such a quantity near zero has "
-            "no standard deviation, since the slopes of the model do not tell where it begins to open."
+            f"{count_noun(closed, 'injection')} did not open in the model with its states: a quantity near zero has "
+            "no standard deviation, since the slopes of the model do not show where it begins to open."
         )
     return lines
 
@@ -110,7 +110,7 @@ def _strange(record: Record) -> int:
 
 
 def _shift_by_pressure(rows: list[Record]) -> Floats:
-    """Share (injections,) by which the pressure changed each quantity of the model alone."""
+    """Relative change (injections,) of each quantity by the pressure, against the model alone."""
     before, after = (np.array([row[key] for row in rows], float) for key in ("quantity_open_loop", "quantity"))
     return np.asarray(np.abs(after / np.where(before > 0.0, before, np.nan) - 1.0))
 
@@ -121,14 +121,14 @@ def _volume(record: Record) -> str:
 
 
 def warning_lines(record: Record) -> list[str]:
-    """Sentences on what makes the figures doubtful."""
+    """Reasons for doubting the figures."""
     shots, strange = record["shots"], _strange(record)
     rest, (low, high) = float(np.median([shot["rail_pressure"] for shot in shots])), RAIL_PRESSURES.likely
     moved = _shift_by_pressure([row for row in _injections(record) if row["quantity"] is not None])
     conditions = {
         f"{quantity(low, 'Pa', 3)} to {quantity(high, 'Pa', 3)} is usual before a shot.": not low <= rest <= high,
-        f"{strange} of {len(shots)} shots are not what the model allows: use no quantity.": 2 * strange > len(shots),
-        f"Over a tenth of the quantities lie over {100.0 * MOVED:g} % from those of the model alone.": bool(
+        f"{strange} of {len(shots)} shots contradict the model: use no quantity.": 2 * strange > len(shots),
+        f"More than 10 % of the quantities differ from the model by over {100.0 * MOVED:g} %.": bool(
             np.sum(moved > MOVED) > OFTEN * len(moved)
         ),
     }
@@ -138,7 +138,7 @@ def warning_lines(record: Record) -> list[str]:
         if (far := abs(value) / state["deviation"]) > FAR:
             label = f"{state['name']} {_with_unit(value, state['unit'], True)}"
             lines.append(
-                f"{label[0].upper()}{label[1:]} is {significant(far, 2)} standard deviations from where it began."
+                f"{label[0].upper()}{label[1:]} is {significant(far, 2)} standard deviations from its start value."
             )
     if lines:
         more = "".join(
@@ -152,8 +152,8 @@ def warning_lines(record: Record) -> list[str]:
         counts = [shot["further"][name] for shot in record["shots"] if name in shot.get("further", ())]
         if out := counts.count(False):
             lines.append(
-                f"{words[0].upper()}{words[1:]} was left out of {out} of {counted(len(counts), 'shot')}, since it is "
-                f"not what the pressure and the model allow; check its column, unit and zero ({option})."
+                f"{words[0].upper()}{words[1:]} was left out of {out} of {count_noun(len(counts), 'shot')}, since it "
+                f"contradicts the pressure and the model; check its column, unit and zero ({option})."
             )
     return lines
 
@@ -182,7 +182,7 @@ def _deviation(rows: list[Record]) -> str:
 
 
 def _alarms(record: Record) -> list[tuple[int, Record]]:
-    """Number of the shot and the alarm, for all alarms."""
+    """All alarms with the numbers of their shots."""
     return [(k, shot["alarm"]) for k, shot in enumerate(record["shots"], 1) if shot["alarm"]]
 
 
@@ -190,17 +190,17 @@ def _alarm_lines(record: Record) -> list[str]:
     units = {state["name"]: state["unit"] for state in record["states"]}
     return [
         f"{alarm['state']}: {_with_unit(alarm['size'], units[alarm['state']], True)} ± "
-        f"{_with_unit(alarm['deviation'], units[alarm['state']])} from shot {k - alarm['ago']} on, noticed at shot {k}."
+        f"{_with_unit(alarm['deviation'], units[alarm['state']])} from shot {k - alarm['ago']} on, seen at shot {k}."
         for k, alarm in _alarms(record)
     ]
 
 
 def _with_unit(value: float | None, unit: str, with_sign: bool = False) -> str:
-    """Value of a state: a relative one in percent."""
+    """Value of a state with its unit; a relative one in percent."""
     if value is None:
         return MISSING
     if unit == "1":
-        return f"{signed(100.0 * value, 1) if with_sign else significant(100.0 * value, 2)} %"
+        return f"{to_signed(100.0 * value, 1) if with_sign else significant(100.0 * value, 2)} %"
     text = quantity(value, unit, 2)
     return f"+{text}" if with_sign and value > 0.0 else text
 
@@ -209,8 +209,8 @@ def _tiles(record: Record) -> list[Tile]:
     rows = [row for row in _injections(record) if row["quantity"] is not None]
     names = list(dict.fromkeys(alarm["state"] for _, alarm in _alarms(record)))
     tested = len(record["shots"]) > record["learning"]
-    words = ", ".join(names) or ("none of the states has changed" if tested else "too few shots to tell")
-    tiles = [Tile("Drift", counted(len(names), "alarm"), words, BAD if names else GOOD if tested else "")]
+    words = ", ".join(names) or ("no state has changed" if tested else "too few shots for a test")
+    tiles = [Tile("Drift", count_noun(len(names), "alarm"), words, BAD if names else GOOD if tested else "")]
     if warnings := warning_lines(record):
         tiles[0] = tiles[0]._replace(level=BAD if names else "")
         tiles.insert(0, Tile("Check", "warning", f"{warnings[0].partition('. ')[0]}", CARE))
@@ -221,7 +221,7 @@ def _tiles(record: Record) -> list[Tile]:
     for key in ("opening", "closing"):
         deviations = [row[f"{key}_deviation"] for row in rows if row[key] is not None]
         if deviations:
-            tiles.append(Tile(key.title(), f"{fixed(np.median(deviations), 1, MICROSECOND)} µs", same))
+            tiles.append(Tile(key.title(), f"{to_fixed(np.median(deviations), 1, MICROSECOND)} µs", same))
     middle = float(np.median([s["consistency"] for s in record["shots"] if s["consistency"] is not None]))
     level = "" if warnings else GOOD if CONSISTENT[0] < middle < CONSISTENT[1] else CARE
     words = "squared innovation over its expectation; 1 if model and noise are as assumed"
@@ -233,7 +233,7 @@ def _injections(record: Record) -> list[Record]:
 
 
 def observer_figures(record: Record) -> list[Chart]:
-    """Quantities, map of the drift, and the states that the pressure tells of."""
+    """Quantities, map of the drift, and the states estimated from the pressure."""
     charts: list[Chart] = [_compensation(record)] if _trains(record) else []
     if all(shot["drift"] is None for shot in record["shots"]):
         return charts
@@ -245,7 +245,7 @@ def _trains(record: Record) -> list[Record]:
 
 
 def _compensation(record: Record) -> Figure:
-    """Change of each quantity by the dwell, without and with compensation."""
+    """Change of each quantity with the dwell, without and with compensation."""
     trains = _trains(record)
     rails = list(dict.fromkeys(train["rail_pressure"] for train in trains))
     panels = []
@@ -256,22 +256,22 @@ def _compensation(record: Record) -> Figure:
             x = points(1e3 * (train["dwells"] or [0.0])[0] for train in rows)
             for key, words, look in (("plain_quantities", "without", "dash"), ("quantities", "with", "solid")):
                 shares = [train[key][i] and 100.0 * (train[key][i] / train["wanted"][i] - 1.0) for train in rows]
-                lines.append(Series(f"{fixed(rail, 0, MPA)} MPa, {words}", look, x, tuple(shares), BOTH, k))
+                lines.append(Series(f"{to_fixed(rail, 0, MPA)} MPa, {words}", look, x, tuple(shares), BOTH, k))
         panels.append(Panel(f"injection {i + 1}, % off", tuple(lines), zero_line=True, has_legend=i == 0))
     caption = (
-        "Quantities off the wanted ones by the model with its states, with the energising times that deliver them one "
-        "by one by the model without, and with those that are compensated."
+        "Deviation from the target quantities by the model with its states: with the energising times of single "
+        "injections by the model without them, and with compensated ones."
     )
     return Figure("Compensation", caption, "dwell, ms", tuple(panels))
 
 
 def _compensation_table(record: Record) -> Table:
     def each(key: str, scale: float, decimals: int) -> Any:
-        return lambda row: ", ".join(fixed(value, decimals, scale) for value in row[key])
+        return lambda row: ", ".join(to_fixed(value, decimals, scale) for value in row[key])
 
     columns: list[Column] = [
-        ("p, MPa", lambda row: fixed(row["rail_pressure"], 1, MPA)),
-        ("dwell, ms", lambda row: fixed((row["dwells"] or [None])[0], 2, 1e3)),
+        ("p, MPa", lambda row: to_fixed(row["rail_pressure"], 1, MPA)),
+        ("dwell, ms", lambda row: to_fixed((row["dwells"] or [None])[0], 2, 1e3)),
         ("wanted, mm³", each("wanted", MM3, 2)),
         ("ET, µs", each("energising_times", MICROSECOND, 1)),
         ("without, µs", each("plain_times", MICROSECOND, 1)),
@@ -282,13 +282,14 @@ def _compensation_table(record: Record) -> Table:
         "Energising times by the states after the last shot; without: those of the model alone for each injection by "
         "itself."
     )
-    return tabulated("Compensated energising times", _trains(record), columns, note)
+    return table_from_columns("Compensated energising times", _trains(record), columns, note, inputs=("wanted, mm³",))
 
 
 def _quantities(record: Record) -> Figure:
     """Quantities by shot, and their deviation from the model without the pressure."""
     number = max(len(shot["injections"]) for shot in record["shots"])
-    upper, lower, bands = [], [], []
+    upper, lower = [], []
+    bands = []
     for j in range(number):
         rows = [(k, s["injections"][j]) for k, s in enumerate(record["shots"], 1) if j < len(s["injections"])]
         x = points(k for k, _ in rows)
@@ -308,7 +309,7 @@ def _quantities(record: Record) -> Figure:
     )
     return Figure(
         "Quantity shot by shot",
-        "Bands: 95 % by the stated deviation; below, deviation from the model without the pressure.",
+        "Bands: 95 % from the stated deviation; below, deviation from the model without the pressure.",
         "shot",
         panels,
     )
@@ -322,20 +323,20 @@ def _drift_map(record: Record) -> HeatMap:
     rows = drift.T.tolist()
     return HeatMap(
         "Map of the drift",
-        "Estimate of each state after a shot, in its standard deviation before the first.",
+        "Estimate of each state after a shot, in units of its standard deviation before the first.",
         "shot",
         "",
         tuple(str(k + 1) for k in columns),
         tuple(state["name"] for state in states),
         tuple(map(points, rows)),
-        tuple(tuple(fixed(round(value, 1) + 0.0, 1) for value in row) for row in rows),
+        tuple(tuple(to_fixed(round(value, 1) + 0.0, 1) for value in row) for row in rows),
         "st. dev.",
         diverging=True,
     )
 
 
 def _drift(record: Record) -> Figure:
-    """Courses of the states that are learnt, with bands."""
+    """Courses of the estimated states, with bands."""
     shots = [(k, shot) for k, shot in enumerate(record["shots"], 1) if shot["drift"] is not None]
     x = points(k for k, _ in shots)
     panels = []
@@ -352,12 +353,12 @@ def _drift(record: Record) -> Figure:
                 has_legend=False,
             )
         )
-    caption = "States of which the pressure tells most; bands: 95 % of the stated uncertainty."
+    caption = "States that the pressure determines best; bands: 95 % of the stated uncertainty."
     return Figure("Drift", caption, "shot", tuple(panels))
 
 
 def _learnt(record: Record, most: int = 4) -> list[int]:
-    """States whose deviation has shrunk most: indices."""
+    """Indices of the states whose deviation has shrunk most."""
     last = next(shot for shot in reversed(record["shots"]) if shot["drift"] is not None)
     shares: Floats = np.array(last["drift_deviations"]) / [state["deviation"] for state in record["states"]]
     order = np.argsort(shares, kind="stable").tolist()
@@ -387,10 +388,10 @@ def _state_table(record: Record) -> Table:
         ("limit of a step", lambda row: _with_unit(row[1]["limit"] or None, row[1]["unit"])),
     ]
     note = (
-        f"An alarm asks for a step beyond the limit and beyond {record['significance']:g} standard deviations. "
-        "States whose standard deviation has not shrunk are not told by the pressure."
+        f"An alarm needs a step beyond the limit and beyond {record['significance']:g} standard deviations. "
+        "The pressure does not determine states whose standard deviation has not shrunk."
     )
-    return tabulated("States after the last shot", list(enumerate(record["states"])), columns, note)
+    return table_from_columns("States after the last shot", list(enumerate(record["states"])), columns, note)
 
 
 def _shot_table(record: Record) -> Table:
@@ -404,23 +405,23 @@ def _shot_table(record: Record) -> Table:
             if row[key] is None:
                 return MISSING
             if row[f"{key}_deviation"] is None:
-                return f"{fixed(abs(row[key]), decimals, scale)} ± {MISSING} (does not open)"
-            return f"{fixed(row[key], decimals, scale)} ± {fixed(row[f'{key}_deviation'], decimals, scale)}"
+                return f"{to_fixed(abs(row[key]), decimals, scale)} ± {MISSING} (does not open)"
+            return f"{to_fixed(row[key], decimals, scale)} ± {to_fixed(row[f'{key}_deviation'], decimals, scale)}"
 
         return text
 
     columns: list[Column] = [
         ("shot", lambda item: f"{item[0]}" if len(item[2]["injections"]) == 1 else f"{item[0]}, injection {item[1]}"),
-        ("p, MPa", lambda item: fixed(item[2]["rail_pressure"], 1, MPA)),
-        ("ET, µs", lambda item: fixed(item[3]["energising_time"], 0, MICROSECOND)),
+        ("p, MPa", lambda item: to_fixed(item[2]["rail_pressure"], 1, MPA)),
+        ("ET, µs", lambda item: to_fixed(item[3]["energising_time"], 0, MICROSECOND)),
         ("quantity, mm³", both("quantity", MM3, 2)),
-        ("model alone, mm³", lambda item: fixed(item[3]["quantity_open_loop"], 2, MM3)),
+        ("model alone, mm³", lambda item: to_fixed(item[3]["quantity_open_loop"], 2, MM3)),
         ("opening, µs", both("opening", MICROSECOND, 1)),
         ("closing, µs", both("closing", MICROSECOND, 1)),
     ]
     more = f" The first {SHOWN} of {len(rows)} injections; all are in observer.csv." if len(rows) > SHOWN else ""
     note = f"± one standard deviation; times from the start of the shot.{more}"
-    return tabulated("Injections", rows[:SHOWN], columns, note)
+    return table_from_columns("Injections", rows[:SHOWN], columns, note, inputs=("p, MPa", "ET, µs"))
 
 
 def _facts(record: Record) -> list[tuple[str, str]]:

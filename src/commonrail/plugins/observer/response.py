@@ -1,4 +1,4 @@
-"""One shot simulated with the drift states and with small changes of each: pressure, quantities, opening, closing."""
+"""Simulate one shot at the drift states and with small changes of each: pressure, quantities, opening, closing."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from commonrail.plugins.observer import study
 from commonrail.plugins.observer.further import PATHS, coil_current, read_meter, select_current_samples
 from commonrail.plugins.observer.study import ObserverSettings, ShotRecord
 
-# Steps of the temperature at which the fuel is computed, which takes as long as a shot; linear between [K].
+# Steps of the temperature at which the fuel is computed, which takes as long as a shot; linear in between [K].
 WARMTH = 5.0
 STEP = 0.1  # difference of a state, in its standard deviation before the first shot
 LATER, LOWER = 1e-6, 0.1e6  # differences of the delay [s] and of the pressure at rest [Pa]
-OPEN = 0.02  # share of an injection's largest rate at which it opens and closes: where the slope is steep
-BODY = 0.25  # share that it exceeds in between: a bounce of the needle stays below
+OPEN = 0.02  # share of an injection's largest rate at which it opens and closes, where the slope is steep
+BODY = 0.25  # share exceeded in between: a bounce of the needle stays below
 RATE_STEP = 10e-6  # over which a rate is averaged [s]
-LATEST = 0.5e-3  # after the start of an energising its injection has begun [s]
+LATEST = 0.5e-3  # longest opening delay [s]
 
 
 class Response(NamedTuple):
@@ -37,13 +37,13 @@ class Response(NamedTuple):
     Attributes
     ----------
     shown : (rows,)
-        Pressure as the sensor shows it, less its value at rest [Pa]; behind it what further sensors show, in SI units.
+        Pressure as the sensor shows it, minus its value at rest [Pa]; then readings of further sensors, in SI units.
     slopes : (rows, states)
     figures : (3, injections)
         Quantity [m³], opening and closing [s] of each injection; NaN without an injection.
     figure_slopes : (3, injections, states)
     rate : (times,)
-        Mean rate of injection over each `RATE_STEP` from the first energising on [m³/s].
+        Mean injection rate over each `RATE_STEP` from the first energising on [m³/s].
     rate_slopes : (times, states)
     """
 
@@ -55,7 +55,7 @@ class Response(NamedTuple):
     rate_slopes: Floats
 
     def shift(self, by: Floats) -> Response:
-        """Response at states that differ by so much (states,), linear."""
+        """Response at states changed by `by` (states,), linear."""
         return self._replace(
             shown=self.shown + self.slopes @ by,
             figures=self.figures + self.figure_slopes @ by,
@@ -66,7 +66,7 @@ class Response(NamedTuple):
 class Traced(NamedTuple):
     """Times (samples,) [s], pressures [Pa], injected masses [kg] (candidates, samples).
 
-    `further`: currents [A] and returned masses [kg], of the same shape, by the names of sensors.
+    `further`: currents [A] and returned masses [kg], of the same shape, by sensor.
     """
 
     time: Floats
@@ -87,7 +87,8 @@ class Simulator:
     """
 
     def __init__(self, injector: Injector, settings: ObserverSettings, threads: int = 1) -> None:
-        self.injector, self.settings, self.threads = injector, settings, threads
+        self.injector, self.settings = injector, settings
+        self.threads = threads
         self.states = settings.states
         self.names = tuple(state.parameter for state in self.states if state.parameter)
         self._variant = injector.wired(self.names)
@@ -95,21 +96,21 @@ class Simulator:
         more = [path for name in settings.further for path in PATHS[name]]
         self._rows = {path: paths.index(path) for path in (study.SENSORS[settings.sensor], "nozzle.injected", *more)}
         self.simulations = 0
-        self.refused: ConfigurationError | None = None  # why the first shot was refused that no state could cure
+        self.refused: ConfigurationError | None = None  # fault of the first shot that no state could cure
 
     def at(self, shot: ShotRecord, rest: float, x: Floats) -> Response | None:
-        """Response at states `x` (states,), None where the simulation fails; `rest`: pressure shown at rest [Pa]."""
+        """Response at states `x` (states,), None if the simulation fails; `rest`: reading at rest [Pa]."""
         grid_states = self._at_grid(x)
         try:
             response = self._at(shot, rest, grid_states)
-        except ConfigurationError:  # states or a shot so far off that the fuel does not cover the pressure
+        except ConfigurationError:  # the fuel does not cover the pressure of such states or such a shot
             return None
         if response is None or not np.isfinite(response.shown).all():
             return None
         return response if np.array_equal(grid_states, x) else response.shift(x - grid_states)
 
     def _at_grid(self, x: Floats) -> Floats:
-        """States on the grid of the settings, with the fuel's temperature at the nearest step that the fuel covers."""
+        """Round states to the grid of the settings, and the fuel temperature to the nearest step in its range."""
         fine, x = x, x.copy()
         for i, state in enumerate(self.states):
             if self.settings.grid:
@@ -164,23 +165,24 @@ class Simulator:
                     slopes[:, by_name[name]] = drop * pressure_rows + error * by_rest
                     figure_slopes[..., by_name[name]] = error * figures_by_rest
                     rate_slopes[:, by_name[name]] = error * rate_by_rest
-        sound = np.isfinite(slopes).all(axis=0)  # a change that cannot be simulated tells nothing
+        sound = np.isfinite(slopes).all(axis=0)  # a change that cannot be simulated gives no slope
         pressure_rows, of_figures, of_rate = (
             np.where(sound, table, 0.0) for table in (slopes, np.nan_to_num(figure_slopes), rate_slopes)
         )
         return Response(shown[0], pressure_rows, figures[0], of_figures, rates[0], of_rate)
 
     def figures(self, shot: ShotRecord, rest: float) -> tuple[Floats, Floats] | None:
-        """Figures (3, injections) and rate (times,) at states of zero, as in `Response`; None where that fails."""
+        """Figures (3, injections) and rate (times,) at zero states, as in `Response`; None if that fails."""
         x = np.zeros((1, len(self.states)))
         try:
             traces = self._traces(shot, rest, x)
-        except ConfigurationError as error:  # such as a pressure at rest below that in the cylinder
+        except ConfigurationError as error:  # such as a pressure at rest below the cylinder pressure
             self.refused = self.refused or error
             return None
         if traces is None:
             return None
-        time, injected, density = traces.time, traces.injected, self._densities(x)[0]
+        time, injected = traces.time, traces.injected
+        density = self._densities(x)[0]
         figures = find_figures(time, injected[0], find_cuts(time, injected[0], shot.energisings))
         figures[0] /= density
         return figures, mean_rate(time, injected)[0] / density
@@ -193,13 +195,13 @@ class Simulator:
                 value = self.injector.values[state.parameter]
                 change = [
                     math.exp(state.power * value_of_state) for value_of_state in x[:, i].tolist()
-                ]  # C's, which NumPy's may not be
+                ]  # powers by C's function, from which NumPy's may differ
                 columns.append(value * np.array(change) if state.power else value + x[:, i])
         return np.array(columns).T
 
     def _densities(self, x: Floats) -> Floats:
         """Densities in the cylinder (candidates or 1, 1) at the fuel temperatures of states (candidates, states)."""
-        point = self._point(100e6, (), 1e-3)  # of any rail pressure
+        point = self._point(100e6, (), 1e-3)  # at any rail pressure
         return plan.reference_densities(self.injector, [point], self.names, self.values(x))
 
     def _point(self, rail: float, pulses: tuple[Energising, ...], horizon: float) -> OperatingPoint:
@@ -207,7 +209,7 @@ class Simulator:
         return OperatingPoint(rail, pulses, settings.cylinder_pressure, settings.return_pressure, horizon=horizon)
 
     def _traces(self, shot: ShotRecord, rail: float, x: Floats) -> Traced | None:
-        """Courses at states (candidates, states); None if the first fails."""
+        """Traces at states (candidates, states); None if the first fails."""
         dt = float(self.settings.time_step)
         steps = int(np.ceil((float(shot.time[-1]) + 20e-6) / dt))
         fixed = self.settings.grid > 0.0
@@ -251,11 +253,11 @@ class Simulator:
         return np.hstack(parts)
 
     def _sample(self, shot: ShotRecord, time: Floats, pressure: Floats, delay: float) -> Floats:
-        """Averaged samples (candidates, samples) of pressures that the sensor shows later by a delay [s]."""
+        """Averaged samples (candidates, samples) of pressures that the sensor shows after a delay [s]."""
         return np.array([self.average(np.interp(shot.time - delay, time, row), shot.time) for row in pressure])
 
     def average(self, samples: Floats, time: Floats) -> Floats:
-        """Means of so many samples that they cover the time over which is averaged."""
+        """Means of as many samples as cover the averaging time."""
         many = self.settings.count_averaged_samples(time)
         used = len(samples) // many * many
         return np.asarray(samples[:used].reshape(-1, many).mean(axis=1))
@@ -268,14 +270,14 @@ def mean_rate(time: Floats, injected: Floats) -> Floats:
 
 
 def warm_steps(injector: Injector) -> Floats:
-    """Changes of the fuel's temperature (steps,) that are computed: the fuel covers them and the next kelvin [K]."""
+    """Changes of the fuel temperature (steps,) [K] for which the fuel is computed; it covers the next kelvin too."""
     here, steps = injector.values[FUEL_TEMPERATURE], WARMTH * np.arange(-40, 41)
     both = injector.fuel.is_defined_at(here + steps) & injector.fuel.is_defined_at(here + steps + 1.0)
     return np.asarray(steps[both])
 
 
 def find_cuts(time: Floats, injected: Floats, pulses: tuple[Energising, ...]) -> list[int]:
-    """Indices between which the injections of the energisings lie: where the rate is least as the next one begins."""
+    """Indices that separate the injections of the energisings: the smallest rate as the next one begins."""
     rate = np.diff(injected)
     cuts = [0]
     for pulse in pulses[1:]:
@@ -287,7 +289,7 @@ def find_cuts(time: Floats, injected: Floats, pulses: tuple[Energising, ...]) ->
 def find_figures(time: Floats, injected: Floats, cuts: list[int]) -> Floats:
     """Injected mass [kg], opening and closing [s] between the cuts, (3, injections).
 
-    An injection opens and closes where its rate meets `OPEN` of its largest rate next to where it exceeds `BODY` of it.
+    An injection opens and closes where its rate passes `OPEN` of its largest rate next to where it exceeds `BODY`.
     `time`, `injected` (samples,): [s], [kg].
     """
     rate = np.diff(injected)
@@ -307,7 +309,7 @@ def find_figures(time: Floats, injected: Floats, cuts: list[int]) -> Floats:
 
 
 def _crossing(time: Floats, rate: Floats, level: float, i: int) -> float:
-    """Time at which the rate, that of step `i` in its middle, meets a level before the middle of the next step [s]."""
+    """Time at which the rate passes a level after the middle of step `i` and before the middle of the next step [s]."""
     if not 0 <= i < len(rate) - 1:
         return np.nan
     share = (level - rate[i]) / (rate[i + 1] - rate[i])

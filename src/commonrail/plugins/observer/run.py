@@ -1,4 +1,4 @@
-"""Run of an observer over a log: shot after shot, the states learnt so far taken to the next."""
+"""Run an observer over a log, shot after shot, each with the states estimated so far."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from scipy.linalg import toeplitz
 from commonrail.base.arguments import array, function, instance, mapping, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.hooks import held_interrupts, note
+from commonrail.base.hooks import hold_interrupts, note
 from commonrail.base.text import quantity
 from commonrail.data.currents import LIMIT
 from commonrail.engine.operating_point import RAIL_PRESSURES, Energising, read_pulses
@@ -35,16 +35,16 @@ from commonrail.plugins.observer.response import Response, Simulator
 from commonrail.plugins.observer.study import ObserverSettings, ShotRecord
 
 UNEVEN = 0.01  # largest deviation of a sampling interval from the median one
-MEMORY = 0.1e-3  # correlation time of what the model's pressure lacks: about a period of the waves in a line [s]
-SHORTEST = 1e-6  # energising time, the step of the simulations; no injector answers a shorter one [s]
+MEMORY = 0.1e-3  # correlation time of the model's pressure error: about a period of the waves in a line [s]
+SHORTEST = 1e-6  # least energising time: the step of the simulations; no injector answers a shorter one [s]
 FLOOR = 1e3  # standard deviation that keeps the covariance definite [Pa]
-# Largest mean square of a further sensor's innovation: of many samples as of a shot, of one three standard deviations.
+# Largest mean square of a further sensor's innovation: for many samples as for a shot, for one 3 standard deviations.
 FITTING = {"current": TRUSTED, "return": 9.0}
-FREE = 1.0  # first deviation of a meter's gain of which nothing is known
+FREE = 1.0  # first deviation of an unknown meter gain
 
 
 class Progress(NamedTuple):
-    """Shots done and in all."""
+    """Number of finished shots and total number."""
 
     done: int
     total: int
@@ -63,7 +63,7 @@ def observe(
     threads: int | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Observation:
-    """Injected quantity, opening and closing of every shot of a log, and the drift of the injector.
+    """Estimate injected quantity, opening and closing of every shot of a log, and the drift of the injector.
 
     Ctrl-C ends with the shots that are done.
 
@@ -74,26 +74,26 @@ def observe(
     time : (samples,)
         Evenly spaced, in the clock of the energisings [s].
     pressure : (samples,)
-        Measured at `settings.sensor` [Pa].
+        Measured by the sensor `settings.sensor` [Pa].
     energisings : sequence of (start, duration)
         In order [s].
     settings : ObserverSettings, optional
     errors : sequence of float, optional
-        Largest error of the duration of each energising, as read from a current [s]. Shots with one above
+        Largest error of the duration of each energising, as read from a current [s]. Shots with an error above
         `data.currents.LIMIT` are refused: they have no figures and raise no alarm.
     further : mapping of str to (samples,), optional
         Samples of further sensors at the same times: "current", of the coil [A]; "return", flow through the return line
-        [kg/s], of which the mean from each shot to the next counts.
+        [kg/s], whose mean from each shot to the next counts.
     previous : Observation, optional
-        Of an earlier log of the same injector and sensor; states, disturbance and test for drift go on from it.
+        Of an earlier log of the same injector and sensor, whose states, disturbance and drift test continue.
     threads : int, optional
-        All usable processors by default; the result does not depend on it.
+        Default: all usable processors; the result does not depend on it.
     progress : function of Progress, optional
 
     Raises
     ------
     ConfigurationError
-        If an argument is of the wrong kind, times are not evenly spaced, the injector has an ideal rail, or the log
+        If an argument is of the wrong type, times are not evenly spaced, the injector has an ideal rail, or the log
         holds no whole shot.
     """
     study.check_model(instance(injector, Injector, "injector"))
@@ -111,14 +111,14 @@ def observe(
     shots = study.cut_log(clock, shown, tuple(pulses), settings, more)
     if not shots:
         raise ConfigurationError(
-            "The log holds no whole shot: each needs pressure from before its first energising to behind its last one; "
+            "The log holds no whole shot: each needs pressure from before its first energising to after its last; "
             "check that time and energisings have one clock and the right units."
         )
     doubtful = [pulse.start for pulse, error in zip(pulses, errors, strict=True) if error > LIMIT] if errors else []
     sure = [shot for shot in shots if not any(-1e-9 < at - shot.start < shot.time[-1] for at in doubtful)]
     if len(sure) < len(shots):
         text = (
-            f"{len(shots) - len(sure)} of {len(shots)} shots are refused: their current does not tell their energising "
+            f"{len(shots) - len(sure)} of {len(shots)} shots are refused: their current does not give their energising "
             f"times to {quantity(LIMIT, 's')}"
         )
         if not sure:
@@ -139,13 +139,13 @@ def _settings(
         complete = instance(previous, Observation, "previous").settings
         if settings is not None or injector is not previous.injector:
             raise ConfigurationError(
-                "An observation goes on with its own injector and settings; give `previous.injector`, and no settings."
+                "An observation continues with its own injector and settings; give `previous.injector`, no settings."
             )
     if set(complete.further) != set(further):
         named_sensors, given_names = (", ".join(names) or "none" for names in (complete.further, further))
         raise ConfigurationError(
-            f"The settings name as further sensors: {named_sensors}; samples were given of: {given_names}; give those "
-            "of all and no others."
+            f"The further sensors of the settings are {named_sensors}, but samples were given of {given_names}; give "
+            "both for the same sensors."
         )
     return complete
 
@@ -162,15 +162,15 @@ def _check_log(clock: Floats, shown: Floats, pulses: Sequence[Energising]) -> No
         i = int(uneven[0])
         gap, usual = quantity(float(steps[i]), "s", 3), quantity(middle, "s", 3)
         raise ConfigurationError(
-            f"The times of a log must be evenly spaced, and sample {i + 2} at {clock[i + 1]:.9g} s lies {gap} behind "
+            f"The times of a log must be evenly spaced, and sample {i + 2} at {clock[i + 1]:.9g} s lies {gap} after "
             f"the one before it, where {usual} are usual; resample the log, or cut it there."
         )
     if np.any(far := np.abs(shown) > RAIL_PRESSURES.high):
         at = f"{shown[far][0]:.3g} Pa at {clock[far][0]:.9g} s"
-        raise ConfigurationError(f"The log has a pressure of {at}, which no sensor shows; correct it or its unit.")
+        raise ConfigurationError(f"The log has a pressure of {at}, beyond any sensor; correct it or its unit.")
     if SLOWEST * middle > 1.0 + UNEVEN:
         raise ConfigurationError(
-            f"The log has {1e-3 / middle:.3g} samples a millisecond, and an observer needs {1e-3 * SLOWEST:g} or more; "
+            f"The log has {1e-3 / middle:.3g} samples per millisecond, and an observer needs {1e-3 * SLOWEST:g}; "
             "sample the pressure faster, or check the unit of the time."
         )
     ends = [pulse.start + pulse.duration for pulse in pulses]
@@ -209,7 +209,8 @@ class _Run:
         threads: int | None,
         previous: Observation | None,
     ) -> None:
-        self.injector, self.settings, self.shots = injector, settings, shots
+        self.injector, self.settings = injector, settings
+        self.shots = shots
         self.simulator = Simulator(injector, settings, threads or 1)
         if previous is not None:
             self.memory, self.disturbance = copy.deepcopy(previous.memory), previous.disturbance
@@ -233,7 +234,7 @@ class _Run:
         states, observed_shots = self.settings.states, list[ObservedShot]()
         belief, test, earlier, self.alone = self.memory
         horizon = Horizon(states, self.settings.horizon, self.settings.iterations)
-        with held_interrupts() as request:
+        with hold_interrupts() as request:
             for k, shot in enumerate(self.shots):
                 if request.asked:
                     break
@@ -249,7 +250,7 @@ class _Run:
                     observed = _correct(observed._replace(consistency=done.consistency, alarm=alarm), done)
                     horizon.add(k, measured, done, before)
                 observed_shots.append(observed)
-                if alarm is not None:  # what has changed is learnt again
+                if alarm is not None:  # estimate the changed state from its first deviation again
                     changed = np.array([(state.name == alarm.state) * state.deviation**2 for state in states])
                     horizon.change(alarm.ago, changed)
                     belief, self.alone = belief.spread(changed), self.alone.spread(changed)
@@ -266,7 +267,7 @@ class _Run:
             refused = self.simulator.refused
             if refused is not None and failed == len(observed_shots):
                 raise refused
-            reason = "" if refused is None else f" The first that was refused: {refused}"
+            reason = "" if refused is None else f" The first of them: {refused}"
             note(f"{failed} of {len(observed_shots)} shots could not be simulated and have no figures.{reason}")
         return Observation(
             injector=self.injector,
@@ -280,9 +281,9 @@ class _Run:
         )
 
     def _observe(self, shot: ShotRecord, belief: Belief) -> tuple[ObservedShot, Measured, Update | None]:
-        """Shot as the model alone has it, with whether each further sensor counts; what was measured; the update."""
+        """Observe a shot: open-loop figures with the counting sensors; measurements; update."""
         at = self.simulator.average(shot.time, shot.time)
-        at = np.where(np.abs(at) < 1e-6 * (at[1] - at[0]), 0.0, at)  # a sample at the start is there but for rounding
+        at = np.where(np.abs(at) < 1e-6 * (at[1] - at[0]), 0.0, at)  # removes rounding of a sample at the start
         samples = self.simulator.average(shot.pressure, shot.time)
         rest = float(samples[at < 0.0].mean())
         rows, further = {"": samples - rest}, dict[str, bool]()
@@ -311,10 +312,10 @@ class _Run:
     def _find_agreeing(
         self, shot: ShotRecord, at: Floats, rows: dict[str, Floats], first: Response, x: Floats
     ) -> dict[str, bool]:
-        """True for each further sensor that agrees with the pressures so far; this shot teaches `alone` too.
+        """True for each further sensor that agrees with the pressures so far; this shot updates `alone` too.
 
-        There the return meter's gain is free, so that its readings teach that gain, which must not be too far off.
-        `first`: response at states `x`, from where it is linear.
+        In `alone` the return meter's gain is free: its readings estimate the gain, which must be plausible.
+        `first`: response at states `x`, from which it is linear.
         """
         states, alone = self.settings.states, self.alone
         spread = make_covariance(self.disturbance, self.settings, at, shot)(first)
@@ -331,7 +332,7 @@ class _Run:
         cut = first._replace(shown=first.shown[rows_that_teach], slopes=first.slopes[rows_that_teach])
         covariance = spread[np.ix_(rows_that_teach, rows_that_teach)]
         taught = update(alone, states, measured[rows_that_teach], lambda _: covariance, lambda y: cut.shift(y - x), 1)
-        assert taught is not None  # nothing is simulated
+        assert taught is not None  # no simulation can fail here
         if counts:
             variance = taught.belief.covariance[gains[0], gains[0]] + states[gains[0]].deviation ** 2
             fits["return"] = bool(taught.belief.mean[gains[0]] ** 2 <= FITTING["return"] * variance)
@@ -343,7 +344,7 @@ class _Run:
 
 def _correct(shot: ObservedShot, done: Update) -> ObservedShot:
     """Shot with the figures of an update."""
-    is_known = np.isfinite(done.figures) & np.isfinite(done.figures[1])  # it opens; else its slopes tell nothing
+    is_known = np.isfinite(done.figures) & np.isfinite(done.figures[1])  # without an opening its slopes are useless
     return shot._replace(
         figures=done.figures,
         deviations=np.where(is_known, done.deviations, np.nan),

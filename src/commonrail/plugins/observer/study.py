@@ -33,18 +33,19 @@ from commonrail.physics.injector import Injector
 from commonrail.physics.variants import unread_parameters
 from commonrail.plugins.observer.disturbance import Disturbance
 
-GAIN, OFFSET, DELAY = "sensor gain", "sensor offset", "sensor delay"
-# Largest first deviation of a state by its unit, and what lies beyond. Chosen [E].
+GAIN, OFFSET = "sensor gain", "sensor offset"
+DELAY = "sensor delay"
+# Largest first deviation of a state by unit, and the reason. Chosen [E].
 WIDEST = {
     "1": (1.0, "a value several times as large is another part's"),
     "K": (100.0, "no fuel is known over so many temperatures"),
     "Pa": (20e6, "a sensor so far off is defect"),
     "s": (1e-3, "the sensor would show a shot after it"),
 }
-SENSORS = {"rail": "rail.pressure", "line": "accumulation.fuel.pressure"}  # state that each of them shows
+SENSORS = {"rail": "rail.pressure", "line": "accumulation.fuel.pressure"}  # state that each one shows
 METER_GAIN, CURRENT_DELAY = "return meter gain", "current delay"
-SENSOR_STATES = (GAIN, OFFSET, DELAY, METER_GAIN, CURRENT_DELAY)  # of no parameter
-FURTHER = {"current": "A", "return": "kg/s"}  # sensors beside the pressure's, and the unit of each
+SENSOR_STATES = (GAIN, OFFSET, DELAY, METER_GAIN, CURRENT_DELAY)  # without a parameter
+FURTHER = {"current": "A", "return": "kg/s"}  # sensors in addition to the pressure, with their units
 
 
 class DriftState(NamedTuple):
@@ -54,7 +55,7 @@ class DriftState(NamedTuple):
     ----------
     name : str
     parameter : str
-        Parameter of the injector that it changes; empty for a state of the sensor.
+        Parameter of the injector; empty for a state of the sensor.
     power : float
         The parameter is multiplied by exp(power × state); 0 adds the state to it.
     deviation : float
@@ -62,13 +63,13 @@ class DriftState(NamedTuple):
     walk : float
         Standard deviation of its change from one shot to the next.
     scatter : float
-        Standard deviation of what each shot adds for itself: shot-to-shot scatter, and what the model lacks.
+        Standard deviation of the per-shot offset: shot-to-shot scatter, and model error.
     limit : float
         Step that raises an alarm, if it is significant; 0 raises none.
     unit : str
         "1" for a relative change, or an SI unit.
     of : str
-        Further sensor without which it is no state; empty for none.
+        Further sensor that the state needs; empty for none.
     """
 
     name: str
@@ -82,13 +83,13 @@ class DriftState(NamedTuple):
     of: str = ""
 
 
-# Deviations, walks, scatters and limits are engineering estimates [E]; the deviations lie about the tolerances of
-# cases/tolerance. Those of the sensor stand for its gain and the rail's volume, its zero, and 5 µs of delay.
-# The nine from feed pipe length on are not learnt to say how they are: left out, the others took up their traces in the
-# pressure, above all the fuel's temperature those of the pipe's length, and so the quantity an error that stays.
+# Deviations, walks, scatters and limits are engineering estimates [E]; the deviations are close to the tolerances of
+# cases/tolerance. Sensor states cover its gain and the rail's volume, its zero, and 5 µs of delay.
+# The nine from feed pipe length on are not estimated for their own sake: without them other states absorbed their
+# effect on the pressure, above all the fuel temperature that of the pipe's length, and quantities had a lasting error.
 # With 23 parameters and the states themselves three blocks of lanes are full. The last four belong to further sensors.
-# The return meter's gain stands for 1 % of its own and 3 % that the model lacks of the return quantity: at the states
-# of the truths of studies/observer_trial.py it lacked 3.4 % that stay with an injector, and 0.8 % from shot to shot.
+# The return meter's gain covers 1 % of its own and 3 % of model error in the return quantity: at the true states
+# of studies/observer_trial.py the model lacked 3.4 % for each injector, and 0.8 % from shot to shot.
 STATES = (
     DriftState("nozzle flow", "nozzle.hole_diameter", 0.5, 0.05, 1e-3, 5e-3, 0.03),
     DriftState("valve preload", "valve.spring_preload", 1.0, 0.04, 1e-3, 3e-3, 0.05),
@@ -119,7 +120,7 @@ STATES = (
     DriftState("peak current", "drive.peak_current", 1.0, 0.03, 1e-4, 0.0, 0.0, of="current"),
     DriftState("hold current", "drive.hold_current", 1.0, 0.03, 1e-4, 0.0, 0.0, of="current"),
     DriftState(METER_GAIN, "", 0.0, 0.032, 1e-5, 0.0, 0.0, of="return"),
-    DriftState(CURRENT_DELAY, "", 0.0, 1e-6, 1e-8, 0.0, 0.0, "s", of="current"),  # behind the energisings as read
+    DriftState(CURRENT_DELAY, "", 0.0, 1e-6, 1e-8, 0.0, 0.0, "s", of="current"),  # after the energisings as read
 )
 
 
@@ -132,57 +133,57 @@ class ObserverSettings:
     sensor : str
         "rail", or "line" for a sensor at the injector's end of the line.
     further : sequence of str
-        What is measured beside it: "current" of the coil, "return" flow.
+        Further measurements: "current" of the coil, "return" flow.
     cylinder_pressure, return_pressure : float
         [Pa].
     before, after : float
-        Pressure that counts, before the first energising of a shot and after the end of its last [s].
+        Time before the first energising of a shot and after the end of its last that counts [s].
     gap : float
-        Pause from which energisings belong to different shots [s].
+        Least pause between energisings of different shots [s].
     averaged : float
         Time over which samples are averaged [s].
     noise : float, optional
-        Standard deviation of a sample [Pa]; by default found from the quiet pressure before the shots.
+        Standard deviation of a sample [Pa]; default: estimated from the quiet pressure before the shots.
     disturbance : Disturbance, optional
-        Pump, neighbours and noise of an averaged sample; by default found in the quiet pressure before the shots.
+        Pump, neighbours and noise of an averaged sample; default: estimated from the quiet pressure before the shots.
     discrepancy : float
-        Standard deviation of what the simulated pressure lacks, as a share of its drop.
+        Standard deviation of the model's pressure error, as a share of the pressure drop.
     current_discrepancy, return_discrepancy : float
-        Standard deviations of what the model lacks, as shares of the current and the return quantity; of the latter
-        in a shot, beside what stays (the state "return meter gain").
+        Standard deviations of the model errors, as shares of the current and of the return quantity of
+        a shot; a lasting error of the latter is the state "return meter gain".
     current_noise : float, optional
-        Standard deviation of a sample [A]; by default found in the current before the shots.
+        Standard deviation of a sample [A]; default: estimated from the current before the shots.
     current_timing : float
         Standard deviation of the edges of the energisings [s].
     return_deviation : float
         Standard deviation of the metered quantity, as a share of it.
     return_shots : int
-        Cycles over which the meter averages: each shot counts with a variance that is so many times as large.
+        Cycles over which the meter averages; the variance of each shot is multiplied by it.
     learning : int
         Shots without alarms at the beginning.
     window : int
-        Shots that are looked back upon for a drift.
+        Number of past shots searched for a drift.
     significance : float
-        Standard deviations of a step that an alarm asks for.
+        Standard deviations of a step needed for an alarm.
     iterations : int
         Largest number of linearisations of a shot.
     horizon : int
-        Shots that are estimated together, so that later ones correct a shot. 1 is the filter alone.
+        Shots estimated together, in which later shots correct earlier ones. 1 is the plain filter.
     grid : float
-        Shots are simulated at states that are multiples of so many standard deviations before the first shot, whole
-        pascals and nanoseconds, and with the same bits on all machines; they are linear from there to the states
-        themselves. 0 simulates at these.
+        Shots are simulated at states rounded to multiples of `grid` standard deviations before the first shot, and to
+        whole pascals and nanoseconds, with the same bits on all machines; from there they are linear. 0 does not
+        round.
     time_step : float
-        Of the simulations [s].
+        Time step of the simulations [s].
     states : sequence of DriftState
     deviations : mapping of str to float
-        Other standard deviations before the first shot by name of the state, which `states` has then; 0 leaves a state
+        Replacements for standard deviations before the first shot, by state; 0 leaves a state
         out.
 
     Raises
     ------
     ConfigurationError
-        If a value is of another kind or beyond its limits, or a name unknown.
+        If a value is of the wrong type or beyond its limits, or a name unknown.
     """
 
     sensor: str = "rail"
@@ -197,7 +198,7 @@ class ObserverSettings:
     disturbance: Disturbance | None = None
     discrepancy: float = 0.005
     current_noise: float | None = None
-    current_discrepancy: float = 0.02  # this and those that follow are estimates [E]
+    current_discrepancy: float = 0.02  # this and the following are estimates [E]
     current_timing: float = 1e-6
     return_deviation: float = 0.02
     return_shots: int = 1
@@ -214,7 +215,7 @@ class ObserverSettings:
 
     def __post_init__(self) -> None:
         if instance(self.sensor, str, "sensor") not in SENSORS:
-            raise ConfigurationError(f'There is no sensor "{self.sensor}"; choose from {", ".join(SENSORS)}.')
+            raise ConfigurationError(f'Unknown sensor "{self.sensor}"; choose from {", ".join(SENSORS)}.')
         further = known_names(self.further, FURTHER, "further sensors", "current")
         times, shares = Limits(1e-6, 20e-3), Limits(0.0, 1.0)
         settle(
@@ -248,10 +249,10 @@ class ObserverSettings:
         states = [_state(state) for state in instances(self.states, DriftState, "states")]
         names = [state.name for state in states]
         if len({*names}) < len(names):
-            raise ConfigurationError(f"Each drift state may be there once, and {len(names) - len({*names})} are twice.")
+            raise ConfigurationError(f"Each drift state may occur once, but {len(names) - len({*names})} are repeated.")
         for name, value in mapping(self.deviations, "deviations", '{"nozzle flow": 0.03}').items():
             if name not in names:
-                raise ConfigurationError(f'There is no drift state "{name}"{nearest(name, names)}.')
+                raise ConfigurationError(f'Unknown drift state "{name}"{nearest(name, names)}.')
             state = states[names.index(name)]
             states[names.index(name)] = _state(state._replace(deviation=value))
         settle(self, states=tuple(state for state in states if state.deviation > 0.0), deviations={})
@@ -259,9 +260,10 @@ class ObserverSettings:
             raise ConfigurationError("An observer needs a drift state whose deviation is above zero; leave some free.")
 
     def count_averaged_samples(self, time: Floats) -> int:
-        """Samples that are averaged to one of those at even times (samples,) [s].
+        """Number of samples that are averaged to one, at evenly spaced times (samples,) [s].
 
-        `ConfigurationError` unless the time before a shot has two of the averaged ones, whose mean is that at rest.
+        `ConfigurationError` unless the time before a shot holds two averaged samples; their mean is the pressure at
+        rest.
         """
         interval = float(time[1] - time[0])
         many = max(round(self.averaged / interval), 1)
@@ -274,7 +276,7 @@ class ObserverSettings:
 
 
 def _disturbance(disturbance: object) -> Disturbance:
-    """Disturbance whose covariance is one: noise and times above zero, and nothing below."""
+    """Disturbance with a valid covariance: noise and times above zero, all else non-negative."""
     figures = instance(disturbance, Disturbance, "disturbance")._asdict()
     for (name, value), unit in zip(figures.items(), ("Pa", "Pa/s", "s", "Pa", "Hz", "s"), strict=True):
         least = 1e-9 if name in ("noise", "memory", "decay") else 0.0
@@ -283,7 +285,7 @@ def _disturbance(disturbance: object) -> Disturbance:
 
 
 def _state(state: DriftState) -> DriftState:
-    """Drift state of texts and numbers within their limits."""
+    """Drift state with texts and numbers within their limits."""
     name, unit = (instance(text, str, "name and unit of a drift state") for text in (state.name, state.unit))
     instance(state.parameter, str, f"parameter of {name}")
     if unit not in WIDEST:
@@ -294,37 +296,36 @@ def _state(state: DriftState) -> DriftState:
     widest, beyond = WIDEST[unit]
     if numbers["deviation"] > widest:
         read, most = (to_text(value, unit) for value in (numbers["deviation"], widest))
-        raise ConfigurationError(f"The deviation of {name} may be {most} at most, and {read} was read: {beyond}.")
+        raise ConfigurationError(f"The deviation of {name} must be at most {most}, not {read}: {beyond}.")
     return DriftState._make((state._asdict() | numbers).values())
 
 
 def check_model(injector: Injector, further: tuple[str, ...] = ()) -> None:
-    """Refuse an injector whose simulated rail pressure does not answer the injection, or that lacks what is measured.
+    """Refuse an injector without a rail volume, or without the parts of a further sensor.
 
     `further`: as in `ObserverSettings`.
     """
     if injector.variant.boundary is not Boundary.VOLUME:
         raise ConfigurationError(
-            f"{injector.name} is fed from an ideal rail, whose pressure tells nothing of the injection; take a model "
+            f"{injector.name} is fed from an ideal rail, whose pressure does not react to the injection; take a model "
             "with a rail volume (@volume), and give its rail.volume."
         )
     if injector.variant.actuation is Actuation.DIRECT and set(further) & {"current", "return"}:
         raise ConfigurationError(
-            f"{injector.name} has no control valve, and the observer reads current and return flow of one alone; "
-            "leave them out."
+            f"{injector.name} has no control valve, which current and return flow need; leave them out."
         )
 
 
 def resolve_states(injector: Injector, settings: ObserverSettings) -> tuple[DriftState, ...]:
-    """States of which this injector has the parameter: its variant reads it, and it is not zero where it is scaled.
+    """States whose parameter this injector reads, and which is not zero if it is scaled.
 
-    Those of a further sensor are left out where there is none.
+    States of missing further sensors are left out.
     """
     unread = unread_parameters(injector.variant)
     for state in settings.states:
         if (path := state.parameter) not in injector.values and (path or state.name not in SENSOR_STATES):
             like = nearest(path, injector.values)
-            raise ConfigurationError(f'Drift state "{state.name}" changes "{path}", which is no parameter{like}.')
+            raise ConfigurationError(f'Drift state "{state.name}" changes the unknown parameter "{path}"{like}.')
 
     def applies(state: DriftState) -> bool:
         if state.of and state.of not in settings.further:
@@ -334,12 +335,12 @@ def resolve_states(injector: Injector, settings: ObserverSettings) -> tuple[Drif
 
     states = tuple(filter(applies, settings.states))
     if not states:
-        raise ConfigurationError(f"{injector.name} reads the parameter of no drift state; leave others free.")
+        raise ConfigurationError(f"{injector.name} reads no parameter of a drift state; leave other states free.")
     return states
 
 
 class ShotRecord(NamedTuple):
-    """Measured pressure about one shot.
+    """Measured pressure around one shot.
 
     Attributes
     ----------
@@ -348,12 +349,12 @@ class ShotRecord(NamedTuple):
     energisings : tuple of Energising
         From `start` on [s].
     time, pressure : (samples,)
-        From `start` on [s], and as measured [Pa].
+        From `start` on [s], and measured [Pa].
     quiet : (samples,)
-        Pressure before the shot in which nothing of this injector is open [Pa], at the same spacing.
+        Pressure before the shot while this injector is closed [Pa], at the same spacing.
     further : mapping of str to (samples,) or (1,)
-        What further sensors show: current of the coil [A] at `time`, and the mass through the return line from `start`
-        to the next shot [kg]; there is none where that lies beyond the log.
+        Readings of further sensors: coil current [A] at `time`, and the mass through the return line from `start`
+        to the next shot [kg], absent if that lies beyond the log.
     period : float
         From `start` to the next shot [s].
     """
@@ -374,7 +375,7 @@ def cut_log(
     settings: ObserverSettings,
     further: Mapping[str, Floats] = MappingProxyType({}),
 ) -> list[ShotRecord]:
-    """Shots of a log that are whole, half a sample less at the beginning; a note tells how many are not.
+    """Cut the whole shots out of a log, half a sample earlier; a note counts incomplete ones.
 
     `time` (samples,): evenly spaced [s]; `pressure` (samples,): [Pa]; `energisings`: in order, in the time of the log;
     `further`: samples (samples,) of further sensors by name, in the units of `FURTHER`.
@@ -391,7 +392,7 @@ def cut_log(
         start, end = group[0].start, group[-1].start + group[-1].duration
         following = groups[i + 1][0].start if i + 1 < len(groups) else np.inf
         stop = min(end + settings.after, following - 50e-6)
-        slack = 1e-6 * float(time[1] - time[0])  # an edge that falls on a sample does so but for rounding
+        slack = 1e-6 * float(time[1] - time[0])  # rounding of an edge that falls on a sample
         first, zero, last = np.searchsorted(time, np.array([start - settings.before, start, stop]) - slack)
         if start - settings.before >= time[0] - 0.5 * (time[1] - time[0]) and stop <= time[-1]:
             pulses = tuple(Energising(pulse.start - start, pulse.duration) for pulse in group)
@@ -411,20 +412,20 @@ def cut_log(
     if 0 < len(shots) < len(groups):
         before, after = (quantity(span, "s", 3) for span in (settings.before, settings.after))
         note(
-            f"{len(groups) - len(shots)} of {len(groups)} shots are not whole in the log and have no figures: it needs "
-            f"the pressure from {before} before a shot to {after} behind it."
+            f"{len(groups) - len(shots)} of {len(groups)} shots are incomplete in the log and have no figures: each "
+            f"needs the pressure from {before} before to {after} after it."
         )
     return shots
 
 
 @dataclass(frozen=True)
 class InjectionTrain:
-    """Injections that are wanted one after another; SI numbers, or texts with their units.
+    """Target injections in sequence; SI numbers, or texts with their units.
 
     Attributes
     ----------
     rail_pressure : float
-        Before the first of them, as the sensor shows it [Pa].
+        Before the first injection, as the sensor shows it [Pa].
     quantities : sequence of float
         Volumes at cylinder pressure [m³].
     dwells : sequence of float
@@ -433,7 +434,7 @@ class InjectionTrain:
     Raises
     ------
     ConfigurationError
-        If a value is of another kind or beyond its limits, or the numbers of quantities and dwells do not match.
+        If a value is of the wrong type or beyond its limits, or the numbers of quantities and dwells do not match.
     """
 
     rail_pressure: float
@@ -442,7 +443,7 @@ class InjectionTrain:
 
     def __post_init__(self) -> None:
         volumes, pauses = Limits(1e-11, 1e-6, (1e-10, 1e-6), ("mm3",)), Limits(0.0, 0.1, (50e-6, 20e-3), ("us", "ms"))
-        volumes_in_text = sequence(self.quantities, "wanted quantities", '("2.4 mm3", "24 mm3")')
+        volumes_in_text = sequence(self.quantities, "target quantities", '("2.4 mm3", "24 mm3")')
         between = sequence(self.dwells, "dwells", '("0.7 ms",)')
         quantities, dwells = array(volumes_in_text, "m3", "wanted quantities", 1), array(between, "s", "dwells", 1)
         settle(
@@ -453,11 +454,11 @@ class InjectionTrain:
         )
         if len(self.dwells) + 1 != len(self.quantities):
             raise ConfigurationError(
-                f"A train needs a quantity or more and a dwell between each two of them; {len(self.quantities)} "
-                f"quantities and {len(self.dwells)} dwells were given."
+                f"A train needs one or more quantities and a dwell between each two, not {len(self.quantities)} "
+                f"quantities and {len(self.dwells)} dwells."
             )
 
     def energisings(self, times: Floats) -> tuple[Energising, ...]:
-        """Energisings of times (injections,) [s], the first one at zero."""
+        """Energisings with times (injections,) [s], the first one at zero."""
         starts = np.cumsum([0.0, *(times[:-1] + self.dwells)])
         return tuple(Energising(*pair) for pair in zip(starts.tolist(), times.tolist(), strict=True))

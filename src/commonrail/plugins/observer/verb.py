@@ -9,7 +9,7 @@ from commonrail.base.errors import CommonrailError, InputError, nearest
 from commonrail.base.units import parse, parse_difference
 from commonrail.cli import options
 from commonrail.cli.console import Bar, Stage, print_json, print_result, print_text, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.guard import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from commonrail.plugins.observer.study import InjectionTrain, ObserverSettings
 
 
-# Options of a log, which a design does not have.
+# Options of a log, which a design does not take.
 OF_LOG = (
     "current current_noise current_unit return_flow return_deviation return_shots return_unit time pressure command "
     "energisings time_unit pressure_unit encoding decimal sheet sensor noise learning horizon wanted out online"
 )
 
 
-@verb
+@table_verb
 def observe(
     log: Annotated[
         Path | None,
@@ -44,7 +44,7 @@ def observe(
     ] = None,
     current_unit: Annotated[str | None, Option(help="Unit of the current, if the file has none.")] = None,
     return_flow: Annotated[
-        str | None, Option(help="Column of the return flow, in a unit as kg/h or l/h; each cycle's mean counts.")
+        str | None, Option(help="Column of the return flow, in a unit such as kg/h or l/h; each cycle's mean counts.")
     ] = None,
     return_unit: Annotated[str | None, Option(help="Unit of the return flow, if the file has none.")] = None,
     return_deviation: Annotated[
@@ -77,11 +77,11 @@ def observe(
     ] = (),
     learning: Annotated[int, Option(min=0, help="Shots without alarms at the beginning.")] = 10,
     horizon: Annotated[
-        int, Option(min=1, help="Shots estimated together, so that later ones correct a shot; 1: the filter alone.")
+        int, Option(min=1, help="Shots estimated together, in which later ones correct earlier ones; 1: plain filter.")
     ] = 10,
     wanted: Annotated[
         str | None,
-        Option(help="Quantities of a train, e.g. 2.4,24mm3 or 2,20mg: energising times that deliver them as learnt."),
+        Option(help="Quantities of a train, e.g. 2.4,24mm3 or 2,20mg: finds energising times by the estimated states."),
     ] = None,
     dwells: Annotated[
         str | None, Option(help="Dwells for --wanted, e.g. 0.3:2:0.1ms, from end to start of energisings.")
@@ -96,7 +96,7 @@ def observe(
         Path | None,
         Option(
             metavar="PLACE",
-            help="Write the observer too, with the disturbance of the log: a new folder for a C library, or FILE.fmu.",
+            help="Also write the observer, with the disturbance of the log: a new folder for a C library, or FILE.fmu.",
         ),
     ] = None,
     design: Annotated[
@@ -105,10 +105,10 @@ def observe(
     threads: options.Threads = None,
     json: options.Json = False,
 ) -> None:
-    """Observe injected quantities by a measured pressure.
+    """Estimate injected quantities from a measured pressure.
 
-    Quantity, opening and closing of every shot with their standard deviations, and the drift of the injector, follow
-    from the pressure about the shots by the model. Ctrl-C ends with the shots that are done; the exit status is 130.
+    Estimates quantity, opening and closing of every shot with their standard deviations, and the drift of the injector,
+    from the pressure around the shots and the model. Ctrl-C ends with the finished shots; the exit status is 130.
 
     \b
     Examples:
@@ -121,7 +121,7 @@ def observe(
     from dataclasses import replace
     from functools import partial
 
-    from commonrail.base.hooks import held_interrupts
+    from commonrail.base.hooks import hold_interrupts
     from commonrail.base.text import quantity
     from commonrail.cli.model_name import read_model_name
     from commonrail.physics.injector import FUEL_TEMPERATURE
@@ -134,10 +134,7 @@ def observe(
     from commonrail.report.analysis import run_into, synthetic_lines
 
     if design == (log is not None):
-        words = (
-            "--design takes no LOG; omit" if design else "Name a LOG, or give --design for a table without one; give"
-        )
-        raise InputError(f"{words} one of the two.")
+        raise InputError("Name a LOG, or give --design for a table without a log; give one of the two.")
     if design:
         options.refuse_unused({name: (False, "a LOG") for name in OF_LOG.split()})
     options.refuse_unused({f"current_{name}": (current is not None, "--current") for name in ("noise", "unit")})
@@ -150,13 +147,13 @@ def observe(
     options.refuse_unused({name: (wanted is not None, "--wanted") for name in ("dwells", "rail_pressures")})
     asked = _Wanted.parse(wanted, dwells, rail_pressures)
     if energisings is not None and options.is_given("command"):
-        raise InputError("--command: the energisings are those of --energisings; keep one of the two.")
+        raise InputError("--command: --energisings already gives the energisings; keep one of the two.")
     if online is not None:
         from commonrail.plugins.observer.online import check_online
 
         check_online(online)
         if out is not None and out.resolve() == online.resolve():
-            raise InputError("--online: it is the folder of --out too; name another.")
+            raise InputError("--online: the folder of --out is the same; name another.")
     source_model = read_model_name(model)
     injector = options.with_overrides(source_model.injector, set_)
     check_model(injector, tuple(further))
@@ -174,7 +171,7 @@ def observe(
         horizon=horizon,
         deviations=_deviations(uncertain, tuple(FURTHER if design else further)),
     )
-    asked.trains(asked.rail_pressures or [100e6], asked.density(injector, settings))  # refused before a log is read
+    asked.trains(asked.rail_pressures or [100e6], asked.density(injector, settings))  # refuses before the log is read
     if log is None:
         from commonrail.plugins.observer.design import design_tables, sensor_designs
 
@@ -195,15 +192,15 @@ def observe(
         {"current": current_unit, "return": return_unit},
     )
     read = read_log(log, columns)
-    if energisings is None:  # edges of a command are known to a sample, those of a current less well
+    if energisings is None:  # edges of a command are exact to a sample, those of a current less so
         spacing = float(read.time[1] - read.time[0])
         known_errors = [error for error in read.errors if error < float("inf")]
         settings = replace(
             settings, current_timing=0.5 * max(known_errors) if known_errors else max(spacing / 12**0.5, 1e-6)
         )
         if "current" in further and not any(text.startswith(CURRENT_DELAY) for text in uncertain):
-            settings = replace(settings, deviations={CURRENT_DELAY: settings.current_timing})  # the same in all shots
-    if read.volume:  # at the return line's pressure and the fuel's temperature, as a map of return quantities
+            settings = replace(settings, deviations={CURRENT_DELAY: settings.current_timing})  # shared by all shots
+    if read.volume:  # at return pressure and fuel temperature, as in a map of return quantities
         density = float(injector.fuel.density(back, injector.values[FUEL_TEMPERATURE]))
         read = read._replace(further={**read.further, "return": density * read.further["return"]})
     source = injector.sources.get("rail.volume", UNSTATED)
@@ -229,11 +226,11 @@ def observe(
         observation = replace(observation, origin=origin)
         try:
             return asked.add_compensation(observation, threads)
-        except (CommonrailError, KeyboardInterrupt) as error:  # the shots are written all the same
+        except (CommonrailError, KeyboardInterrupt) as error:  # the shots are written nevertheless
             refused.append(str(error))
             return observation
 
-    with held_interrupts():  # what is done is written whatever keys are pressed
+    with hold_interrupts():  # finish writing despite further Ctrl-C
         observation = run_into(out, "observer.csv", run_and_compensate)
     record = observation.record()
     if json:
@@ -249,13 +246,13 @@ def observe(
 
         sampling = float(f"{(read.time[-1] - read.time[0]) / (len(read.time) - 1):.9g}")
         write_online(Online.after(observation, sampling), online)
-        say(f"{online}: the observer of one sample every {quantity(sampling, 's', 4)}, with the disturbance of the log")
+        say(f"{online}: observer for one sample every {quantity(sampling, 's', 4)}, with the disturbance of the log")
     if record["status"] == "interrupted" or refused == [""]:
-        then = " No energising times were computed." if refused else ""
+        then = " Energising times were not computed." if refused else ""
         say(f"commonrail: interrupted after {len(observation.shots)} of {observation.asked} shots.{then}")
         raise SystemExit(INTERRUPTED)
     if refused:
-        raise InputError(f"--wanted: {refused[0]} The shots are complete, and there are no energising times.")
+        raise InputError(f"--wanted: {refused[0]} The shots are complete, but energising times are missing.")
 
 
 class _Wanted(NamedTuple):
@@ -286,7 +283,7 @@ class _Wanted(NamedTuple):
         return read
 
     def density(self, injector: Injector, settings: ObserverSettings, warmer: float = 0.0) -> float:
-        """Density of the fuel in the cylinder by which masses are volumes [kg/m³]; 1 where volumes are wanted."""
+        """Density of the fuel in the cylinder [kg/m³] that converts masses to volumes; 1 for volumes."""
         temperature = injector.values["fuel.temperature"] + warmer
         return 1.0 if self.unit == "m3" else float(injector.fuel.density(settings.cylinder_pressure, temperature))
 
@@ -301,7 +298,7 @@ class _Wanted(NamedTuple):
         return [InjectionTrain(rail, volumes, gap) for rail in rail_pressures for gap in gaps]
 
     def add_compensation(self, observation: Observation, threads: int | None) -> Observation:
-        """The observation with the energising times of the trains."""
+        """Add the energising times of the trains to an observation."""
         from dataclasses import replace
 
         import numpy as np
@@ -331,11 +328,11 @@ def _deviations(texts: tuple[str, ...], further: tuple[str, ...]) -> dict[str, f
             raise InputError(f'--uncertain {text}: expected STATE=VALUE, such as "nozzle flow=3%".')
         if name not in states:
             like, names = nearest(name, states), ", ".join(states)
-            raise InputError(f"--uncertain {text}: there is no such state{like}; choose from {names}.")
+            raise InputError(f"--uncertain {text}: unknown state{like}; choose from {names}.")
         if name in deviations:
-            raise InputError(f"--uncertain {name}: it is given twice; keep one of the two.")
+            raise InputError(f"--uncertain {name}: it is stated twice; keep one.")
         if (of := states[name].of) and of not in further:
-            raise InputError(f"--uncertain {name}: it is a state where the {of} is measured alone; omit it.")
-        # of a temperature: 2 degC are 2 K
+            raise InputError(f"--uncertain {name}: this state needs a measured {of}; omit it.")
+        # of a temperature: 2 degC means 2 K
         deviations[name] = parse_difference(value, states[name].unit, f"--uncertain {name}")
     return deviations

@@ -12,7 +12,7 @@ from commonrail.engine.job import make_rows
 from commonrail.physics.variants import Variant
 from commonrail.plugins.export import object_files
 from commonrail.plugins.export.entry_points import sizes
-from commonrail.plugins.export.object_files import compiler_for, emit, find_target, run_compiler, source_of
+from commonrail.plugins.export.object_files import compiler_for, emit, find_target, make_source, run_compiler
 
 TARGET = "wasm32"
 MOST_STEPS, MOST_ROWS, MOST_SLOTS = 60_000, 20_000, 16_384  # of one simulation: its memory is in the module
@@ -33,7 +33,7 @@ def wasm_module(variant: Variant) -> bytes:
 
 def _file_name(variant: Variant) -> str:
     """Name that holds all but the physics, for which the folder is named."""
-    digest = hashlib.sha256(repr((source_of(variant).digest, _defines(variant), _zig())).encode())
+    digest = hashlib.sha256(repr((make_source(variant).digest, _defines(variant), _zig())).encode())
     for source in (Path(object_files.__file__), _SHIM, Path(__file__)):
         digest.update(source.read_bytes())
     return f"{digest.hexdigest()[:24]}.wasm"

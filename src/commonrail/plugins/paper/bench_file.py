@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, PlainValidator, create_model
 
-from commonrail.base.arguments import source_of
+from commonrail.base.arguments import read_source
 from commonrail.base.choices import Body, Boundary
 from commonrail.base.csv_output import write_csv
 from commonrail.base.errors import InputError
@@ -117,7 +117,7 @@ def load_truth(source: str | Path) -> Truth:
     ConfigurationError
         If `source` is neither a name nor a path, or the truth does not fit its injector.
     """
-    source = source_of(source, "source of a truth")
+    source = read_source(source, "source of a truth")
     if isinstance(source, Path):
         text, file, folder = read_text(source, toml.LARGEST_TOML), str(source), source.parent
     else:

@@ -10,12 +10,12 @@ import click
 
 from commonrail.base.errors import InputError
 from commonrail.cli.console import print_json, print_rows, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import Json, check_folder
 from commonrail.plugins.paper import TRUTH
 
 
-@verb
+@table_verb
 def virtual_bench(
     folder: Annotated[Path | None, Argument(metavar="DIR", help="Folder for the case.")] = None,
     *,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from commonrail.base.arrays import Bools, Floats
-from commonrail.base.text import percent, signed
+from commonrail.base.text import percent, to_signed
 from commonrail.plugins.paper import study
 from commonrail.plugins.paper.bench import SAMPLES
 from commonrail.plugins.paper.figures import PHASES, WINDOWS, Figures, spread
@@ -89,7 +89,7 @@ def _share(value: float) -> str:
 
 def _change(value: float) -> str:
     """Percent of a change, with its sign."""
-    return f"{signed(100.0 * value, 0)} %"
+    return f"{to_signed(100.0 * value, 0)} %"
 
 
 # Claims on the search: how fast it converges, and with which settings.
@@ -311,7 +311,7 @@ def _edge(
 ) -> Claim:
     """Opening late, or closing early, by a model's edges less the experiment's (seeds, data) [us]."""
     each = np.array([f.edge_errors(name, model.label, which) for name in names]).T * 1e6
-    medians = (f"{signed(spread(e).median, 1)} µs at {n}" for e, n in zip(each.T, names, strict=True))
+    medians = (f"{to_signed(spread(e).median, 1)} µs at {n}" for e, n in zip(each.T, names, strict=True))
     return judged(
         claim,
         ", ".join(medians),

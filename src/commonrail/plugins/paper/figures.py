@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 import commonrail as cr
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.chart import MARKERS, Band, Boxes, Figure, Panel, Series, points
-from commonrail.base.text import counted, number
+from commonrail.base.text import count_noun, number
 from commonrail.data.records import MICROSECOND, MM3_PER_MS, Record
 from commonrail.plugins.paper import study
 from commonrail.plugins.paper.run import LABELS, Repetition
@@ -37,7 +37,7 @@ def convergence(record: Record) -> Figure:
     if level is not None:
         series.append(Series("theoretical model", "level", (x[0], x[-1]), (level, level)))
     bands = tuple(Band(k, x, tuple(curves[k]["low"]), tuple(curves[k]["high"])) for k in ("mean", "best"))
-    seeds = counted(len(record["seeds"]), "seed")
+    seeds = count_noun(len(record["seeds"]), "seed")
     return Figure(
         "Convergence (Fig. 4)",
         f"J at 160 MPa of (70, 50) against generation: medians over {seeds}; bands span the quartiles.",
@@ -52,7 +52,7 @@ def search_boxes(record: Record) -> Figure:
     at = tuple(float(i) for i in range(len(rows)))
     boxes = (
         Boxes(f"seed {record['shown_seed']}", "start", _boxes(rows, "seed"), -0.17),
-        Boxes(f"all of {counted(len(record['seeds']), 'seed')}", "best", _boxes(rows, "all"), 0.17),
+        Boxes(f"all of {count_noun(len(record['seeds']), 'seed')}", "best", _boxes(rows, "all"), 0.17),
     )
     ends = (at[0] - 0.5, at[-1] + 0.5)
     bounds = {key: tuple(row[key] for row in rows) for key in ("lower", "upper")}

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 import commonrail as cr
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
-from commonrail.base.output import summed, write_text
+from commonrail.base.output import write_set, write_text
 from commonrail.base.text import number, numbers
 from commonrail.data.records import record_head
 from commonrail.plugins.paper import study
@@ -38,7 +38,7 @@ def write_reproduction(folder: Path, reproduction: Reproduction, record: Mapping
         f"SYNTHETIC: {reproduction.bench.truth.synthetic}",
         "a row is the mean rate of one sample, whose middle is the time",
     )
-    with summed(folder):
+    with write_set(folder):
         write_record(folder / RECORD, record)
         write_text(folder / TRUTH, reproduction.bench.truth.text)
         write_traces(folder / TRACES, notes, (EXPERIMENT, *LABELS), _curves(reproduction.repetitions), BEFORE)

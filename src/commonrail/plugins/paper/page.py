@@ -11,8 +11,18 @@ from typing import Any
 
 from commonrail.base.arrays import Floats
 from commonrail.base.output import replacing, writing
-from commonrail.base.table import Cell, Column, Table, tabulated
-from commonrail.base.text import MISSING, duration, field_unit, fixed, listed, number, percent, signed, significant
+from commonrail.base.table import Cell, Column, Table, table_from_columns
+from commonrail.base.text import (
+    MISSING,
+    duration,
+    field_unit,
+    join_words,
+    number,
+    percent,
+    significant,
+    to_fixed,
+    to_signed,
+)
 from commonrail.data.records import MICROSECOND, Record
 from commonrail.plugins.paper import figures
 from commonrail.plugins.paper.file import RECORD, read_reproduction
@@ -37,7 +47,7 @@ def table1(record: Record) -> Table:
         ("covers truth", lambda k: f"{k['covered']} of {k['intervals']}"),
         ("paper's change, %", lambda k: _signed_percent(k["paper_change"])),
         ("our change, %", lambda k: _signed_percent(k["change"]["median"])),
-        ("standard error", lambda k: fixed(k["standard_error"], 1, PER_MICRON)),
+        ("standard error", lambda k: to_fixed(k["standard_error"], 1, PER_MICRON)),
         (
             "what the curve at 160 MPa says, in seeds",
             lambda k: "; ".join(f"{verdict}: {count}" for verdict, count in k["verdicts"].items()),
@@ -48,7 +58,7 @@ def table1(record: Record) -> Table:
         "about the most likely values near ours. Beside the bench's true stiffness stands in how many seeds "
         "the interval holds it; a law that the model lacks, such as the meter's delay, is not in an interval."
     )
-    return tabulated("Table 1: stiffness, N/µm", record["table1"], columns, note)
+    return table_from_columns("Table 1: stiffness, N/µm", record["table1"], columns, note)
 
 
 def table3(record: Record) -> Table:
@@ -62,7 +72,7 @@ def table3(record: Record) -> Table:
         f"{readings}. J is Σ |rate error| over the samples, mm³/ms: median (quartiles) over the seeds. ★ least of a "
         "column. J cannot be compared with the paper's, whose curves and unit are not published; the pattern can."
     )
-    return tabulated("Table 3: least J", rows, columns, note)
+    return table_from_columns("Table 3: least J", rows, columns, note)
 
 
 def _configuration(c: Record) -> str:
@@ -75,9 +85,9 @@ def _beside_the_paper(rows: list[Record], name: str) -> list[Column]:
 
     def ours(c: Record) -> Cell:
         median, q1, q3 = (c[key][name] for key in ("median", "q1", "q3"))
-        return Cell(f"{fixed(median, 1)} ({fixed(q1, 0)}–{fixed(q3, 0)})", best=median == best)
+        return Cell(f"{to_fixed(median, 1)} ({to_fixed(q1, 0)}–{to_fixed(q3, 0)})", best=median == best)
 
-    return [(f"{name}: ours", ours), ("paper's", lambda c: fixed(c["paper"][name], 2))]
+    return [(f"{name}: ours", ours), ("paper's", lambda c: to_fixed(c["paper"][name], 2))]
 
 
 def j_table(record: Record) -> Table:
@@ -89,7 +99,7 @@ def j_table(record: Record) -> Table:
         *((text, lambda d, k=k: _spread(spreads[d["name"]][k], 4)) for k, text in record["labels"].items()),
     ]
     note = "The paper's optimal k are those of its Table 1, put into the fitted model, not those of a fit."
-    return tabulated("J of the models, mm³/ms", record["data"], columns, note, 2)
+    return table_from_columns("J of the models, mm³/ms", record["data"], columns, note, 2)
 
 
 def rigid_table(record: Record) -> Table:
@@ -107,7 +117,7 @@ def rigid_table(record: Record) -> Table:
     note = (
         "Fitted at 160 MPa, as k1…k7 are, because the paper does not say how its rigid body was set up; its J is above."
     )
-    return tabulated("The rigid body that is fitted", record["rigid_fit"], columns, note)
+    return table_from_columns("The rigid body that is fitted", record["rigid_fit"], columns, note)
 
 
 def phases_table(record: Record) -> Table:
@@ -115,10 +125,12 @@ def phases_table(record: Record) -> Table:
     names, medians = record["phases"]["names"], record["phases"]["median"]
     columns: list[Column] = [
         *_data_and_model(record),
-        *((p, lambda row, i=i: fixed(medians[row[0]["name"]][row[1]][i], 1)) for i, p in enumerate(names)),
+        *((p, lambda row, i=i: to_fixed(medians[row[0]["name"]][row[1]][i], 1)) for i, p in enumerate(names)),
     ]
     note = f"Medians over the seeds; time counts from the opening of the synthetic experiment. {_EDGES}"
-    return tabulated("J by phase and by window, mm³/ms", product(record["data"], record["labels"]), columns, note, 2)
+    return table_from_columns(
+        "J by phase and by window, mm³/ms", product(record["data"], record["labels"]), columns, note, 2
+    )
 
 
 def edges_table(record: Record) -> Table:
@@ -129,7 +141,7 @@ def edges_table(record: Record) -> Table:
         *((w, lambda row, w=w: _signed_spread(edges[row[0]["name"]][row[1]][w])) for w in ("opening", "closing")),
     ]
     note = f"Model − synthetic experiment, median (quartiles) over the seeds; + is late. {_EDGES}"
-    return tabulated("Opening and closing, µs", product(record["data"], record["labels"]), columns, note, 2)
+    return table_from_columns("Opening and closing, µs", product(record["data"], record["labels"]), columns, note, 2)
 
 
 def _data_and_model(record: Record) -> list[Column]:
@@ -149,7 +161,7 @@ def treatments_table(record: Record) -> Table:
         "The paper does not say how trials that break (14) to (16) were treated. Here (70, 50) at 160 MPa; median "
         "(quartiles) over the seeds; without a number where a search found no feasible member."
     )
-    return tabulated("Treatments of the constraints", record["treatments"], columns, note)
+    return table_from_columns("Treatments of the constraints", record["treatments"], columns, note)
 
 
 def overfitting_table(record: Record) -> Table:
@@ -163,7 +175,7 @@ def overfitting_table(record: Record) -> Table:
     ]
     note = "The gain is that over the theoretical model; kept is the share that the fit at 160 MPa brings."
     title = "What one pressure teaches about the others: J, mm³/ms"
-    return tabulated(title, record["overfitting"].items(), columns, note)
+    return table_from_columns(title, record["overfitting"].items(), columns, note)
 
 
 def meter_table(record: Record) -> Table:
@@ -181,7 +193,7 @@ def meter_table(record: Record) -> Table:
         f"the seeds. The paper's k5 and k7, which are the default bench's true ones: {true['k5']} and {true['k7']} "
         "N/µm. A delay and k7 do nearly the same to one curve."
     )
-    return tabulated("Fits that know the rate meter", record["meter"], columns, note)
+    return table_from_columns("Fits that know the rate meter", record["meter"], columns, note)
 
 
 def _spread(s: Mapping[str, Any], digits: int, scale: float = 1.0) -> str:
@@ -194,12 +206,12 @@ def _percent_spread(s: Mapping[str, Any]) -> str:
 
 
 def _signed_spread(s: Mapping[str, Any]) -> str:
-    median, q1, q3 = (signed(_times(s[key], MICROSECOND), 1) for key in ("median", "q1", "q3"))
+    median, q1, q3 = (to_signed(_times(s[key], MICROSECOND), 1) for key in ("median", "q1", "q3"))
     return f"{median} ({q1} to {q3})" if number(s["median"]) is not None else median
 
 
 def _signed_percent(share: Any) -> str:
-    return signed(_times(share, 100.0), 0)
+    return to_signed(_times(share, 100.0), 0)
 
 
 def _times(value: Any, factor: float) -> float | None:
@@ -359,7 +371,7 @@ def verdicts(record: Record) -> str:
         )
     verdict_of_claims = [claim["verdict"] for claim in claims]
     parts = [f"{verdict_of_claims.count(v)} {words}" for v, words in _WORDS.items() if v in verdict_of_claims]
-    return f"Of {len(verdict_of_claims)} claims of the paper {listed(parts)} here."
+    return f"Of {len(verdict_of_claims)} claims of the paper {join_words(parts)} here."
 
 
 _WORDS = {"holds": "hold", "does not hold": "do not hold", "cannot be told": "cannot be told"}

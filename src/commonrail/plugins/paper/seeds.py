@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 
 from commonrail.base.arguments import function, integer, sequence, shown, thread_count
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.hooks import StopRequest, held_interrupts
+from commonrail.base.hooks import StopRequest, hold_interrupts
 from commonrail.engine.threads import usable_threads
 
 _Found = TypeVar("_Found")
@@ -69,7 +69,7 @@ def for_seeds(
     if not seeds or len(set(seeds)) < len(seeds):
         raise ConfigurationError("The seeds must be at least one, each once.")
     start = time.perf_counter()
-    with held_interrupts() as stop, ThreadPoolExecutor(threads or usable_threads()) as pool:
+    with hold_interrupts() as stop, ThreadPoolExecutor(threads or usable_threads()) as pool:
         counter = _Counter(stop)
         futures = [pool.submit(copy_context().run, search, seed, counter.count) for seed in seeds]
         pending = set(futures)

@@ -9,9 +9,9 @@ import click
 
 from commonrail.base.errors import InputError
 from commonrail.base.output import writing
-from commonrail.cli.console import Bar, Stage, print_json, print_rows, say
+from commonrail.cli.console import Bar, Stage, print_json, print_lines, print_rows, say
 from commonrail.cli.fit import Outcome
-from commonrail.cli.grammar import Option, verb
+from commonrail.cli.grammar import Option, table_verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import Json, Threads, free_run_folder
 from commonrail.plugins.paper import TRUTH
@@ -21,7 +21,7 @@ from commonrail.plugins.paper import TRUTH
 SEEDS, QUICK_SEEDS = 20, 9
 
 
-@verb
+@table_verb
 def reproduce(
     *,
     seeds: Annotated[
@@ -63,7 +63,7 @@ def reproduce(
         places = {"run": str(outcome.folder), "report": str(outcome.report)}
         print_json({"kind": "reproduction", **places, "result": outcome.record})
     else:
-        click.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
+        print_lines([f"SYNTHETIC: {outcome.record['synthetic']}"])
         claims = outcome.record["claims"]
         rows = [[c["verdict"], f"{c['true_in']} of {c['of']}", c["claim"], c["figure"]] for c in claims]
         print_rows(["verdict", "true in", "claim of the paper", "here"], rows, "The paper's claims", texts=4)
@@ -87,7 +87,7 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
     if the truth cannot be read, or the folder is not empty or cannot be written; SimulationError if the truth cannot be
     simulated, and the empty folder is removed.
     """
-    from commonrail.base.hooks import held_interrupts
+    from commonrail.base.hooks import hold_interrupts
     from commonrail.plugins.paper.bench import Bench
     from commonrail.plugins.paper.bench_file import load_truth
     from commonrail.plugins.paper.file import reproduction_record, write_reproduction
@@ -103,7 +103,7 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
 
     declared = load_truth(truth)
     bench = Bench(declared, load_injector(declared.injector), TIME_STEP)
-    with held_interrupts():  # once the repetitions have ended, they are written whatever keys are pressed
+    with hold_interrupts():  # once the repetitions have ended, they are written whatever keys are pressed
         with new_folder(folder) as place:
             with Bar(f"{count} repetitions of the paper's study on the virtual test bench (synthetic)") as bar:
                 outcome = reproduce(bench, range(1, count + 1), threads=threads, progress=lambda p: bar.show(stage(p)))

@@ -7,8 +7,18 @@ from typing import Any, NamedTuple
 
 from commonrail.base.chart import MARKERS, Bars, Figure, Panel, Series
 from commonrail.base.hooks import note
-from commonrail.base.table import LARGE, SIGNS, SMALL, Cell, Part, Table, table_of
-from commonrail.base.text import MISSING, counted, fixed, listed, megapascal, number, pressure, several, signed
+from commonrail.base.table import LARGE, OPERATING_POINT, SIGNS, SMALL, Cell, Part, Table, table_from_parts
+from commonrail.base.text import (
+    MISSING,
+    count_noun,
+    join_words,
+    megapascal,
+    number,
+    pressure,
+    several,
+    to_fixed,
+    to_signed,
+)
 from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, Texts
 from commonrail.plugins.plans.study import Measure, PlanTest, State
 from commonrail.report.data.view import Merit, Models, Plotted, Shown, View
@@ -37,7 +47,7 @@ class PlanView(View):
     def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
         """Number of tests inside their bands."""
         best, start = (sum(d["inside"].get(key, 0) for d in data) for key in (label, "start"))
-        rms = several([d["rms"].get(label) for d in data], lambda v: fixed(v, 2))
+        rms = several([d["rms"].get(label) for d in data], lambda v: to_fixed(v, 2))
         words = f"tests inside their bands (start {start}), rms {rms} half bands"
         return Merit(f"{best} of {sum(len(d['rows']) for d in data)}", words)
 
@@ -70,18 +80,18 @@ def test_name(row: Record) -> str:
 
 def _times(row: Record) -> str:
     """Energising times in µs: 800, or "250 + 600, dwell 900"."""
-    first, second = fixed(row["energising_time"], 0, MICROSECOND), row["second"]
+    first, second = to_fixed(row["energising_time"], 0, MICROSECOND), row["second"]
     if second is None:
         return first
-    dwell, last = (fixed(second[key], 0, MICROSECOND) for key in ("dwell", "energising_time"))
+    dwell, last = (to_fixed(second[key], 0, MICROSECOND) for key in ("dwell", "energising_time"))
     return f"{first} + {last}, dwell {dwell}"
 
 
 def _cells(value_record: Record) -> Iterator[Cell]:
     """Quantity, and its distance with the sign of its state."""
-    yield Cell(fixed(value_record.get("value"), 2, MM3))
+    yield Cell(to_fixed(value_record.get("value"), 2, MM3))
     size = SMALL if value_record.get("state") == State.INSIDE.value else LARGE
-    yield Cell(signed(value_record.get("distance"), 2), size if value_record else "")
+    yield Cell(to_signed(value_record.get("distance"), 2), size if value_record else "")
 
 
 def plan_table(data: Record, texts: Texts) -> Table:
@@ -91,7 +101,7 @@ def plan_table(data: Record, texts: Texts) -> Table:
     """
     parts = [
         Part(("test",), lambda row: (test_name(row),)),
-        Part(("rail, MPa", "energising, µs"), lambda row: (megapascal(row["rail_pressure"]), _times(row))),
+        Part(OPERATING_POINT, lambda row: (megapascal(row["rail_pressure"]), _times(row))),
         Part(("band",), lambda row: (row["band"],)),
         Part(
             [head for text in texts.values() for head in (text, f"distance, {text}")],
@@ -100,7 +110,9 @@ def plan_table(data: Record, texts: Texts) -> Table:
     ]
     if any(row["bench"] for row in data["rows"]):
         parts.append(Part(("bench", "distance, bench"), lambda row: _cells(row["bench"] or {})))
-    return table_of(f"Tests of {data['name']}, mm³ per stroke", data["rows"], parts, _NOTE)
+    return table_from_parts(
+        f"Tests of {data['name']}, mm³ per stroke", data["rows"], parts, _NOTE, inputs=OPERATING_POINT
+    )
 
 
 def plan_figure(data: Record, models: Models) -> Figure:
@@ -116,7 +128,7 @@ def plan_figure(data: Record, models: Models) -> Figure:
     reach = max([1.5, *(abs(x) for s in shown for x in s.x if x is not None)])
     records = [[*(row["found"].get(k, {}) for k in models), *([row["bench"]] if row["bench"] else [])] for row in rows]
     names = tuple(
-        f"{test_name(row)}: {' · '.join(fixed(r.get('value'), 2, MM3) for r in values)}"
+        f"{test_name(row)}: {' · '.join(to_fixed(r.get('value'), 2, MM3) for r in values)}"
         for row, values in zip(rows, records, strict=True)
     )
     # a quantity with an upper limit alone begins at nothing
@@ -125,7 +137,7 @@ def plan_figure(data: Record, models: Models) -> Figure:
     return Figure(
         f"Tolerance fields of {data['name']}",
         f"Bars are what passes, zero is the nominal quantity; a marker beyond {WIDEST:.0f} half bands is at the edge. "
-        f"Numbers: {listed([s.label for s in shown])}, mm³.",
+        f"Numbers: {join_words([s.label for s in shown])}, mm³.",
         "distance, half bands",  # short, for a telephone
         (Panel("", shown, bars=(Bars("tolerance field", "level", start, end),), rows=names),),
     )
@@ -143,10 +155,10 @@ def plan_lines(record: Record) -> list[str]:
     """Sentences: the model, the part that the bench measured, tests without a number, what a return lacks."""
     data = record["data"]
     rows = data["rows"]
-    inside, rms = data["inside"][SIMULATED], fixed(data["rms"][SIMULATED], 2)
+    inside, rms = data["inside"][SIMULATED], to_fixed(data["rms"][SIMULATED], 2)
     simulated_rows = [(row, row["found"][SIMULATED]) for row in rows]
     lines = [
-        f"{record['injector']['name']}: {inside} of {counted(len(rows), 'test')} of {data['name']} inside the band"
+        f"{record['injector']['name']}: {inside} of {count_noun(len(rows), 'test')} of {data['name']} inside the band"
         f"{'' if rms == MISSING else f', rms {rms} half bands'}.{_outside(simulated_rows)}"
     ]
     if any(row["bench"] for row in rows):
@@ -162,7 +174,7 @@ def plan_lines(record: Record) -> list[str]:
 def without_rate(names: Sequence[str]) -> str:
     """Sentence on returns without a stroke rate."""
     lack = "lacks" if len(names) == 1 else "lack"
-    return f"Without a stroke rate {listed(names)} {lack} what the guides leak until the next stroke."
+    return f"Without a stroke rate {join_words(names)} {lack} what the guides leak until the next stroke."
 
 
 def note_without_rate(name: str, tests: Sequence[PlanTest]) -> None:
@@ -179,16 +191,18 @@ def part_verdict(rows: Sequence[Record]) -> tuple[str, str]:
     if len(measured_rows) < len(rows):
         return (
             "open",
-            f"The part is inside in {counted(len(measured_rows), 'test')}; "
+            f"The part is inside in {count_noun(len(measured_rows), 'test')}; "
             f"{len(rows) - len(measured_rows)} have no result.",
         )
-    return "pass", f"The part passes: all {counted(len(rows), 'test')} inside the band."
+    return "pass", f"The part passes: all {count_noun(len(rows), 'test')} inside the band."
 
 
 def _outside(rows: Sequence[tuple[Record, Record]]) -> str:
     """Behind a sentence: the tests outside, with their distances."""
     texts = [
-        f"{test_name(row)} {f['state']} ({signed(f['distance'], 1)})" for row, f in rows if f["state"] != State.INSIDE
+        f"{test_name(row)} {f['state']} ({to_signed(f['distance'], 1)})"
+        for row, f in rows
+        if f["state"] != State.INSIDE
     ]
     return f" Outside: {', '.join(texts)}." if texts else ""
 
@@ -235,7 +249,7 @@ def plan_section(record: Record) -> Section:
         "Bands are specifications of what passes, not measurements; a wide band is easily met.",
         [
             ("Cylinder and return pressure", " and ".join(pressures)),
-            ("Time step", f"{fixed(record['time_step'], 2, MICROSECOND)} µs"),
+            ("Time step", f"{to_fixed(record['time_step'], 2, MICROSECOND)} µs"),
         ],
     )
 

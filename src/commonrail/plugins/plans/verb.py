@@ -14,7 +14,7 @@ from commonrail.base.output import write_text
 from commonrail.base.registry import part_digits
 from commonrail.base.units import parse, to_text
 from commonrail.cli.console import SIMULATING, print_result, print_text, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import (
     DecimalSign,
     Json,
@@ -114,7 +114,7 @@ def _read_part(text: str) -> NamedModel:
     return read_model_name(text)
 
 
-@verb
+@table_verb
 def plan(bench: BenchOptions, *, stroke_rate: StrokeRate = None, report: Report = None) -> None:
     """Judge a model, and a part on the bench, by a test plan.
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from commonrail.base.chart import BOTH, LINES, MARKERS, Chart, Figure, Panel, Series, points
 from commonrail.base.chart import Band as Area
-from commonrail.base.table import Part, Table, table_of
-from commonrail.base.text import MISSING, counted, field_unit, fixed, listed, pressure, significant
+from commonrail.base.table import Part, Table, table_from_parts
+from commonrail.base.text import MISSING, count_noun, field_unit, join_words, pressure, significant, to_fixed
 from commonrail.calibration.study import Study
 from commonrail.data.records import Record, origin_of
 from commonrail.plugins.prediction.band import Band
@@ -38,7 +38,7 @@ def coverage_table(record: Record) -> Table:
         Part(
             ("band, %", "measured values inside", "of", "median half width, % of the prediction"),
             lambda r: (
-                fixed(r[1]["level"], 0, 100.0),
+                to_fixed(r[1]["level"], 0, 100.0),
                 MISSING if r[1]["covered"] is None else str(r[1]["covered"]),
                 str(r[0]["judged"]),
                 significant(r[1]["median_half_width_percent"], 3),
@@ -48,7 +48,7 @@ def coverage_table(record: Record) -> Table:
     note = f"Bands: {record['estimator']}."
     if any(data["role"] == "fit" for data in record["data"]):
         note += " Fitted values are seen by the fit: only the others test its bands."
-    return table_of("Measured values inside the bands", rows, parts, note, 2)
+    return table_from_parts("Measured values inside the bands", rows, parts, note, 2)
 
 
 def points_table(record: Record) -> Table:
@@ -58,7 +58,7 @@ def points_table(record: Record) -> Table:
     """
     (data,) = record["data"]
     heads = ["rail pressure, MPa", "energising time, µs", "quantity, mm³"]
-    heads += [f"{fixed(level, 0, 100.0)} % band, mm³" for level in record["levels"]]
+    heads += [f"{to_fixed(level, 0, 100.0)} % band, mm³" for level in record["levels"]]
 
     def cells(i: int) -> tuple[str, ...]:
         point = data["points"][i]
@@ -71,7 +71,9 @@ def points_table(record: Record) -> Table:
         )
 
     parts = (Part(tuple(heads), cells),)
-    return table_of("Predicted quantities", range(len(data["values"])), parts, f"Bands: {record['estimator']}.", 0)
+    return table_from_parts(
+        "Predicted quantities", range(len(data["values"])), parts, f"Bands: {record['estimator']}.", 0
+    )
 
 
 def prediction_html(prediction: Prediction, study: Study) -> str:
@@ -84,11 +86,11 @@ def prediction_html(prediction: Prediction, study: Study) -> str:
 
 def _tile(band: Band, level: float) -> Tile:
     """Width of the widest band of a data set, and the measured values inside."""
-    head, words = band.data.name, f"median half width of the {fixed(level, 0, 100.0)} % band"
+    head, words = band.data.name, f"median half width of the {to_fixed(level, 0, 100.0)} % band"
     if band.measured:
         head += f" ({band.data.role.value})"
         words += f"; {band.covered(level)} of {int(band.data.judged.sum())} measured values inside"
-    return Tile(head, f"± {fixed(band.half_width(level), 1, 100.0)} %", words)
+    return Tile(head, f"± {to_fixed(band.half_width(level), 1, 100.0)} %", words)
 
 
 def prediction_figures(prediction: Prediction) -> list[Chart]:
@@ -130,7 +132,7 @@ def _figure(band: Band, level: float) -> Figure | None:
         label = pressure(rails[rows[0]]) if mode == MARKERS else "predicted"
         series.append(Series(label, "best", colour_group, points(unit.factor * band.values[rows]), LINES, *step))
     look = "dotted" if widths else "shaded"
-    caption = f"Lines: predicted; {look}: {fixed(level, 0, 100.0)} % band of measured values."
+    caption = f"Lines: predicted; {look}: {to_fixed(level, 0, 100.0)} % band of measured values."
     if widths:
         caption += " Below, half the width of the band over the prediction."
     if band.measured:
@@ -142,11 +144,11 @@ def _figure(band: Band, level: float) -> Figure | None:
 
 def _lines(prediction: Prediction) -> list[str]:
     """Number of predicted values and measured ones inside, and the estimator."""
-    levels = " and ".join(fixed(level, 0, 100.0) for level in prediction.levels)
-    sets = [f"{counted(len(band.values), 'value')} of {band.data.name}" for band in prediction.bands]
+    levels = " and ".join(to_fixed(level, 0, 100.0) for level in prediction.levels)
+    sets = [f"{count_noun(len(band.values), 'value')} of {band.data.name}" for band in prediction.bands]
     if len(sets) > SETS:
         sets = [*sets[:SETS], f"{len(sets) - SETS} further data sets"]
-    return [f"{listed(sets)} with bands of {levels} %.", f"Bands: {prediction.estimator}."]
+    return [f"{join_words(sets)} with bands of {levels} %.", f"Bands: {prediction.estimator}."]
 
 
 def _tables(prediction: Prediction) -> list[Table]:

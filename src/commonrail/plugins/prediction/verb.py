@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from commonrail.base.errors import InputError
 from commonrail.base.output import write_text
 from commonrail.cli.console import SIMULATING, print_json, print_table, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import (
     CylinderPressure,
     Json,
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from commonrail.engine.operating_point import OperatingPoint
 
 
-@verb
+@table_verb
 def predict(
     run: Annotated[Path, Argument(metavar="RUN", help="Folder of commonrail calibrate.")],
     *,

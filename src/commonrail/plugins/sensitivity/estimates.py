@@ -1,7 +1,7 @@
-"""Estimates of sensitivity with their bootstrap intervals, where some of the simulations may have failed.
+"""Estimates of sensitivity with bootstrap intervals, which tolerate failed simulations.
 
-Policy for failures: an effect that compares a failed simulation is omitted, and the number of omitted effects is kept.
-The estimates are then those of the part of the ranges in which the simulations succeed.
+An effect that involves a failed simulation is omitted, and the omitted effects are counted.
+The estimates then apply to the part of the ranges in which the simulations succeed.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ LEVELS = 4  # of Morris's grid: 0, 1/3, 2/3, 1, with steps of 2/3
 
 
 def saltelli(dimension: int, samples: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Matrices A and B (samples, dimension) of a Sobol' sequence that the generator scrambles (Owen 1998).
+    """Matrices A and B (samples, dimension) of a Sobol' sequence scrambled by the generator (Owen 1998).
 
-    AB_j, which is A with column j of B, is left to the caller: all of them together are large. `samples` is a power of
-    two, of which alone the sequence is balanced.
+    The caller forms AB_j, which is A with column j of B, one at a time: all of them together are large. `samples` is a
+    power of two, which balances the sequence.
     """
     from scipy.stats import qmc  # slow to import
 
@@ -46,7 +46,7 @@ def trajectories(dimension: int, count: int, rng: np.random.Generator) -> Floats
 
 
 def one_at_a_time(centre: Floats) -> Floats:
-    """The centre (d,), which may lie outside the cube, then each coordinate at 0, then each at 1: (1 + 2 d, d)."""
+    """Centre (d,), which may lie outside the cube, then each coordinate at 0, then each at 1: (1 + 2 d, d)."""
     d = len(centre)
     points = np.tile(centre, (1 + 2 * d, 1))
     points[1 + np.arange(d), np.arange(d)] = 0.0
@@ -55,7 +55,7 @@ def one_at_a_time(centre: Floats) -> Floats:
 
 
 AT_A_TIME = 100  # resamples whose weights are in memory
-FEWEST = 2  # effects of a parameter, below which nothing is estimated
+FEWEST = 2  # effects of a parameter, below which it gets no estimate
 CONSTANT = 1e-12  # standard deviation relative to the size of an output, below which it counts as constant
 
 
@@ -68,9 +68,9 @@ class Estimate(NamedTuple):
 
 
 class Indices(NamedTuple):
-    """Sobol' indices of an output: shares of the variance that a parameter explains alone, and in which it takes part.
+    """Sobol' indices of an output: shares of the variance that a parameter explains alone, and with interactions.
 
-    `mean` and `variance` are of the output over the ranges; `used` (d,) base points have effects.
+    `mean` and `variance` of the output over the ranges; `used` (d,) counts base points with effects.
     """
 
     first: Estimate
@@ -83,7 +83,7 @@ class Indices(NamedTuple):
 class Effects(NamedTuple):
     """Elementary effects of an output, in its unit, for a move over the whole range.
 
-    `mean` is µ, the mean effect; `magnitude` µ*, the mean of its size (Campolongo et al. 2007); `spread` (d,) is σ, the
+    `mean` is µ, the mean effect; `magnitude` µ*, the mean of its size (Campolongo et al. 2007); `spread` (d,) σ, the
     standard deviation of the effects: interactions and curvature; `used` (d,) their number.
     """
 
@@ -96,15 +96,16 @@ class Effects(NamedTuple):
 def sobol_indices(y: Floats, rng: np.random.Generator, resamples: int, confidence: float) -> Indices | None:
     """First and total indices from a Saltelli design; None if the output is constant, or too few simulations succeeded.
 
-    `y` (n, d + 2) is the output at A, at AB_1 … AB_d, and at B; NaN where a simulation failed. First order: mean of
+    `y` (n, d + 2) is the output at A, at AB_1 … AB_d, and at B; NaN for a failed simulation. First order: mean of
     f(B) (f(AB_j) − f(A)) over the variance (Saltelli et al. 2010, Table 2 b); total: half the mean of (f(A) − f(AB_j))²
-    over the variance (Jansen 1999). Interval: percentiles of the bootstrap over the base points. On a Sobol' sequence,
-    which is more even than random points, it is wider than needed.
+    over the variance (Jansen 1999). Interval: percentiles of the bootstrap over the base points; conservative, since a
+    Sobol' sequence is more even than random points.
     """
     if not np.isfinite(y).any():
         return None
     centre = float(np.nanmean(y))
-    a, ab, b = y[:, :1] - centre, y[:, 1:-1] - centre, y[:, -1:] - centre
+    a, b = y[:, :1] - centre, y[:, -1:] - centre
+    ab = y[:, 1:-1] - centre
     terms = np.hstack([b * (ab - a), 0.5 * (a - ab) ** 2])
     used = np.isfinite(terms).sum(axis=0)
     if used.min() < FEWEST or float(np.nanstd(y)) <= CONSTANT * max(abs(centre), 1e-300):
@@ -135,8 +136,8 @@ def morris_effects(
 ) -> Effects | None:
     """Elementary effects along trajectories; None if a parameter has fewer than two.
 
-    `points` (trajectories, d + 1, d) lie in the unit cube; the output `y` (trajectories, d + 1) is NaN where a
-    simulation failed. The bootstrap is over the trajectories.
+    `points` (trajectories, d + 1, d) lie in the unit cube; the output `y` (trajectories, d + 1) is NaN for a failed
+    simulation. The bootstrap is over the trajectories.
     """
     moves = np.diff(points, axis=1)  # (r, d steps, d): one coordinate moves in each step
     column = np.argmax(np.abs(moves), axis=2)
@@ -146,7 +147,8 @@ def morris_effects(
     used = np.isfinite(effects).sum(axis=0)
     if used.min() < FEWEST:
         return None
-    terms, n, d = np.hstack([effects, np.abs(effects)]), len(y), points.shape[2]
+    terms = np.hstack([effects, np.abs(effects)])
+    n, d = len(y), points.shape[2]
 
     def estimates(weights: Floats) -> Floats:
         return _means(weights, terms)
@@ -174,7 +176,7 @@ def _means(weights: Floats, columns: Floats) -> Floats:
 def _percentiles(
     estimates: Callable[[Floats], Floats], n: int, rng: np.random.Generator, resamples: int, confidence: float
 ) -> tuple[Floats, Floats]:
-    """Lower and upper ends of the bootstrap's intervals."""
+    """Lower and upper ends of the bootstrap intervals."""
     resampled = []
     for first in range(0, resamples, AT_A_TIME):
         count = min(AT_A_TIME, resamples - first)

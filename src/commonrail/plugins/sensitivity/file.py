@@ -1,4 +1,4 @@
-"""Result of a sensitivity study: its values, rows for a table, and the record that its folder keeps."""
+"""Result of a sensitivity study: values, rows for a table, and the record in its folder."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Range(NamedTuple):
 
 
 class Failed(NamedTuple):
-    """Simulations without an output: number, share, number by reason, and the end of a range where most of them are."""
+    """Simulations without an output: number, share, number by reason, and the end of a range with most of them."""
 
     number: int
     share: float
@@ -48,17 +48,17 @@ class Effect(NamedTuple):
     ----------
     name : str
     low, high : float, optional
-        Output with this parameter alone at its lower and its upper bound; None where the simulation failed.
+        Output with only this parameter at its lower and its upper bound; None if the simulation failed.
     swing : float, optional
-        Difference of the two.
+        Difference between them.
     first, total : Interval, optional
-        Sobol' indices: share of the variance that the parameter explains alone, and in which it takes part.
+        Sobol' indices: share of the variance that the parameter explains alone, and with interactions.
     effect, magnitude : Interval, optional
         Of a Morris study: mean µ of the elementary effects, and mean µ* of their sizes.
     spread : float, optional
         Standard deviation σ of the elementary effects.
     used : int, optional
-        Base points or trajectories with an effect.
+        Number of base points or trajectories with an effect.
     """
 
     name: str
@@ -87,12 +87,12 @@ class OutputSensitivity:
     ----------
     output : Output
     base : float, optional
-        Output at the references; None where that simulation failed.
+        Output at the references; None if that simulation failed.
     missing : str
-        Reasons for which an end of a range has no output.
+        Reasons for missing outputs at ends of ranges.
     failed : Failed
     estimated : bool
-        False where too many simulations failed, or the output is constant; `why_not` says which.
+        False if too many simulations failed, or the output is constant; `why_not` says which.
     mean, variance : float, optional
         Of the output over the ranges, in a Sobol' study.
     parameters : tuple of Effect
@@ -118,12 +118,12 @@ class Sensitivity(Shown):
     ----------
     title, injector : str
     synthetic : str
-        What about the subject is not measured; empty if nothing.
+        Synthetic parts of the subject; empty if everything is measured.
     parameters : tuple of Range
     settings : SensitivitySettings
     outputs : tuple of OutputSensitivity
     injections : int
-        Single simulations that it took.
+        Number of simulated injections.
     seconds : float
     notes : tuple of str
         Conditions that a reader must know.

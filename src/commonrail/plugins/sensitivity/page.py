@@ -1,4 +1,4 @@
-"""The page of a sensitivity study: sentences, ranked tables, indices and tornado as bars."""
+"""Report of a sensitivity study: sentences, ranked tables, indices and tornado as bars."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from commonrail.base.chart import Bars, Figure, Panel, Points, Series
-from commonrail.base.declare import facts_of
+from commonrail.base.declare import list_facts
 from commonrail.base.record import Interval, from_record
-from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import counted, field_unit, percent, quantity, significant
+from commonrail.base.table import Column, Table, table_from_columns
+from commonrail.base.text import count_noun, field_unit, percent, quantity, significant
 from commonrail.data.records import Record
 from commonrail.plugins.sensitivity.file import Effect, OutputSensitivity, Sensitivity
 from commonrail.plugins.sensitivity.settings import Design, OnFailure, SensitivitySettings
@@ -19,11 +19,11 @@ from commonrail.report.fit.rules import Tile
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
 
-TILES = 5  # outputs named on the first screen
+TILES = 5  # outputs on the first screen
 
 
 def sensitivity_html(record: Record, folder: Path = Path("DIR")) -> str:
-    """The page of a sensitivity study; `folder` is its name for the command lines in it."""
+    """Report of a sensitivity study; `folder` is its name in the command lines shown."""
     result, sections = from_record(Sensitivity, record), []
     for k, (output, table) in enumerate(zip(result.outputs, sensitivity_tables(result), strict=True)):
         drawn = []
@@ -42,7 +42,7 @@ def sensitivity_html(record: Record, folder: Path = Path("DIR")) -> str:
         tiles=_tiles(result),
         first=first and (replace(first[0], title=f"{first[0].title}: {_heading(result.outputs[0])}"), first[1]),
         sections=sections,
-        ranges=tabulated("Ranges of the parameters", result.parameters, RANGES, MARKS),
+        ranges=table_from_columns("Ranges of the parameters", result.parameters, RANGES, MARKS),
     )
 
 
@@ -51,22 +51,22 @@ def sensitivity_lines(result: Sensitivity) -> list[str]:
     sobol = result.settings.design is Design.SOBOL
     kind, base = ("Sobol' indices", "base points") if sobol else ("Elementary effects (Morris)", "trajectories")
     lines = [
-        f"{kind} of {counted(len(result.parameters), 'parameter')} on {counted(len(result.outputs), 'output')}, from "
-        f"{result.settings.samples:,} {base}: {result.injections:,} simulations. Each parameter varies evenly over its "
-        "range, independently of the others.",
+        f"{kind} of {count_noun(len(result.parameters), 'parameter')} on {count_noun(len(result.outputs), 'output')}, "
+        f"from {result.settings.samples:,} {base}: {result.injections:,} simulations. Each parameter varies evenly "
+        "over its range, independently of the others.",
         *result.notes,
     ]
     failed = [output for output in result.outputs if output.failed.number]
     if failed:
         lines.append(
-            f"{len(failed)} of the outputs lack simulations; see there. Effects that compare one of them are omitted, "
-            "so their figures are those of the part of the ranges in which the simulation succeeds."
+            f"Some simulations failed for {count_noun(len(failed), 'output')} (listed below). Effects that involve one "
+            "are omitted, and the figures apply to the part of the ranges in which the simulation succeeds."
         )
     return lines
 
 
 def _tiles(result: Sensitivity) -> list[Tile]:
-    """The parameter with the largest effect on each of the first outputs."""
+    """Parameter with the largest effect on each of the first outputs."""
     tiles = []
     for output in result.outputs[:TILES]:
         best, (_, unit, scale) = output.parameters[0], field_unit(output.output.unit)
@@ -86,7 +86,7 @@ def sensitivity_tables(result: Sensitivity) -> list[Table]:
 
 
 def sensitivity_figures(result: Sensitivity) -> list[Figure]:
-    """Figures of all outputs, named by them."""
+    """Figures of all outputs, by output."""
     return [
         replace(figure, title=f"{figure.title}: {_heading(output)}")
         for output in result.outputs
@@ -121,11 +121,11 @@ def _table(result: Sensitivity, output: OutputSensitivity) -> Table:
     ]
     more = len(output.parameters) - SHOWN
     note = f"{more} more are in sensitivity.csv." if more > 0 else ""
-    return tabulated(_heading(output), output.parameters[:SHOWN], columns, note)
+    return table_from_columns(_heading(output), output.parameters[:SHOWN], columns, note)
 
 
 def _interval(interval: Interval, scale: float) -> str:
-    """Value with its interval; shares, whose scale is 100, in whole tenths of a percent without a sign at zero."""
+    """Value with its interval; shares, whose scale is 100, in tenths of a percent without a sign at zero."""
     value, low, high = (
         f"{round(scale * x, 1) + 0.0:.1f}" if scale == 100.0 else significant(scale * x, 3) for x in interval
     )
@@ -236,7 +236,7 @@ def _facts(settings: SensitivitySettings, injector: str) -> list[tuple[str, str]
         ("Injector", injector),
         ("Failed simulations", policy),
         ("Intervals", intervals),
-        *facts_of(settings, ("seed", "precision")),
+        *list_facts(settings, ("seed", "precision")),
     ]
 
 

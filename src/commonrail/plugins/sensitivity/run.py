@@ -1,4 +1,4 @@
-"""Sensitivity study: simulate a design, estimate indices or effects, and vary one parameter at a time."""
+"""Run a sensitivity study: simulate a design, estimate indices or effects, and vary one parameter at a time."""
 
 from __future__ import annotations
 
@@ -47,18 +47,18 @@ from commonrail.plugins.sensitivity.study import (
     reason,
 )
 
-AT_A_TIME = 16_384  # candidates that are evaluated together
+AT_A_TIME = 16_384  # candidates evaluated together
 
 
 class Progress(NamedTuple):
-    """Candidates done, and in all."""
+    """Number of finished candidates and total number."""
 
     done: int
     total: int
 
 
 class _Design(NamedTuple):
-    """Candidates of a design in the unit cube, block by block; and the shape of an output's values."""
+    """Candidates of a design in the unit cube, block by block, and the shape of an output's values."""
 
     blocks: Iterator[Floats]
     shape: tuple[int, int]
@@ -75,28 +75,28 @@ def sensitivity(
     threads: int | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Sensitivity:
-    """Sensitivity of features of an injection, and of J, to parameters.
+    """Estimate the sensitivity of injection features, and of J, to parameters.
 
     Parameters
     ----------
     of : Injector or Study
-        A study adds its objective J to the outputs; its injector gives the values that do not vary.
+        A study adds its objective J to the outputs; its injector gives the fixed values.
     parameters : sequence of Parameter, optional
-        Parameters with their ranges, uniform on their scale and independent: `parameters_within` makes them; those of
-        the study by default. Constraints of a study are not applied.
+        Parameters with their ranges, uniform on their scale and independent, made by `parameters_within`; default:
+        those in the study. Constraints of a study are not applied.
     points : sequence of OperatingPoint
         Operating points of the features; at least one for an injector.
     features : sequence of str
         Names, such as "quantity" and "opening_delay"; `commonrail catalogue features` lists them.
     settings : SensitivitySettings, optional
     threads : int, optional
-        All usable processors by default; the result does not depend on it.
+        Default: all usable processors; the result does not depend on it.
     progress : function of Progress, optional
 
     Raises
     ------
     ConfigurationError
-        If an argument is of another kind, or there is neither an operating point nor a study.
+        If an argument is of the wrong type, or there is neither an operating point nor a study.
     SimulationError
         If a simulation failed and the policy refuses that, or the injector itself cannot be simulated.
     """
@@ -151,7 +151,7 @@ def _check(space: Space, injector: Injector, study: Study | None) -> None:
 
 
 def _objective(study: Study, space: Space, computing: Computing) -> Objective:
-    """J of the fitted data, without the priors, which are not measured."""
+    """J of the fitted data, without priors, which are not measured."""
     return Objective(
         study.injector,
         space.names,
@@ -167,14 +167,14 @@ def _objective(study: Study, space: Space, computing: Computing) -> Objective:
 def study_of_model(
     model: Model, space: Space, empty: Sensitivity, progress: Callable[[Progress], None] | None = None
 ) -> Sensitivity:
-    """Sensitivity of any model's outputs to parameters in the ranges of a space, put into an empty result."""
+    """Compute the sensitivity of a model's outputs to parameters in the ranges of a space, into an empty result."""
     begin, settings = time.perf_counter(), empty.settings
     designing, resampling = (np.random.default_rng(s) for s in np.random.SeedSequence(settings.seed).spawn(2))
     design = _make_design(settings, space.dimension, designing)
     centre = space.to_unit(space.reference)
     cross = one_at_a_time(centre)
     total = design.shape[0] * design.shape[1] + len(cross)
-    # the reference has its values without rounding
+    # exact reference values, without rounding by the unit cube
     about = model.evaluate(np.where(cross == centre, space.reference, space.from_unit(cross)))
     evaluated, away = _evaluate_design(
         model, space, design, lambda done: progress and progress(Progress(done + len(cross), total))
@@ -219,14 +219,18 @@ def _radial(a: Floats, b: Floats) -> Floats:
 def _evaluate_design(
     model: Model, space: Space, design: _Design, report: Callable[[int], object]
 ) -> tuple[Evaluated, Floats]:
-    """Outputs of all candidates, and for each output the mean position of failed candidates minus the mean of all."""
-    values, codes, done = [], [], 0
+    """Outputs of all candidates; for each output the mean position of failed candidates minus the mean of all."""
+    values, codes = [], []
+    done = 0
     outputs, d = len(model.outputs), space.dimension
-    failed, sums, everything = np.zeros(outputs), np.zeros((outputs, d)), np.zeros(d)
+    failed, sums = np.zeros(outputs), np.zeros((outputs, d))
+    everything = np.zeros(d)
     for cube in design.blocks:
         block = model.evaluate(space.from_unit(cube))
         lost = (block.codes != OK).astype(float)
-        failed, sums, everything = failed + lost.sum(axis=0), sums + lost.T @ cube, everything + cube.sum(axis=0)
+        failed = failed + lost.sum(axis=0)
+        sums = sums + lost.T @ cube
+        everything = everything + cube.sum(axis=0)
         values.append(block.values)
         codes.append(block.codes)
         done += len(cube)
@@ -249,13 +253,13 @@ def _refuse_failed(settings: SensitivitySettings, output: Output, failed: Failed
     if settings.on_failure is OnFailure.REFUSE and failed.number:
         why = max(failed.reasons, key=lambda text: failed.reasons[text])
         raise SimulationError(
-            f"{failed.number} simulations have no {output.name}, most at {failed.where}, and the policy is to refuse "
-            f"that: {why}"
+            f"{failed.number} simulations have no {output.name}, most at {failed.where}, and the policy for failures "
+            f"is to refuse: {why}"
         )
 
 
 def _ends(values: Floats, codes: Codes) -> tuple[list[float | None], str]:
-    """Outputs of `one_at_a_time`, None where a simulation failed or that of the references, and the reasons for it."""
+    """Outputs of `one_at_a_time`, None if a simulation failed or equals the reference, and the reasons."""
     missing = " ".join(sorted({reason(int(code)) for code in codes[1:] if code != OK}))
     if codes[0] != OK:
         return [None] * len(codes), reason(int(codes[0]))
@@ -274,8 +278,8 @@ def _sensitivity(
     why_not = ""
     if failed.share > most_failed:
         why_not = (
-            f"{failed.share:.1%} of the simulations have no value, more than the {most_failed:.0%} up to which indices "
-            "are given; narrow the ranges."
+            f"{failed.share:.1%} of the simulations have no value, more than the limit of {most_failed:.0%}; "
+            "narrow the ranges."
         )
     elif estimated is None:
         why_not = "The output is the same in all simulations, or too few of them have a value."
@@ -298,7 +302,7 @@ def _sensitivity(
 
 
 def _estimates(estimated: Indices | Effects | None, j: int) -> dict[str, Any]:
-    """Estimates of parameter j by the names of the fields of `Effect`."""
+    """Estimates of parameter j by field name of `Effect`."""
 
     def interval(estimate: Estimate) -> Interval:
         return Interval(*(float(values[j]) for values in estimate))

@@ -1,4 +1,4 @@
-"""Settings of a sensitivity study, and the ranges of its parameters."""
+"""Outputs of a sensitivity study, and the ranges of its parameters."""
 
 from __future__ import annotations
 
@@ -32,24 +32,24 @@ from commonrail.physics.variants import unread_parameters
 from commonrail.plugins.features.table import Feature, features_of_simulations
 
 Codes = NDArray[np.int8]
-NO_EVENT = -1  # code of a feature that does not exist: the needle never opens, or never closes
+NO_EVENT = -1  # code of a missing feature: the needle never opens, or never closes
 DEFAULT_FEATURES = ("quantity", "opening_delay", "closing_delay", "duration", "steady_rate")
 
 
 def read_features(names: Sequence[str]) -> tuple[Feature, ...]:
-    """Features by name; `ConfigurationError` for one that is unknown or repeated."""
+    """Read features by name; `ConfigurationError` for an unknown or repeated one."""
     available = features_of_simulations()
     return tuple(available[name] for name in known_names(names, available, "features", "quantity"))
 
 
-def codes_of(feature: Feature, values: Floats, statuses: Ints) -> Codes:
-    """Code of each value (candidates,): OK where it can be used, else the status of its simulation or `NO_EVENT`."""
+def make_codes(feature: Feature, values: Floats, statuses: Ints) -> Codes:
+    """Code of each value (candidates,): OK if usable, else the status of its simulation or `NO_EVENT`."""
     usable = (statuses == OK) | ((statuses == STILL_INJECTING) & (not feature.final))
     return np.where(usable, np.where(np.isfinite(values), OK, NO_EVENT), statuses).astype(np.int8)
 
 
 def reason(code: int) -> str:
-    """Reason in one sentence for which a value is missing."""
+    """Sentence on the reason for a missing value."""
     return "The needle does not open, or does not close." if code == NO_EVENT else Status(code).sentence
 
 
@@ -81,7 +81,7 @@ class Computing(NamedTuple):
 
 
 class Model(NamedTuple):
-    """Outputs in order, number of single injections that a candidate takes, and the outputs of candidates.
+    """Outputs in order, number of single injections per candidate, and the outputs of candidates.
 
     Candidates are (n, parameters) [SI].
     """
@@ -103,9 +103,9 @@ class Features:
     Parameters
     ----------
     injector : Injector
-        Gives the values that do not vary.
+        Gives the fixed values.
     names : sequence of str
-        Columns of the candidates; others than parameters of the injector, such as a meter's, are ignored.
+        Columns of the candidates; names that are not parameters of the injector, such as a meter's, are ignored.
     points : sequence of OperatingPoint
     features : sequence of Feature
     computing : Computing
@@ -119,7 +119,8 @@ class Features:
         features: Sequence[Feature],
         computing: Computing,
     ) -> None:
-        self.injector, self.points, self.features, self.computing = injector, tuple(points), tuple(features), computing
+        self.injector, self.computing = injector, computing
+        self.points, self.features = tuple(points), tuple(features)
         self._columns = [i for i, name in enumerate(names) if name in injector.values]
         self._names = tuple(names[i] for i in self._columns)
         dt = computing.time_step
@@ -132,7 +133,7 @@ class Features:
 
     @property
     def model(self) -> Model:
-        """Features of the first point, then those of the next; a simulation that ends with energising counts too."""
+        """Features of the first point, then of the next; an extra simulation of a feature counts too."""
         outputs = (Output(f.name, f.unit, f.meaning, point_text(p)) for p in self.points for f in self.features)
         return Model(tuple(outputs), len(self.points) * self._ordinary + len(self._own), self.evaluate)
 
@@ -152,13 +153,13 @@ class Features:
                 assert batch is not None
                 assert feature.of_simulation is not None
                 figures = feature.of_simulation(batch, point)
-                code = codes_of(feature, figures, batch.status[:, 0])
+                code = make_codes(feature, figures, batch.status[:, 0])
                 results.append(np.where(code == OK, figures, np.nan))
                 codes.append(code)
         return Evaluated(np.stack(results, axis=1), np.stack(codes, axis=1))
 
     def _of_its_own(self, key: tuple[str, int], values: Floats) -> Batch:
-        """Batch of the simulation that a feature needs for itself, by its name and the number of the point."""
+        """Batch of the extra simulation of a feature, by its name and the number of the point."""
         point, misfit = self._own[key]
         return self._batch([point], values, self._own_prepared[key], misfit)
 
@@ -206,7 +207,7 @@ COUNTED = ("nozzle.holes", "solenoid.turns", "solenoid.air_gaps")  # whole numbe
 
 
 def default_names(injector: Injector) -> tuple[str, ...]:
-    """Parameters that a study varies by default: all read ones but zeros, counts and temperature."""
+    """Parameters that a study varies by default: all that are read, except zeros, counts and temperature."""
     unread = unread_parameters(injector.variant)
     return tuple(
         name
@@ -221,19 +222,19 @@ def parameters_within(
     within: Quantity = WITHIN,
     ranges: Mapping[str, tuple[Quantity, Quantity]] | None = None,
 ) -> tuple[Parameter, ...]:
-    """Parameters of an injector with ranges for a sensitivity study.
+    """Make parameters of an injector with ranges for a sensitivity study.
 
     Parameters
     ----------
     injector : Injector
         Its values are the references.
     names : sequence of str, optional
-        Dotted names; all parameters but zeros, counts and the fuel's temperature if omitted and no `ranges` are given.
+        Dotted names; default without `ranges`: all parameters except zeros, counts and the fuel temperature.
     within : float or str
-        Half width of a range as a share of the value, such as 0.05 or "5 %". At the end of a parameter's domain the
-        range is cut.
+        Half width of a range as a share of the value, such as 0.05 or "5 %"; cut at the end of a parameter's
+        domain.
     ranges : mapping of str to (low, high), optional
-        Ranges of their own, SI or text with units; their names need not be among `names`.
+        Individual ranges, SI or text with units; their names need not be among `names`.
 
     Raises
     ------
@@ -262,7 +263,7 @@ def _read_range(injector: Injector, name: str, ends: object, share: float) -> Pa
     if ends is None:
         if value == 0.0:
             raise ConfigurationError(
-                f"{name} is zero in {injector.name}: a share of it is no range; give low and high."
+                f"{name} is zero in {injector.name}, and a share of zero is not a range; give low and high."
             )
         low, high = sorted((value * (1.0 - share), value * (1.0 + share)))
         if quantity.domain in (Domain.COEFFICIENT, Domain.UNIT):
@@ -277,5 +278,5 @@ def _read_range(injector: Injector, name: str, ends: object, share: float) -> Pa
             f"The range of {name}, {low:g} to {high:g} {quantity.unit}, must lie in its domain: "
             f"{quantity.domain.value}."
         )
-    source = f"{share:.3g} of the value to either side" if ends is None else "range of the sensitivity study"
+    source = f"±{share:.3g} of the value" if ends is None else "range of the sensitivity study"
     return Parameter(name, value, low, high, quantity.unit, mark="E", source=source, signed=True)

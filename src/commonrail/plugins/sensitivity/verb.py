@@ -13,7 +13,7 @@ import click
 from commonrail.base.errors import InputError
 from commonrail.base.units import parse
 from commonrail.cli.console import Bar, Stage, print_json, print_text, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import (
     CylinderPressure,
     Json,
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from commonrail.plugins.sensitivity.file import Sensitivity
 
 
-@verb
+@table_verb
 def sensitivity(
     source: Annotated[
         str,
@@ -100,7 +100,7 @@ def sensitivity(
     of_points = {"feature": feature, "cylinder-pressure": cylinder_pressure, "return-pressure": return_pressure}
     if rail_pressure is None and (alone := next((name for name, stated in of_points.items() if stated), "")):
         cure = "give --rail-pressure and --energising-time, or omit it"
-        raise InputError(f"--{alone} is of operating points, and there are none; {cure}.")
+        raise InputError(f"--{alone} applies to operating points, and there are none; {cure}.")
     subject = _with_settings(_subject(source), set_)
     points = _points(rail_pressure, energising_time, (cylinder_pressure, return_pressure), subject)
     refuse_return_pressure(_injector(subject))
@@ -146,7 +146,7 @@ def _points(
 
 
 def _with_settings(subject: Injector | Study, settings: Sequence[str]) -> Injector | Study:
-    """Injector, or study of one, with the values of --set; InputError for one that the study varies."""
+    """Injector, or study of one, with the values of --set; `InputError` for one that the study varies."""
     from commonrail.calibration.study import Study
 
     if not isinstance(subject, Study):
@@ -180,7 +180,7 @@ def _injector(subject: Injector | Study) -> Injector:
 
 
 def _of_run(run: Path) -> Study:
-    """The study of a run folder about its calibrated values."""
+    """Study of a run folder around its calibrated values."""
     from commonrail.calibration.space import Space
     from commonrail.readers.injector import load_injector
     from commonrail.runs.folder import read_fit
@@ -192,7 +192,7 @@ def _of_run(run: Path) -> Study:
 
 
 def _parameters(subject: Injector | Study, texts: Sequence[str], within: float) -> tuple[Parameter, ...] | None:
-    """Parameters with their ranges; None for those of the study."""
+    """Parameters with their ranges; None for those in the study."""
     from commonrail.calibration.study import Study
     from commonrail.physics.injector import parameter_quantities
     from commonrail.plugins.sensitivity.study import parameters_within
@@ -205,7 +205,7 @@ def _parameters(subject: Injector | Study, texts: Sequence[str], within: float) 
     for text in texts:
         name, equals, ends = (piece.strip() for piece in text.partition("="))
         if name in names:
-            raise InputError(f"--parameter {name}: it is named twice; keep one range.")
+            raise InputError(f"--parameter {name}: it is stated twice; keep one range.")
         names.append(name)
         if equals and name in quantities:
             form = "NAME=LOW:HIGH, such as valve.lift=50um:60um"

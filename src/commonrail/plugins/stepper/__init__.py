@@ -1,1 +1,1 @@
-"""An injector that its caller steps, and its linear model: for control design and co-simulation."""
+"""Injector stepped by its caller, and its linear model: for control design and co-simulation."""

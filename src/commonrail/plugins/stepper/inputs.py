@@ -1,4 +1,4 @@
-"""Inputs that the caller of a stepper holds, written over those that the operating point plans."""
+"""Inputs set by the caller of a stepper, which replace those of the operating point."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import COMMAND, RAIL, RETURN, reader_of, unread_inputs
 
-# Columns of the inputs that a caller may hold among `physics.model.Inputs`.
+# Columns of `physics.model.Inputs` that a caller may set.
 COLUMNS = {"rail_pressure": 0, "cylinder_pressure": 1, "return_pressure": 2, "voltage": 3, "current": 3}
 UNITS = {"voltage": "V", "current": "A"}  # the others are pressures [Pa]
 _PRESSURES = tuple(COLUMNS)[:3]
@@ -22,10 +22,10 @@ _NEVER = -1.0  # on the clocks of an energising that has not begun or not ended 
 
 @dataclass
 class Overrides:
-    """Inputs that the caller holds until he gives others: values by column, and the command of the energising.
+    """Inputs set by the caller until changed: values by column, and the command of the energising.
 
-    `on` is None as long as the operating point's energisings count; `since` and `until` are the instants of the last
-    rising and of the last falling edge [s], NaN before them.
+    `on` is None while the energisings of the operating point apply; `since` and `until` are the instants of the last
+    rising and the last falling edge [s], NaN before them.
     """
 
     values: dict[int, float] = field(default_factory=dict)
@@ -34,14 +34,14 @@ class Overrides:
     until: float = math.nan
 
     def copy(self) -> Overrides:
-        """A copy that changes by itself."""
+        """Return an independent copy."""
         return replace(self, values=dict(self.values))
 
     def command(self, on: bool, now: float, planned_since: float) -> None:
         """Switch the energising on or off.
 
-        `now`: instant [s]; `planned_since`: time for which the operating point's energising lasts already [s], negative
-        where none does.
+        `now`: instant [s]; `planned_since`: elapsed time of the operating point's energising [s], negative without
+        one.
         """
         if self.on is None and planned_since >= 0.0:
             self.on, self.since = True, now - planned_since
@@ -52,9 +52,9 @@ class Overrides:
         self.on = on
 
     def apply(self, inputs: Floats, now: Floats) -> None:
-        """Write what is held over the planned inputs.
+        """Replace planned inputs by those of the caller.
 
-        `inputs`: (steps, 6); `now` (steps,): beginnings of the steps [s].
+        `inputs`: (steps, 6); `now` (steps,): starts of the steps [s].
         """
         for column, value in self.values.items():
             inputs[:, column] = value
@@ -65,9 +65,9 @@ class Overrides:
 
 
 def refuse_unread(injector: Injector, name: str) -> None:
-    """Refuse (`ConfigurationError`) an input that this injector does not read, with the way to what it does read."""
+    """Refuse (`ConfigurationError`) an input that this injector does not read, and name those that it reads."""
     unread = unread_inputs(injector.variant)
-    if name in UNITS and name != _traced_input(injector):
+    if name in UNITS and name != _find_trace_input(injector):
         raise ConfigurationError(
             f"{injector.name} has a {injector.variant.drive.value} drive, which takes no {name}; give "
             f'command, or set the drive of the injector to "{name} trace".'
@@ -77,7 +77,7 @@ def refuse_unread(injector: Injector, name: str) -> None:
     if name == COMMAND and name in unread:
         raise ConfigurationError(
             f"{injector.name} is driven by a {injector.variant.drive.value} and does not read a command; give "
-            f"{_traced_input(injector)}, or take {reader_of(COMMAND)}."
+            f"{_find_trace_input(injector)}, or take {reader_of(COMMAND)}."
         )
     if name == RAIL and name in unread:
         raise ConfigurationError(
@@ -86,16 +86,16 @@ def refuse_unread(injector: Injector, name: str) -> None:
         )
 
 
-def _traced_input(injector: Injector) -> str | None:
-    """Input of an injector that is driven by a measured trace, "voltage" or "current"; else None."""
+def _find_trace_input(injector: Injector) -> str | None:
+    """Input of an injector driven by a measured trace, "voltage" or "current"; else None."""
     return _TRACED.get(injector.variant.drive)
 
 
 def refuse_pressures(injector: Injector, inputs: Floats) -> None:
-    """Refuse boundary pressures that the fuel or the parts' laws do not cover.
+    """Refuse boundary pressures outside the range of the fuel or the laws of the parts.
 
-    `inputs`: (steps, 6). Raises ConfigurationError if one lies outside the fuel's range, or cylinder or return pressure
-    reach the rail's.
+    `inputs`: (steps, 6). `ConfigurationError` if one lies outside the fuel's range, or cylinder or return pressure
+    reach the rail pressure.
     """
     low, high = injector.fuel.pressure_range
     for name, column in zip(_PRESSURES, inputs.T, strict=False):
@@ -116,5 +116,5 @@ def read_names(value: object, choices: tuple[str, ...], what: str) -> tuple[str,
     names = sequence(value, f"{what}s", f'["{choices[0]}"]')
     for name in names:
         if not isinstance(name, str) or name not in choices:
-            raise ConfigurationError(f"There is no {what} {shown(name)}; choose from {', '.join(choices)}.")
+            raise ConfigurationError(f"Unknown {what} {shown(name)}; choose from {', '.join(choices)}.")
     return tuple(names)

@@ -1,4 +1,4 @@
-"""Linear model of the coming sample, by central differences in every number that the step reads."""
+"""Linear model of the next sample, by central differences in every number that the step reads."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from commonrail.physics.model import Waves
 from commonrail.physics.variants import Variant
 from commonrail.plugins.stepper.inputs import COLUMNS
 
-# Rows that are no state of the linear model: sums that nothing reads, the PWM's transistor, which jumps, and what
-# follows from the density in a volume. The density is one beside the mass, because the volume moves with its walls.
+# Rows that are not states of the linear model: sums that nothing reads, the PWM's transistor, which jumps, and values
+# that follow from the density in a volume. The density is a state next to the mass, because the walls move.
 _SUMS = ("nozzle.injected", "cumulative_flows.returned", "cumulative_flows.supplied", "drive.conducting")
 _OF_DENSITY = ("pressure", "stiffness")
 # Differences by the end of a name: absolute [SI], and relative to the value.
@@ -43,11 +43,11 @@ _STEPS = {
     "voltage": (1e-3, 0.0),
     "current": (1e-4, 0.0),
 }
-KINK = 0.01  # share by which slopes to both sides may differ before a state is named
+KINK = 0.01  # share by which the slopes on both sides may differ
 
 
 class Operation(NamedTuple):
-    """State that is linearised, and how to continue from one like it."""
+    """State to linearise, and functions that continue from a similar state."""
 
     loop: Loop
     memory: Floats  # (numbers,)
@@ -63,7 +63,7 @@ class Operation(NamedTuple):
 
 @dataclass(frozen=True, repr=False)
 class LinearModel:
-    """Linear model in deviations from the simulated course of one sample.
+    """Linear model of deviations from the simulated course over one sample.
 
     Attributes
     ----------
@@ -71,16 +71,16 @@ class LinearModel:
         x(k+1) = A x(k) + B u(k), y(k) = C x(k) + D u(k); y(k) belongs to the sample that u(k) drives.
     errors : dict of str to matrix
         Estimated error of each matrix "a", "b", "c", "d": a third of the change when all differences double, and half
-        the jump of the slope at the state itself. Of a reduced model "impulse" (outputs, inputs): largest deviation of
-        the response to a unit impulse from that of the whole model.
+        the jump of the slope at the state. Of a reduced model "impulse" (outputs, inputs): largest deviation of
+        the response to a unit impulse from the full model.
     states, inputs, outputs : tuple of str
-        Names of rows and columns. Waves in the pipes are states ``waves.down[-3]``: what left three steps ago.
+        Names of rows and columns. Waves in the pipes are states ``waves.down[-3]``: sent three steps ago.
     sample : float
         [s].
     kinks : tuple of str
-        States and inputs whose difference bends a state or an output by more than 1 % of the largest move that any of
-        the differences gives it: a seat, a stop or a vapour pressure is there, and the linear model holds to one side
-        only. What hardly moves anything is not named; `errors` have its jump.
+        States and inputs whose difference bends a state or an output by more than 1 % of the largest move that any
+        difference causes: a seat, a stop or a vapour pressure is there, and the linear model holds on one side
+        only. Unimportant ones are not listed; `errors` include their jump.
     """
 
     a: Floats
@@ -102,16 +102,16 @@ class LinearModel:
         )
 
     def reduce(self, order: int, samples: int = 400) -> LinearModel:
-        """Model with few states by balanced truncation over a finite number of samples.
+        """Reduce to few states by balanced truncation over a finite number of samples.
 
-        States are kept that inputs reach and outputs show most within `samples` (Gramians of a finite horizon, which
-        exist of unstable models too), from the singular values of the Hankel matrix C A^(i+k) B. Inputs and outputs
-        are scaled by their largest impulse response, so that units do not weigh.
+        The kept states are the most controllable and observable within `samples` (finite-horizon Gramians, which
+        exist for unstable models too), from the singular values of the Hankel matrix C A^(i+k) B. Inputs and outputs
+        are scaled by their largest impulse response, which makes the result independent of units.
 
         Raises
         ------
         ConfigurationError
-            If the order is not a whole number from 1 to that of the model, or the samples are fewer than it.
+            If the order is not a whole number from 1 to the number of states, or exceeds the number of samples.
         """
         order, samples = integer(order, "order", 1), integer(samples, "samples", 1)
         if not order <= min(len(self.states), samples):
@@ -152,7 +152,7 @@ class LinearModel:
 
 
 class _Coordinate(NamedTuple):
-    """A number that is changed: its name, its place in the memory or column of the inputs, and the difference."""
+    """A number to change: name, place in the memory or column of the inputs, and difference."""
 
     name: str
     at: int
@@ -160,7 +160,7 @@ class _Coordinate(NamedTuple):
 
 
 def linearise(o: Operation, dt: float, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> LinearModel:
-    """Linear model of a sample."""
+    """Compute the linear model of a sample."""
     states = _states(o, o.steps)
     after = [coordinate.at for coordinate in _states(o, o.steps + len(o.inputs))]
     driven = [_Coordinate(name, COLUMNS[name], _difference(name, 0.0)) for name in inputs]
@@ -177,13 +177,14 @@ def linearise(o: Operation, dt: float, inputs: tuple[str, ...], outputs: tuple[s
         return np.concatenate([memory[after], [values[name] for name in outputs]])
 
     middle = course(0.0, states[0], False)
-    columns, errors, curvatures = [], [], []
+    columns, errors = [], []
+    curvatures = []
     for is_input, coordinates in ((False, states), (True, driven)):
         for coordinate in coordinates:
             up, down, high, low = (course(k * coordinate.step, coordinate, is_input) for k in (1.0, -1.0, 2.0, -2.0))
             near, far = (up - down) / (2.0 * coordinate.step), (high - low) / (4.0 * coordinate.step)
             curvature = up - 2.0 * middle + down  # change of slope times the difference
-            # Without a kink it is four times as large over twice the difference, and leaves central differences alone.
+            # Without a kink it is four times as large over twice the difference; central differences are not affected.
             jump = np.abs(4.0 * curvature - (high - 2.0 * middle + low)) / (2.0 * coordinate.step)
             columns.append((4.0 * near - far) / 3.0)
             errors.append(np.abs(near - far) / 3.0 + 0.5 * jump)
@@ -207,7 +208,7 @@ def _split_blocks(matrix: Floats, n: int) -> tuple[Floats, Floats, Floats, Float
 
 
 def _kinks(coordinates: list[_Coordinate], slopes: Floats, curvatures: Floats) -> tuple[str, ...]:
-    """Names of the coordinates in which a difference bends an output by more than `KINK` of what it moves it."""
+    """Names of the coordinates whose difference bends an output by more than `KINK` of the move it causes."""
     moved = np.abs(slopes) * np.array([coordinate.step for coordinate in coordinates])
     scale = np.maximum(moved.max(axis=1, keepdims=True), np.finfo(float).tiny)
     worst = np.max(curvatures / scale, axis=0)
@@ -215,7 +216,7 @@ def _kinks(coordinates: list[_Coordinate], slopes: Floats, curvatures: Floats) -
 
 
 def _states(o: Operation, steps: int) -> list[_Coordinate]:
-    """Coordinates of the state after so many steps: rows, and the slots of the rings that are still to arrive."""
+    """Coordinates of the state after some steps: rows, and the slots of the rings that have not arrived yet."""
     first, coordinates = o.loop.rows.state, []
     ideal = o.variant.boundary is Boundary.IDEAL
     for i, path in enumerate(o.loop.state):
@@ -227,7 +228,7 @@ def _states(o: Operation, steps: int) -> list[_Coordinate]:
         start = o.loop.rows.end + wave * o.ring
         delay = int(o.memory[o.loop.rows.delay_steps + wave])
         for ago in range(1, delay + 2):
-            # what left a step more than the delay ago is read where the last step has put it, not from its slot
+            # a wave older than the delay has left its slot: the last step has moved it
             at = start + ((steps - ago) & (o.ring - 1)) if ago <= delay else o.loop.rows.arriving + wave
             coordinates.append(_Coordinate(f"waves.{name}[-{ago}]", at, _difference("waves", 0.0)))
     return coordinates
@@ -243,7 +244,7 @@ def _difference(name: str, value: float) -> float:
 
 
 def _perturb_density(memory: Floats, o: Operation, of: _Coordinate, value: float) -> None:
-    """Write a number, and with the density in a volume what follows from it."""
+    """Write a number; with the density in a volume also the values that follow from it."""
     memory[of.at] = value
     if of.name.endswith(".density"):
         volume = contents(o.coefficients.fuel, value, 1.0)  # as if one cubic metre held it

@@ -1,4 +1,4 @@
-"""An injector that its caller steps: for control design, co-simulation, and hardware beside it."""
+"""Injector stepped by its caller: for control design, co-simulation, and hardware in the loop."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from commonrail.plugins.stepper.inputs import COLUMNS, UNITS, Overrides, read_na
 from commonrail.plugins.stepper.linear import LinearModel, Operation, linearise
 
 ROUNDING = 1e-6  # relative difference from a whole number of time steps that counts as rounding
-_CLOSED = ("tip", "valve_lift")  # rows that are below zero while needle and valve rest on their seats
+_CLOSED = ("tip", "valve_lift")  # rows that are below zero while needle and valve are seated
 _PRESSURES = {
     "control_pressure": "control_chamber.fuel.pressure",
     "accumulation_pressure": "accumulation.fuel.pressure",
@@ -42,18 +42,17 @@ class SavedState(NamedTuple):
 
 
 class Stepper:
-    """One injector at rest, to be stepped by its caller.
+    """Injector at rest, to be stepped by its caller.
 
-    It runs the loop of `simulate` with the same time step: stepped through an operating point it gives the same
-    values, but for rounding.
+    It runs the loop of `simulate` with the same time step, and gives the same values except for rounding.
 
     Parameters
     ----------
     injector : Injector
     point : OperatingPoint
-        Its initial pressures set the state at rest; its energisings, and pressures and drive that are traces, are
-        followed until the caller gives others. For an injector driven by a voltage or current its trace may be
-        missing: the coil is then without, until the caller gives it.
+        Its initial pressures set the state at rest. Its energisings, and traces of pressures and drive, apply
+        until the caller sets others. The voltage or current trace of an injector driven by one may be
+        missing: the coil is then dead until the caller sets it.
     time_step : float or str
         Inner time step [s], or text such as ``"1 us"``.
 
@@ -101,7 +100,7 @@ class Stepper:
             raise SimulationError(f"{self.injector.name}: {Status.NOT_CLOSED_AT_START.sentence}")
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as what it was made of, and its state: its loop is machine code of this process."""
+        """Pickle arguments and state: the loop is machine code of this process."""
         return type(self), (self.injector, self._plan.prepared.points[0], self.time_step), self.save()
 
     @property
@@ -133,18 +132,18 @@ class Stepper:
     ) -> dict[str, float]:
         """Advance the injector.
 
-        What is given holds from now on, until another value is given.
+        Inputs hold until changed.
 
         Parameters
         ----------
         duration : float or str
             [s]; a whole number of time steps.
         command : bool, optional
-            True energises the coil from now on, False ends it; the operating point's energisings are then ignored.
+            True energises the coil from now on, False ends it; replaces the operating point's energisings.
         rail_pressure, cylinder_pressure, return_pressure : float or str, optional
-            [Pa]. The rail's counts at the inlet of an ideal rail only.
+            [Pa]. The rail pressure applies at the inlet of an ideal rail only.
         voltage, current : float or str, optional
-            [V], [A] of an injector whose drive is a voltage or a current trace.
+            [V], [A], for an injector driven by a voltage or a current trace.
 
         Returns
         -------
@@ -155,10 +154,10 @@ class Stepper:
         Raises
         ------
         ConfigurationError
-            If the duration is no whole number of time steps, or an input is beyond its limits or not one of this
-            injector's; the state is then unchanged.
+            If the duration is not a whole number of time steps, or an input is beyond its limits or not read by this
+            injector; the state is then unchanged.
         SimulationError
-            If the simulation fails; the state is then that of before the call.
+            If the simulation fails; the state is then unchanged.
         """
         count = _count_steps(duration, self.time_step)
         quantities = {
@@ -177,7 +176,8 @@ class Stepper:
         self._march(memory, inputs)
         _refuse_failed(self.injector, self._loop.rows, memory)
         before = self._memory[self._loop.rows.injected]
-        self._memory, self._overrides, self._steps = memory, overrides, self._steps + count
+        self._memory, self._overrides = memory, overrides
+        self._steps += count
         injected, returned = memory[self._loop.rows.injected], memory[self._loop.rows.returned]
         return {
             "time": self.time,
@@ -192,7 +192,7 @@ class Stepper:
         return SavedState(self._steps, self._memory.copy(), self._overrides.copy())
 
     def restore(self, state: SavedState) -> None:
-        """Return to a state of `save`, of this stepper or of one of the same injector, pressures and time step.
+        """Return to a saved state, of this stepper or of another with the same injector, pressures and time step.
 
         Parameters
         ----------
@@ -201,7 +201,7 @@ class Stepper:
         Raises
         ------
         ConfigurationError
-            If it is of another kind, of a stepper with another memory, or holds what no `save` returns, such as NaN.
+            If it is of another type, of a stepper with another memory, or was not returned by `save`, such as NaN.
         """
         instance(state, SavedState, "state")
         if np.shape(state.memory) != self._memory.shape:
@@ -215,14 +215,15 @@ class Stepper:
                 "The state is damaged: it holds numbers that are not finite, or other content than a state of save; "
                 "restore one that save returned, unchanged."
             )
-        self._steps, self._memory, self._overrides = state.steps, memory.copy(), state.overrides.copy()
+        self._steps = state.steps
+        self._memory, self._overrides = memory.copy(), state.overrides.copy()
 
     __setstate__ = restore
 
     def linearise(
         self, sample: Quantity, inputs: Sequence[str] = ("rail_pressure",), outputs: Sequence[str] = ("mass_rate",)
     ) -> LinearModel:
-        """Linearise the coming sample at the present state: x' = A x + B u, y = C x + D u in deviations.
+        """Linearise the next sample at the present state: x' = A x + B u, y = C x + D u in deviations.
 
         Parameters
         ----------
@@ -236,7 +237,7 @@ class Stepper:
         Raises
         ------
         ConfigurationError
-            If a name is unknown or not one of this injector's, or the names are no list.
+            If a name is unknown or not read by this injector, or the names are not a list.
         """
         count = _count_steps(sample, self.time_step)
         inputs = read_names(inputs, tuple(COLUMNS), "input")
@@ -257,7 +258,7 @@ class Stepper:
         return linearise(operation, self.time_step, inputs, outputs)
 
     def _merge_overrides(self, quantities: dict[str, Any], command: bool | None) -> Overrides:
-        """Overrides that apply from now on: those so far with new quantities and a command."""
+        """Merge the present overrides with new quantities and a command."""
         overrides = self._overrides.copy()
         for name, value in quantities.items():
             refuse_unread(self.injector, name)
@@ -275,7 +276,7 @@ class Stepper:
         return inputs
 
     def _march(self, memory: Floats, inputs: Floats) -> None:
-        """Take a memory on from the present step, or put it to rest where there are no inputs."""
+        """Advance a memory from the present step; without inputs put it to rest."""
         self._loop.march(memory, self._ring, self._steps, self._theta, self._settings, inputs)
 
 
@@ -297,7 +298,7 @@ def _count_steps(duration: Quantity, time_step: float) -> int:
 
 
 def _refuse_failed(injector: Injector, rows: Any, memory: Floats) -> None:
-    """Refuse a state that is not finite or beyond the stops."""
+    """Refuse a state that is not finite or lies beyond the stops."""
     state = memory[rows.state : rows.leaving]
     if not np.isfinite(state).all():
         raise SimulationError(f"{injector.name}: {Status.NOT_FINITE.sentence}")

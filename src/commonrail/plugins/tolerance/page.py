@@ -7,8 +7,8 @@ from pathlib import Path
 
 from commonrail.base.chart import Figure, Panel, Series
 from commonrail.base.record import from_record
-from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import MISSING, fixed, percent, quantity, significant
+from commonrail.base.table import Column, Table, table_from_columns
+from commonrail.base.text import MISSING, percent, quantity, significant, to_fixed
 from commonrail.data.records import MICROSECOND, MM3, Record
 from commonrail.plugins.tolerance.file import DimensionShare, DistributionFacts, PointResult, ToleranceResult
 from commonrail.plugins.tolerance.statistics import Spread
@@ -83,7 +83,7 @@ def _tile(point: PointResult) -> Tile:
     if cpk is None:
         return Tile(point.name, f"{_volume(spread.deviation, 3)} mm³", "standard deviation; no limits are given")
     level = GOOD if cpk >= CAPABLE else CARE if cpk >= FITS else BAD
-    return Tile(point.name, f"Cpk {fixed(cpk, 2)}", f"{_out(spread)} out of limits; {scatter}", level)
+    return Tile(point.name, f"Cpk {to_fixed(cpk, 2)}", f"{_out(spread)} out of limits; {scatter}", level)
 
 
 def tolerance_tables(result: ToleranceResult) -> list[Table]:
@@ -125,15 +125,15 @@ def _capability_table(result: ToleranceResult) -> Table:
         ("limits, mm³", lambda p: f"{_volume(p.spread.lower)} to {_volume(p.spread.upper)}"),
         ("out of limits", lambda p: _out(p.spread)),
         ("failed", lambda p: f"{p.spread.failed:,}"),
-        ("Cp", lambda p: fixed(p.spread.cp, 2)),
-        ("Cpk", lambda p: fixed(p.spread.cpk, 2)),
+        ("Cp", lambda p: to_fixed(p.spread.cp, 2)),
+        ("Cpk", lambda p: to_fixed(p.spread.cpk, 2)),
     ]
     sure = percent(result.confidence, 0)
     note = (
         f"Out of limits with its {sure} % interval (Clopper and Pearson); failed parts are among them. Cp and Cpk take "
         "the standard deviation, and mean what they say for a normal distribution; the share out of limits is counted."
     )
-    return tabulated("Capability", result.points, columns, note)
+    return table_from_columns("Capability", result.points, columns, note, inputs=("as drawn, mm³", "limits, mm³"))
 
 
 def _share_table(point: PointResult) -> Table:
@@ -146,7 +146,7 @@ def _share_table(point: PointResult) -> Table:
     rest = "" if point.rest is None else f"Rest: {percent(max(point.rest, 0.0))} %, interactions and steps. "
     more = len(point.dimensions) - SHOWN
     note = f"{rest}{f'{more} more are in tolerance.csv.' if more > 0 else ''}".strip()
-    return tabulated(f"Tolerances to tighten: {point.name}", point.dimensions[:SHOWN], columns, note)
+    return table_from_columns(f"Tolerances to tighten: {point.name}", point.dimensions[:SHOWN], columns, note)
 
 
 def _share(row: DimensionShare) -> str:
@@ -195,12 +195,12 @@ def _trim_table(trim: Trimmed) -> Table:
         ("operating point", lambda p: p.name),
         ("st. dev. before, mm³", lambda p: _volume(p.before.deviation, 3)),
         ("after, mm³", lambda p: _volume(p.after.deviation, 3)),
-        ("after, % of before", lambda p: fixed(100.0 * p.after.deviation / p.before.deviation, 0)),
+        ("after, % of before", lambda p: to_fixed(100.0 * p.after.deviation / p.before.deviation, 0)),
         ("out of limits before", lambda p: _out(p.before)),
         ("out of limits after", lambda p: _out(p.after)),
-        ("st. dev. of the correction, µs", lambda p: fixed(p.correction.deviation, 1, MICROSECOND)),
+        ("st. dev. of the correction, µs", lambda p: to_fixed(p.correction.deviation, 1, MICROSECOND)),
     ]
-    return tabulated("Trim", trim.points, columns, "Standard deviations are those over the parts.")
+    return table_from_columns("Trim", trim.points, columns, "Standard deviations are those over the parts.")
 
 
 def _trim_lines(trim: Trimmed) -> list[str]:
@@ -228,7 +228,7 @@ def _dimension_table(result: ToleranceResult) -> Table:
     ]
     pairs = [f"{c.first} and {c.second}: {c.value:g}" for c in result.correlations]
     note = f"Correlations of the normal scores: {'; '.join(pairs)}. " if pairs else "All are independent. "
-    return tabulated("Dimensions", result.dimensions, columns, note + MARKS)
+    return table_from_columns("Dimensions", result.dimensions, columns, note + MARKS)
 
 
 def _distribution(law: DistributionFacts, unit: str) -> str:

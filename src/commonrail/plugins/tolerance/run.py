@@ -11,7 +11,7 @@ import numpy as np
 from commonrail.base.arguments import Limits, amount, function, instance, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, SimulationError
-from commonrail.base.hooks import held_interrupts
+from commonrail.base.hooks import hold_interrupts
 from commonrail.engine.status import OK, Status
 from commonrail.plugins.tolerance.file import DimensionFacts, InjectorFacts, PointResult, ToleranceResult
 from commonrail.plugins.tolerance.statistics import GROUPS, Draws, Parts, Simulated, VarianceShares, spread_of
@@ -63,7 +63,7 @@ def tolerance(
     simulated = Simulated(t, thread_count(threads))
     nominal = _nominal(simulated)
     limits = [_limits(t, k, nominal[k]) for k in range(len(t.points))]
-    with held_interrupts() as request:
+    with hold_interrupts() as request:
         simulated_parts, shares, done = _all(simulated, nominal, report, lambda: request.asked)
         if not done:
             request.check()

@@ -10,7 +10,7 @@ import click
 
 from commonrail.base.choices import Precision
 from commonrail.cli.console import Bar, Stage, print_json, print_text, say
-from commonrail.cli.grammar import Argument, Option, verb
+from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import Json, Threads
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from commonrail.plugins.tolerance.study import Tolerances
 
 
-@verb
+@table_verb
 def tolerance(
     file: Annotated[Path, Argument(metavar="TOLERANCES.toml", help="Tolerance file.")],
     *,
@@ -45,14 +45,14 @@ def tolerance(
       commonrail tolerance cases/tolerance/tolerances.toml --out runs/tolerance
       commonrail tolerance cases/tolerance/tolerances.toml --parts 1000000 --precision f32
     """
-    from commonrail.base.hooks import held_interrupts
+    from commonrail.base.hooks import hold_interrupts
     from commonrail.plugins.tolerance.file import load_tolerances
     from commonrail.plugins.tolerance.page import tolerance_lines, tolerance_tables
     from commonrail.report.analysis import run_into, synthetic_lines
 
     changed: dict[str, Any] = {"parts": parts, "seed": seed, "precision": precision}
     loaded = replace(load_tolerances(file), **{key: value for key, value in changed.items() if value is not None})
-    with held_interrupts():  # what is simulated is written whatever keys are pressed
+    with hold_interrupts():  # what is simulated is written whatever keys are pressed
         study_result = run_into(out, "tolerance.csv", lambda: _run(loaded, threads), {"tolerances.toml": loaded.text})
     record = study_result.record()
     if json:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from commonrail.base.text import MISSING, counted, fixed, listed, number, percent, significant
+from commonrail.base.text import MISSING, count_noun, join_words, number, percent, significant, to_fixed
 from commonrail.base.units import to_text
 from commonrail.data.records import Record
 from commonrail.report.presenter import Presenter
@@ -30,10 +30,12 @@ def update_lines(content: Record) -> list[str]:
     ranked = sorted(content["new"], key=lambda row: _RANK.index(row["agreement"]))
     lines += [_agreement(row) for row in ranked[:SHOWN]]
     if rest := [row["agreement"] for row in ranked[SHOWN:]]:
-        lines.append(f"Further new data: {listed([f'{rest.count(word)} × {word}' for word in _RANK if word in rest])}.")
+        lines.append(
+            f"Further new data: {join_words([f'{rest.count(word)} × {word}' for word in _RANK if word in rest])}."
+        )
     far = sum(abs(row["moved"] or 0.0) > 1.0 for row in content["moved"])
     lines.append(
-        f"{counted(far, 'parameter')} moved by more than half the earlier interval: "
+        f"{count_noun(far, 'parameter')} moved by more than half the earlier interval: "
         f"{'; '.join(map(_move, content['moved'][:SHOWN]))}."
     )
     lines.append(f"Errors of fitted data: {_changes([row for row in content['errors'] if row['role'] == 'fit'])}.")
@@ -41,7 +43,7 @@ def update_lines(content: Record) -> list[str]:
         lines.append(f"Errors of held-out data: {_changes(met)}.")
     if content["gone"]:
         prior = "; the draws of the run are the prior in their place, without correlations" if content["prior"] else ""
-        lines.append(f"Data of the run that are gone: {listed(content['gone'])}{prior}.")
+        lines.append(f"Data of the run that are gone: {join_words(content['gone'])}{prior}.")
     return lines
 
 
@@ -62,7 +64,7 @@ def _changes(errors: Sequence[Record]) -> str:
         errors, key=lambda row: (number(row["before"]["size"]) or 0.0) - (number(row["after"]["size"]) or 0.0)
     )
     shown = [f"{row['name']} {_error(row['before'])} → {_error(row['after'])}" for row in ranked[:SHOWN]]
-    return listed(shown + [f"{len(ranked) - SHOWN} more"] * (len(ranked) > SHOWN)) or MISSING
+    return join_words(shown + [f"{len(ranked) - SHOWN} more"] * (len(ranked) > SHOWN)) or MISSING
 
 
 def _error(error: Record) -> str:
@@ -71,7 +73,7 @@ def _error(error: Record) -> str:
 
 def _move(row: Record) -> str:
     before, after = (to_text(row[key], row["unit"], 4) for key in ("before", "after"))
-    return f"{row['name']} {before} → {after} ({fixed(row['moved'], 1)} half widths)"
+    return f"{row['name']} {before} → {after} ({to_fixed(row['moved'], 1)} half widths)"
 
 
 UPDATE = Presenter(lambda update: [f"Update in {update.folder}", *update.content["lines"]])

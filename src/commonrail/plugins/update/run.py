@@ -15,7 +15,7 @@ from commonrail.base.arguments import file_path, flag, instance, sequence, threa
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, InputError, SimulationError, StudyError
-from commonrail.base.output import summed
+from commonrail.base.output import write_set
 from commonrail.base.text import command, number
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.scoring import score_all
@@ -180,7 +180,7 @@ def update(
         }
         content |= {"moved": _moved(record, calibration), "errors": _errors(calibration)}
         content["lines"] = update_lines(content)
-        with summed(unfinished):
+        with write_set(unfinished):
             write_record(unfinished / RECORD, content)
         write_report(unfinished, live=False)
     return Update(place, calibration, {row["name"]: Agreement(row["agreement"]) for row in new}, content)

@@ -11,7 +11,7 @@ import numpy as np
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
 from commonrail.base.input import fingerprint
-from commonrail.base.text import listed
+from commonrail.base.text import join_words
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file import edit_study
 from commonrail.plugins.new.study import WEIGHT, StatedByUser, block_of_file, data_lines, open_keys, survey_file
@@ -80,8 +80,8 @@ def read_addition(
         block |= {key: text for key, text in stated.pressures.items() if text}
         if missing := open_keys(block):
             options = [f"--{key.replace('_', '-')}" for key in missing if key in _OPTIONS]
-            cure = f"state {listed(options)}" if len(options) == len(missing) else "write its block by hand"
-            raise InputError(f"{survey.path}: neither the file nor the study tells {listed(missing)}; {cure}.")
+            cure = f"state {join_words(options)}" if len(options) == len(missing) else "write its block by hand"
+            raise InputError(f"{survey.path}: neither the file nor the study tells {join_words(missing)}; {cure}.")
         blocks.append(block)
     return Addition(surveys, tuple(blocks))
 

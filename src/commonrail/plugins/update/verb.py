@@ -9,7 +9,7 @@ import click
 
 from commonrail.base.errors import InputError
 from commonrail.base.stages import telling
-from commonrail.cli.console import Bar, print_json, print_lines, shown_by
+from commonrail.cli.console import Bar, print_json, print_lines, show_stages_on
 from commonrail.cli.fit import JUDGED_SOON, stage_of
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import DecimalSign, Encoding, Json, SheetName, Threads, check_folder, free_run_folder
@@ -76,7 +76,7 @@ def update(
     )
     place = out or free_run_folder(f"{run.absolute().name}-update", run.parent)
     check_folder(place)
-    with Bar(f"{run}: update") as bar, telling(shown_by(bar, JUDGED_SOON)):
+    with Bar(f"{run}: update") as bar, telling(show_stages_on(bar, JUDGED_SOON)):
         result = run_update(
             run,
             files,

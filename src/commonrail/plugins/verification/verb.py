@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.text import number
 from commonrail.cli.console import print_json, print_rows, say
-from commonrail.cli.grammar import Option, verb
+from commonrail.cli.grammar import Option, table_verb
 from commonrail.cli.options import Json
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 FAILED = 1
 
 
-@verb
+@table_verb
 def verify(
     *,
     injector: Annotated[str, Option(help="Injector file, or a name of the catalogue.")] = "virtual-lino-2016",

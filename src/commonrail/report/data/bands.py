@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 
 from commonrail.base.chart import Band, Points
-from commonrail.base.text import MISSING, fixed, number
+from commonrail.base.text import MISSING, number, to_fixed
 from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, origin_of
 from commonrail.report.data.view import scale_values
 
@@ -26,7 +26,7 @@ def band_sentence(data: Record) -> str:
     """Sentence on how many values of a data set, measured or synthetic, lie in their bands."""
     band = data["band"]
     course = "half_widths" not in band
-    median, alone = fixed(band["median_half_width_percent"], 1), band["covered_by_parameters_alone"]
+    median, alone = to_fixed(band["median_half_width_percent"], 1), band["covered_by_parameters_alone"]
     return (
         f"{band['covered']} of {band['values']} {origin_of(data)} {'samples' if course else 'quantities'} of "
         f"{data['name']} ({data['role']}) lie in the {band_name(data)}, whose median half width is {median} %"
@@ -74,7 +74,7 @@ def band_cells(row: Record) -> tuple[str]:
     half, best = number(row["band"]), number(row.get(JUDGED))
     if half is None or best is None:
         return (MISSING,)
-    return (f"{fixed(half, 2, MM3)} {INSIDE if abs(best - row[MEASURED]) <= half else OUTSIDE}",)
+    return (f"{to_fixed(half, 2, MM3)} {INSIDE if abs(best - row[MEASURED]) <= half else OUTSIDE}",)
 
 
 def error_band(rows: Sequence[Record], family: int, measure: Measure, about: str = "", ordered: int = 0) -> Band:

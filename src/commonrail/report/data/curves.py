@@ -11,8 +11,8 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Band, Figure, Panel, Points, Series, points
-from commonrail.base.table import BEST_LEGEND, Part, Table, table_of
-from commonrail.base.text import fixed, megapascal, number, percent, pressure, signed
+from commonrail.base.table import BEST_LEGEND, OPERATING_POINT, Part, Table, table_from_parts
+from commonrail.base.text import megapascal, number, percent, pressure, to_fixed, to_signed
 from commonrail.data.records import (
     JUDGED,
     MEASURED,
@@ -56,8 +56,8 @@ class CurveView(View):
     def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
         """Σ |error| over Σ |rate|."""
         shares = [number(d["J_relative"].get(label)) for d in data]
-        worst, of, others = worst_of(data, shares, lambda share: f"{fixed(share, 1, 100.0)} %")
-        best, start = (fixed(number(worst["J_relative"].get(key)), 1, 100.0) for key in (label, "start"))
+        worst, of, others = worst_of(data, shares, lambda share: f"{to_fixed(share, 1, 100.0)} %")
+        best, start = (to_fixed(number(worst["J_relative"].get(key)), 1, 100.0) for key in (label, "start"))
         return Merit(f"{best} %", f"of the rate, {of}{start_words(start, '%')}", others)
 
     def fit_error(self, data: Record) -> FitError | None:
@@ -68,8 +68,8 @@ class CurveView(View):
     def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
         """Error of the injected volume."""
         errors = [_volume_error(d, JUDGED) for d in data]
-        worst, of, others = worst_of(data, errors, lambda error: f"{signed(error, 1)} %")
-        return Merit(f"{signed(_volume_error(worst, JUDGED), 1)} %", f"injected volume, {of}", others)
+        worst, of, others = worst_of(data, errors, lambda error: f"{to_signed(error, 1)} %")
+        return Merit(f"{to_signed(_volume_error(worst, JUDGED), 1)} %", f"injected volume, {of}", others)
 
     def quantities(self, data: Record) -> list[tuple[float, float | None]]:
         """Measured and calibrated volume within the samples [m³]."""
@@ -87,17 +87,21 @@ class CurveView(View):
     def compared_tables(self, data: Sequence[Record], labels: Sequence[str]) -> list[Table]:
         """J, relative J and error of the injected volume of every curve, by model."""
         head = Part(("data set", "rail, MPa"), lambda d: (d["name"], megapascal(d["rail_pressure"])))
-        errors = errors_by_label(labels, lambda d, k: number(d["J"].get(k)), lambda j: fixed(j, 1))
+        errors = errors_by_label(labels, lambda d, k: number(d["J"].get(k)), lambda j: to_fixed(j, 1))
         shares = errors_by_label(labels, lambda d, k: number(d["J_relative"].get(k)), percent)
-        volumes = errors_by_label(labels, _volume_error, lambda error: signed(error, 1))
+        volumes = errors_by_label(labels, _volume_error, lambda error: to_signed(error, 1))
         note = f"J is the sum over the samples of |simulated rate − data|. {BEST_LEGEND}"
         relative = f"J over the sum of |data| over the same samples. {BEST_LEGEND}"
         of_volumes = f"Simulated against data. {BEST_LEGEND}"
         return [
-            table_of(_J_TITLE, data, (head, errors, _SAMPLES), note),
-            table_of("J relative to the data, %", data, (head, shares), relative),
-            table_of(
-                "Error of the injected volume, %", data, (head, _measured_column(data, ", mm³"), volumes), of_volumes
+            table_from_parts(_J_TITLE, data, (head, errors, _SAMPLES), note, inputs=_INPUTS),
+            table_from_parts("J relative to the data, %", data, (head, shares), relative, inputs=_INPUTS),
+            table_from_parts(
+                "Error of the injected volume, %",
+                data,
+                (head, _measured_column(data, ", mm³"), volumes),
+                of_volumes,
+                inputs=_INPUTS,
             ),
         ]
 
@@ -162,12 +166,13 @@ def _title(data: Record, words: str) -> str:
 
 _SETS = Part(("data set", "role"), lambda d: (d["name"], d["role"]))
 _SAMPLES = column("samples", lambda d: str(d["samples"]))
+_INPUTS = (*OPERATING_POINT, "samples")
 
 
 def _measured_column(data: Sequence[Record], unit: str) -> Part:
     origins = {origin_of(d) for d in data}
     origin = origins.pop() if len(origins) == 1 else "data"
-    return column(f"{origin}{unit}", lambda d: fixed(d["volume"][MEASURED], 2, MM3))
+    return column(f"{origin}{unit}", lambda d: to_fixed(d["volume"][MEASURED], 2, MM3))
 
 
 def _volume_error(data: Record, label: str) -> float | None:
@@ -178,7 +183,7 @@ def _j_table(data: Sequence[Record], texts: Texts) -> Table:
     """J of every injection curve, Σ |rate error| over its samples [mm³/ms], by label."""
     parts = (
         _SETS,
-        by_label(texts, lambda d, label: fixed(d["J"].get(label), 1)),
+        by_label(texts, lambda d, label: to_fixed(d["J"].get(label), 1)),
         column("share, %", lambda d: percent(d["J_relative"].get(JUDGED))),
         column("rail, MPa", lambda d: megapascal(d["rail_pressure"])),
         _SAMPLES,
@@ -187,7 +192,7 @@ def _j_table(data: Sequence[Record], texts: Texts) -> Table:
         "J is the sum over the samples of |simulated rate − data|; the share is that of J of "
         f"“{texts[JUDGED]}” in the sum of the data's rates."
     )
-    return table_of(_J_TITLE, data, parts, note, 2)
+    return table_from_parts(_J_TITLE, data, parts, note, 2, _INPUTS)
 
 
 def _volume_table(data: Sequence[Record], texts: Texts) -> Table:
@@ -196,15 +201,15 @@ def _volume_table(data: Sequence[Record], texts: Texts) -> Table:
 
     def simulated(d: Record) -> Iterator[str]:
         for label in shown:
-            yield fixed(d["volume"].get(label), 2, MM3)
-            yield signed(_volume_error(d, label), 1)
+            yield to_fixed(d["volume"].get(label), 2, MM3)
+            yield to_signed(_volume_error(d, label), 1)
 
     parts = (
         _SETS,
         _measured_column(data, ""),
         Part([head for k in shown for head in (texts[k], "error, %")], simulated),
     )
-    return table_of("Injected volume, mm³", data, parts, "", 2)
+    return table_from_parts("Injected volume, mm³", data, parts, "", 2)
 
 
 def _band(data: Record, window: slice, time: Points, about: Floats) -> Band:

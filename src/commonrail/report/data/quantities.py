@@ -8,8 +8,27 @@ from itertools import groupby
 from typing import Any
 
 from commonrail.base.chart import BOTH, LINES, MARKERS, Band, Figure, Panel, Points, Series
-from commonrail.base.table import BEST_LEGEND, BEST_SIGN, SIGNS, Cell, Part, Table, marked, size_of, table_of
-from commonrail.base.text import MISSING, fixed, listed, megapascal, number, pressure, signed, significant
+from commonrail.base.table import (
+    BEST_LEGEND,
+    BEST_SIGN,
+    SIGNS,
+    Cell,
+    Part,
+    Table,
+    judge_size,
+    mark_least,
+    table_from_parts,
+)
+from commonrail.base.text import (
+    MISSING,
+    join_words,
+    megapascal,
+    number,
+    pressure,
+    significant,
+    to_fixed,
+    to_signed,
+)
 from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, MPA, Record, Texts, origin_of, relative_error
 from commonrail.report.data.bands import band_caption, band_cells, band_name, band_note, error_band
 from commonrail.report.data.view import (
@@ -36,9 +55,9 @@ _LEGEND = "{small} within 5 % or 0.1 mm³, {medium} within 10 % or 0.3 mm³, {la
 
 # Keys of a record's figures, and their text.
 _FIGURES: tuple[tuple[str, Callable[[Any], str]], ...] = (
-    ("rms_large_percent", lambda value: fixed(value, 2)),
-    ("rms_small", lambda value: fixed(value, 3, MM3)),
-    ("dead_time_rms", lambda value: fixed(value, 1, MICROSECOND)),
+    ("rms_large_percent", lambda value: to_fixed(value, 2)),
+    ("rms_small", lambda value: to_fixed(value, 3, MM3)),
+    ("dead_time_rms", lambda value: to_fixed(value, 1, MICROSECOND)),
 )
 
 Measure = Callable[[float, float], float]  # of an error and the measured quantity [m³]
@@ -125,12 +144,12 @@ def _rms(view: MapView, data: Sequence[Record], key: str, model: str = JUDGED) -
     if not judged:
         return None
     worst, of, others = worst_of(
-        judged, [errors[d["name"]] for d in judged], lambda error: f"{fixed(error, decimals, scale)} {unit}"
+        judged, [errors[d["name"]] for d in judged], lambda error: f"{to_fixed(error, decimals, scale)} {unit}"
     )
-    start = fixed(worst["figures"].get("start", {}).get(key), decimals, scale)
+    start = to_fixed(worst["figures"].get("start", {}).get(key), decimals, scale)
     words = f"rms of the {view.of}quantities {side} {limit_text(data)} mm³{start_words(start, unit)}"
     place = f", {of}" if others else ""
-    return Merit(f"{fixed(errors[worst['name']], decimals, scale)} {unit}", f"{words}{place}", others)
+    return Merit(f"{to_fixed(errors[worst['name']], decimals, scale)} {unit}", f"{words}{place}", others)
 
 
 def _figures_table(view: MapView, data: Sequence[Record], texts: Texts) -> Table:
@@ -143,14 +162,14 @@ def _figures_table(view: MapView, data: Sequence[Record], texts: Texts) -> Table
         column(f"{view.of}quantities", lambda row: str(len(_quantities(row[0])))),
         Part(_figure_heads(data), lambda row: [text(row[2].get(key)) for key, text in _FIGURES]),
     )
-    return table_of(f"Errors of the {view.of}quantity maps", rows, parts, _rules(data), 3)
+    return table_from_parts(f"Errors of the {view.of}quantity maps", rows, parts, _rules(data), 3)
 
 
 def _figures_compared(view: MapView, data: Sequence[Record], labels: Sequence[str]) -> Table:
     rows = []
     for d in data:
         figures = [d["figures"].get(label, {}) for label in labels]
-        columns = [marked([number(f.get(key)) for f in figures], text) for key, text in _FIGURES]
+        columns = [mark_least([number(f.get(key)) for f in figures], text) for key, text in _FIGURES]
         rows += [(d, label, cells) for label, *cells in zip(labels, *columns, strict=True)]
     parts = (
         Part(("data set", "model"), lambda row: (row[0]["name"], row[1])),
@@ -159,7 +178,7 @@ def _figures_compared(view: MapView, data: Sequence[Record], labels: Sequence[st
     )
     failing = "A model that fails at one point has no figure over the points."
     note = f"{BEST_SIGN} least error of the data set. {failing}"
-    return table_of(f"Errors of the {view.of}quantity maps", rows, parts, note, 2)
+    return table_from_parts(f"Errors of the {view.of}quantity maps", rows, parts, note, 2)
 
 
 def _quantity_table(view: MapView, data: Record, texts: Texts, judged: str) -> Table:
@@ -168,17 +187,17 @@ def _quantity_table(view: MapView, data: Record, texts: Texts, judged: str) -> T
     def errors(row: Record) -> tuple[str, Cell]:
         measured, best = row[MEASURED], number(row.get(JUDGED))
         error = None if best is None else (best - measured) * MM3
-        share = signed(relative_error(best, measured), 1)
-        return signed(error, 2), Cell(share, error_size(error, measured * MM3))
+        share = to_signed(relative_error(best, measured), 1)
+        return to_signed(error, 2), Cell(share, error_size(error, measured * MM3))
 
-    shown = by_label(texts, lambda row, label: fixed(row.get(label), 2, MM3))
+    shown = by_label(texts, lambda row, label: to_fixed(row.get(label), 2, MM3))
     parts = [*_head(origin_of(data)), shown, Part(("error", "error, %"), errors)]
     note = f"Errors are {judged} − {origin_of(data)}. {_LEGEND}"
     if "band" in data:
         parts.append(Part((f"{band_name(data)}, ±",), band_cells))
         note += f" {band_note(data)}"
     title = f"{_title(view)}, mm³: {data['name']} ({data['role']})"
-    return table_of(title, _quantities(data), parts, note, 0)
+    return table_from_parts(title, _quantities(data), parts, note, 0)
 
 
 def _compared_table(view: MapView, data: Record, labels: Sequence[str]) -> Table:
@@ -188,10 +207,10 @@ def _compared_table(view: MapView, data: Record, labels: Sequence[str]) -> Table
     def shown(row: Record) -> Iterator[Cell]:
         measured = float(row[MEASURED])
         values = [number(row.get(label)) for label in labels]
-        errors = marked([relative_error(value, measured) for value in values], lambda e: signed(e, 1))
+        errors = mark_least([relative_error(value, measured) for value in values], lambda e: to_signed(e, 1))
         for value, error in zip(values, errors, strict=True):
             if wide:
-                yield Cell(fixed(value, 2, MM3))
+                yield Cell(to_fixed(value, 2, MM3))
             absolute = None if value is None else (value - measured) * MM3
             yield Cell(error.text, error_size(absolute, measured * MM3), error.best)
 
@@ -199,7 +218,7 @@ def _compared_table(view: MapView, data: Record, labels: Sequence[str]) -> Table
     title = f"{_title(view)}, mm³" if wide else f"Errors of the {view.of}quantities, %"
     note = f"Errors are simulated − {origin_of(data)}. {_LEGEND} {BEST_LEGEND}"
     parts = (*_head(f"{origin_of(data)}, mm³"), Part(heads, shown))
-    return table_of(f"{title}: {data['name']}", _quantities(data), parts, note, 0)
+    return table_from_parts(f"{title}: {data['name']}", _quantities(data), parts, note, 0)
 
 
 def _map_figure(view: MapView, data: Record) -> Figure:
@@ -248,7 +267,7 @@ def _map_compared(view: MapView, data: Record, models: Models) -> Figure:
     return Figure(
         data["name"],
         f"{view.caption}: markers {origin_of(data)}; each model has a line for each rail pressure "
-        f"({listed(rails)} MPa).",
+        f"({join_words(rails)} MPa).",
         ENERGISING,
         (Panel(f"{view.of}quantity, mm³", (*present(series), measured)),),
     )
@@ -279,7 +298,7 @@ def _title(view: MapView) -> str:
 
 def error_size(error: float | None, measured: float) -> str:
     """Size of an error of a quantity [mm³]: relative, or absolute near zero."""
-    return size_of(error, [max(rel * abs(measured), ab) for rel, ab in _STEPS])
+    return judge_size(error, [max(rel * abs(measured), ab) for rel, ab in _STEPS])
 
 
 def limit_text(data: Sequence[Record]) -> str:
@@ -309,8 +328,8 @@ def _quantities(data: Record) -> list[Record]:
 def _head(origin: str) -> tuple[Part, ...]:
     return (
         column("rail, MPa", lambda row: megapascal(row["rail_pressure"])),
-        column(ENERGISING, lambda row: fixed(row["energising_time"], 0, MICROSECOND)),
-        column(origin, lambda row: fixed(row[MEASURED], 2, MM3)),
+        column(ENERGISING, lambda row: to_fixed(row["energising_time"], 0, MICROSECOND)),
+        column(origin, lambda row: to_fixed(row[MEASURED], 2, MM3)),
     )
 
 
@@ -373,13 +392,13 @@ def _dead_time_table(data: Record, texts: Texts) -> Table:
 
     def error(row: Record) -> list[Cell]:
         error = _dead_time_error(row, JUDGED)
-        return [Cell(signed(error, 1), size_of(error, _DEAD_TIME_STEPS))]
+        return [Cell(to_signed(error, 1), judge_size(error, _DEAD_TIME_STEPS))]
 
-    shown = by_label(texts, lambda row, label: fixed(row.get(label), 1, MICROSECOND))
+    shown = by_label(texts, lambda row, label: to_fixed(row.get(label), 1, MICROSECOND))
     title = f"Dead times, µs: {data['name']} ({data['role']})"
     note = f"Energising time at which the quantity is reached. {_DEAD_TIME_LEGEND}"
     parts = (*_dead_time_head(origin_of(data)), shown, Part(("error",), error))
-    return table_of(title, _dead_times(data), parts, note, 0)
+    return table_from_parts(title, _dead_times(data), parts, note, 0)
 
 
 def _compared_dead_times(data: Record, labels: Sequence[str]) -> Table:
@@ -388,9 +407,9 @@ def _compared_dead_times(data: Record, labels: Sequence[str]) -> Table:
         "The dead time is the energising time at which the quantity is reached; errors are simulated − "
         f"{origin_of(data)}. {_DEAD_TIME_LEGEND} {BEST_LEGEND}"
     )
-    errors = errors_by_label(labels, _dead_time_error, lambda error: signed(error, 1), _DEAD_TIME_STEPS)
+    errors = errors_by_label(labels, _dead_time_error, lambda error: to_signed(error, 1), _DEAD_TIME_STEPS)
     parts = (*_dead_time_head(f"{origin_of(data)}, µs"), errors)
-    return table_of(f"Errors of the dead times, µs: {data['name']}", _dead_times(data), parts, note, 0)
+    return table_from_parts(f"Errors of the dead times, µs: {data['name']}", _dead_times(data), parts, note, 0)
 
 
 def _dead_time_figure(data: Record, models: Models) -> list[Figure]:
@@ -415,7 +434,7 @@ def _dead_time_head(origin: str) -> tuple[Part, ...]:
     return (
         column("rail, MPa", lambda row: megapascal(row["rail_pressure"])),
         column("quantity, mm³", lambda row: significant(row.get("quantity"), 3, MM3)),
-        column(origin, lambda row: fixed(row[MEASURED], 0, MICROSECOND)),
+        column(origin, lambda row: to_fixed(row[MEASURED], 0, MICROSECOND)),
     )
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from commonrail.base import registry
 from commonrail.base.chart import Figure, Points, Series
 from commonrail.base.errors import InputError
-from commonrail.base.table import Part, Table, marked
+from commonrail.base.table import Part, Table, mark_least
 from commonrail.base.text import MISSING, number
 from commonrail.data.records import JUDGED, Record, Texts, Traces
 
@@ -133,8 +133,8 @@ def errors_by_label(
     text: Callable[[float | None], str],
     steps: Sequence[float] = (),
 ) -> Part:
-    """A column of errors for each label, the least of a row marked; see `marked`."""
-    return Part(labels, lambda row: marked([error(row, label) for label in labels], text, steps))
+    """A column of errors for each label, the least of a row marked; see `mark_least`."""
+    return Part(labels, lambda row: mark_least([error(row, label) for label in labels], text, steps))
 
 
 # Words and series of reports on records.

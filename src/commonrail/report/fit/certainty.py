@@ -6,8 +6,8 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
-from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import MISSING, counted, fixed, in_print, quantity, quantity_range, significant
+from commonrail.base.table import Column, Table, table_from_columns
+from commonrail.base.text import MISSING, count_noun, in_print, quantity, quantity_range, significant, to_fixed
 from commonrail.calibration.record import CertainParameter, CertaintyRecord, NoiseRecord, ParameterRecord
 
 DIGITS = 5
@@ -26,19 +26,19 @@ def likelihood_tables(certainty: CertaintyRecord | None) -> list[Table]:
     """Tables of stated combinations, quantities of the bench and noise; none without certainty."""
     if certainty is None:
         return []
-    level = fixed(certainty.level, 0, 100.0)
+    level = to_fixed(certainty.level, 0, 100.0)
     combinations: list[Column] = [
         ("sum [SI]", lambda c: c.sum),
         ("value", lambda c: significant(c.value, 4)),
         (f"{level} % interval", lambda c: f"{significant(c.lower, 4)} to {significant(c.upper, 4)}"),
     ]
-    tables = [tabulated("Combinations", certainty.combinations, combinations, "Of the draws.")]
+    tables = [table_from_columns("Combinations", certainty.combinations, combinations, "Of the draws.")]
     bench = "Fitted and drawn with the parameters: their intervals hold what these quantities may be."
-    tables.append(tabulated("Quantities of the bench", certainty.bench, _BENCH, bench, 2))
+    tables.append(table_from_columns("Quantities of the bench", certainty.bench, _BENCH, bench, 2))
     noise = "Each data set counts by its own noise; the weights of the objective play no part in the likelihood."
     return [
         *(table for table in tables if table.rows),
-        tabulated("Noise of the data", certainty.noise, _NOISE, noise, 2),
+        table_from_columns("Noise of the data", certainty.noise, _NOISE, noise, 2),
     ]
 
 
@@ -51,7 +51,7 @@ _BENCH: list[Column] = [
 
 
 def _parameters(certainty: CertaintyRecord, records: dict[str, ParameterRecord]) -> Table:
-    level = fixed(certainty.level, 0, 100.0)
+    level = to_fixed(certainty.level, 0, 100.0)
     columns: list[Column] = [
         ("parameter", lambda p: p.name),
         ("what the data say", lambda p: p.sentence),
@@ -63,7 +63,7 @@ def _parameters(certainty: CertaintyRecord, records: dict[str, ParameterRecord])
         "model lacks; it is of draws within bounds and constraints. A parameter is determined if half its "
         "interval is at most 10 % of its value."
     )
-    return tabulated("Most likely values and intervals", certainty.parameters, columns, note, 2)
+    return table_from_columns("Most likely values and intervals", certainty.parameters, columns, note, 2)
 
 
 def interval_text(p: CertainParameter, record: ParameterRecord, digits: int = DIGITS) -> str:
@@ -111,7 +111,7 @@ def certainty_lines(certainty: CertaintyRecord | None) -> list[str]:
         if n.relative and not n.stated
     ]
     counts = Counter(p.cure for p in certainty.parameters if p.cure)
-    cures = [f"{cure} ({counted(count, 'parameter')})" for cure, count in counts.most_common()]
+    cures = [f"{cure} ({count_noun(count, 'parameter')})" for cure, count in counts.most_common()]
     return lines + ([f"To know more: {'; '.join(cures)}."] if cures else [])
 
 
@@ -131,6 +131,6 @@ _NOISE: list[Column] = [
     ("noise", _law),
     ("standard deviation", _deviation),
     ("values", lambda n: str(n.values)),
-    ("share of −2 ln L, %", lambda n: fixed(n.share, 0, 100.0)),
-    ("parameters it pays for", lambda n: fixed(n.parameters, 1)),
+    ("share of −2 ln L, %", lambda n: to_fixed(n.share, 0, 100.0)),
+    ("parameters it pays for", lambda n: to_fixed(n.parameters, 1)),
 ]

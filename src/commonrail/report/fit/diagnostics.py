@@ -10,7 +10,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import MARKERS, Band, Figure, HeatMap, Panel, Series, points
-from commonrail.base.text import shown_unit, signed, significant
+from commonrail.base.text import shown_unit, significant, to_signed
 from commonrail.calibration.record import CalibrationRecord, ParameterRecord
 from commonrail.data.base import DataSet
 from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, Traces, origin_of
@@ -111,7 +111,7 @@ def loading_matrix(record: CalibrationRecord) -> HeatMap | None:
         tuple(names[name] for name in used),
         tuple(significant(100.0 * scatter / c.singular_value, 2) for c in reversed(shown)),
         tuple(tuple(row) for row in rows),
-        tuple(tuple("" if v is None else signed(v, 1) for v in row) for row in rows),
+        tuple(tuple("" if v is None else to_signed(v, 1) for v in row) for row in rows),
         "1",
         True,
         1.0,

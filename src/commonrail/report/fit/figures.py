@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from commonrail.base.chart import Figure, HeatMap, Panel, Series
-from commonrail.base.text import megapascal, number, signed
+from commonrail.base.text import megapascal, number, to_signed
 from commonrail.calibration.record import GenerationRecord
 from commonrail.data.quantities.data import QuantityData
 from commonrail.data.quantities.returned import ReturnData
@@ -108,7 +108,7 @@ def _heat(
         names,
         tuple(map(megapascal, rails)),
         tuple(tuple(cells.get(cell) for cell in row) for row in places),
-        tuple(tuple(signed(cells[cell], decimals) if cell in cells else "" for cell in row) for row in places),
+        tuple(tuple(to_signed(cells[cell], decimals) if cell in cells else "" for cell in row) for row in places),
         unit,
         True,
         min(largest, most) or 1.0,

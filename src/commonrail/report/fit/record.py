@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from commonrail.base.text import command, counted, listed, quantity
+from commonrail.base.text import command, count_noun, join_words, quantity
 from commonrail.base.units import to_text
 from commonrail.calibration.record import CalibrationRecord
 from commonrail.data.records import LABELS, Record, Texts
@@ -32,9 +32,9 @@ def meter_lines(record: CalibrationRecord) -> list[str]:
         if any(q.name.endswith("cutoff") for q in meter.quantities):
             parts.append(f"low-pass {meter.law} of order {meter.order}")
         sets = [d["name"] for d in record.data if d.get("meter") == meter.name]
-        of = f" ({listed(sets)})" if sets else ""
+        of = f" ({join_words(sets)})" if sets else ""
         lines.append(
-            f"Simulated values are shown as the meter “{meter.name}”{of} sees them: {listed(parts) or 'unchanged'}."
+            f"Simulated values are shown as the meter “{meter.name}”{of} sees them: {join_words(parts) or 'unchanged'}."
         )
     return lines
 
@@ -113,7 +113,7 @@ def map_line(record: CalibrationRecord, run: str) -> tuple[str, str]:
     if others:
         purpose += (
             " The cylinder and return pressures are those of most of the measured points; the data have "
-            f"{counted(len(others), 'other pair')}: state those of the engine."
+            f"{count_noun(len(others), 'other pair')}: state those of the engine."
         )
     words = [command("map", run), pressures, _step(record), "--out map.dcm"]
     return purpose, " ".join(filter(None, words))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import MISSING, fixed, quantity, quantity_range, signed, significant
+from commonrail.base.table import Column, Table, table_from_columns
+from commonrail.base.text import MISSING, quantity, quantity_range, significant, to_fixed, to_signed
 from commonrail.calibration.record import CertainParameter, CertaintyRecord, ParameterRecord
 from commonrail.data.records import LABELS, Record, Texts
 from commonrail.report.fit.certainty import interval_digits, interval_text
@@ -68,7 +68,7 @@ def parameter_rows(
 
 def interval_head(certainty: CertaintyRecord | None) -> str:
     """Head of the column of intervals."""
-    return f"{fixed(certainty.level, 0, 100.0)} % interval" if certainty else "standard error"
+    return f"{to_fixed(certainty.level, 0, 100.0)} % interval" if certainty else "standard error"
 
 
 def parameter_table(parameters: Sequence[ParameterRecord], certainty: CertaintyRecord | None = None) -> Table:
@@ -86,7 +86,7 @@ def parameter_table(parameters: Sequence[ParameterRecord], certainty: CertaintyR
     ]
     if any(r.pull for r in rows):
         columns.append(("from its prior", lambda r: r.pull or MISSING))
-    return tabulated("Parameters", rows, columns)
+    return table_from_columns("Parameters", rows, columns)
 
 
 def _row(p: ParameterRecord, certain: CertainParameter | None, short: str) -> ParameterRow:
@@ -102,10 +102,10 @@ def _row(p: ParameterRecord, certain: CertainParameter | None, short: str) -> Pa
         best=quantity(best, unit, max(4, interval_digits(certain)) if certain else 4),
         interval=interval_text(certain, p, 4) if certain else _error(p),
         bounds=quantity_range(p.lower, p.upper, unit, 3),
-        change=signed(100.0 * (best / start - 1.0) if start else None, 1),
+        change=to_signed(100.0 * (best / start - 1.0) if start else None, 1),
         mark=MARKS.get(p.mark, p.mark),
         effect=_effect(p),
-        pull="" if p.pull is None else f"{signed(p.pull, 1)} σ",
+        pull="" if p.pull is None else f"{to_signed(p.pull, 1)} σ",
         best_at=_percent(p, best),
         start_at=_percent(p, start),
         span=_span(p, *ends),

@@ -6,15 +6,14 @@ import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
-from commonrail.base.table import Column, Table, tabulated
-from commonrail.base.text import MISSING, counted, fixed, in_print, listed, number, percent, significant
+from commonrail.base.table import Column, Table, table_from_columns
+from commonrail.base.text import MISSING, count_noun, in_print, join_words, number, percent, significant, to_fixed
 from commonrail.calibration.identifiability import ParameterVerdict
 from commonrail.calibration.optimisers.base import ALIKE
 from commonrail.calibration.record import (
     CalibrationRecord,
     LackOfFitRecord,
     LeftOutRecord,
-    ParameterRecord,
     SearchVerdict,
     SeedRecord,
 )
@@ -28,6 +27,7 @@ from commonrail.report.data.bands import band_sentence, too_few_inside
 from commonrail.report.data.view import Merit, view_of
 from commonrail.report.fit.record import MORE, Advice, by_kind, map_line, meter_lines, of_role
 from commonrail.report.fit.rules import BAD, CARE, GOOD, TITLES, Kind, Point, Step, Tile, judge, worst_level
+from commonrail.runs.study_edits import can_widen
 
 # Result of a calibration in sentences.
 
@@ -79,15 +79,15 @@ def synthetic_notes(synthetic: str, data: Sequence[Record]) -> list[str]:
     synthetic_sets = [d for d in data if d.get("synthetic")]
     texts += [d["synthetic"] for d in synthetic_sets if d["synthetic"] not in texts[0]]
     if synthetic_sets:
-        texts.append(f"Synthetic data: {listed([d['name'] for d in synthetic_sets])}.")
+        texts.append(f"Synthetic data: {join_words([d['name'] for d in synthetic_sets])}.")
     return [text for text in texts if text]
 
 
 def _task(record: CalibrationRecord) -> str:
     injector = record.injector
     fit = [d["name"] for d in of_role(record.data, "fit")]
-    sets = counted(len(fit), "data set") + (f" ({listed(fit)})" if 0 < len(fit) <= NAMED else "")
-    parameters = counted(len(record.parameters), "parameter")
+    sets = count_noun(len(fit), "data set") + (f" ({join_words(fit)})" if 0 < len(fit) <= NAMED else "")
+    parameters = count_noun(len(record.parameters), "parameter")
     task = f"{parameters} of “{injector.title or injector.name}” ({injector.variant})"
     ending = _ENDINGS[None if record.convergence is None else record.convergence.converged]
     if record.is_interrupted:
@@ -101,7 +101,7 @@ def _objective(record: CalibrationRecord) -> str:
         return "No candidate could be simulated."
     if start is None:
         return f"The objective ended at {significant(best)}; the start values fail to simulate."
-    share = f" ({fixed(100.0 * (best / start - 1.0), 0)} %)".replace("-", "−") if start else ""
+    share = f" ({to_fixed(100.0 * (best / start - 1.0), 0)} %)".replace("-", "−") if start else ""
     if best < start:
         return f"The objective fell from {significant(start)} to {significant(best)}{share}."
     return f"The objective did not fall: {significant(start)} at the start and still at the end."
@@ -120,7 +120,7 @@ def judgement_lines(record: CalibrationRecord) -> list[str]:
         lines.append("There are no bands: no parameter has an interval, so nothing bounds what the model predicts.")
     if influence := record.identifiability:
         lines.append(
-            f"{influence.residuals} residuals determine {fixed(influence.effective_parameters, 1)} effective "
+            f"{influence.residuals} residuals determine {to_fixed(influence.effective_parameters, 1)} effective "
             f"parameters of {len(record.parameters)}; their scatter about the fit is "
             f"{significant(influence.scatter, 3)} {in_print(scatter_unit(record))}."
         )
@@ -153,10 +153,10 @@ def _seed_lines(seeds: Sequence[SeedRecord]) -> list[str]:
     widest = max(spread, key=spread.__getitem__)
     if spread[widest] < 1e-3:
         return [f"{len(done)} seeds end at the same values, within 0.1 % of the bounds."]
-    objectives = listed([significant(seed.objective, 4) for seed in done])
+    objectives = join_words([significant(seed.objective, 4) for seed in done])
     return [
         f"{len(done)} seeds end at objectives of {objectives}; the parameter that differs most between them is "
-        f"{widest}, by {fixed(100.0 * spread[widest], 0)} % of its bounds."
+        f"{widest}, by {to_fixed(100.0 * spread[widest], 0)} % of its bounds."
     ]
 
 
@@ -170,7 +170,7 @@ def _seed_table(seeds: Sequence[SeedRecord]) -> Table:
         ),
     ]
     note = "The first seed is that of the result. The spread is that of the search, not that of the parameters."
-    return tabulated("Other seeds", seeds, columns, note)
+    return table_from_columns("Other seeds", seeds, columns, note)
 
 
 def _left_out_lines(left_out: LeftOutRecord) -> list[str]:
@@ -180,7 +180,7 @@ def _left_out_lines(left_out: LeftOutRecord) -> list[str]:
     if left_out.mean is not None:
         lines.append(f"The mean of the members of each search gives {_metrics(left_out.mean)}.")
     if left_out.failed:
-        lines.append(f"The search without {listed(left_out.failed)} could simulate no candidate.")
+        lines.append(f"The search without {join_words(left_out.failed)} could simulate no candidate.")
     for baseline in left_out.baselines:
         beyond = baseline.extrapolated
         said = f", {beyond} of its {left_out.values} values extrapolated" if beyond else ""
@@ -192,7 +192,7 @@ def _left_out_lines(left_out: LeftOutRecord) -> list[str]:
 def _metrics(figures: Record) -> str:
     limit = significant(figures["limit_quantity"], 3, MM3)
     parts = [
-        f"{fixed(figures[key], decimals, scale)} {unit} rms {words}"
+        f"{to_fixed(figures[key], decimals, scale)} {unit} rms {words}"
         for key, decimals, scale, unit, words in (
             ("rms_large_percent", 2, 1.0, "%", f"above {limit} mm³"),
             ("rms_small", 3, MM3, "mm³", f"up to {limit} mm³"),
@@ -216,12 +216,12 @@ def _left_out_table(records: Sequence[LeftOutRecord]) -> Table:
         ("predicted by", lambda row: row[1]),
         ("searches", lambda row: str(row[0].searches)),
         ("quantities", lambda row: str(row[0].values)),
-        (f"above {limit} mm³, % rms", lambda row: fixed(row[2].get("rms_large_percent"), 2)),
-        (f"up to {limit} mm³, mm³ rms", lambda row: fixed(row[2].get("rms_small"), 3, MM3)),
-        ("dead time, µs rms", lambda row: fixed(row[2].get("dead_time_rms"), 1, MICROSECOND)),
+        (f"above {limit} mm³, % rms", lambda row: to_fixed(row[2].get("rms_large_percent"), 2)),
+        (f"up to {limit} mm³, mm³ rms", lambda row: to_fixed(row[2].get("rms_small"), 3, MM3)),
+        ("dead time, µs rms", lambda row: to_fixed(row[2].get("dead_time_rms"), 1, MICROSECOND)),
     ]
     note = "Every row is predicted by a fit that did not see the rows at its value; outermost values are extrapolated."
-    return tabulated("Predictions of what was held out", rows, columns, note, 3)
+    return table_from_columns("Predictions of what was held out", rows, columns, note, 3)
 
 
 MOST_TILES = 5  # on the first page
@@ -313,7 +313,7 @@ def _limit_tiles(answers: Sequence[Tile]) -> list[Tile]:
 
 
 def _search_tile(record: CalibrationRecord) -> list[Tile]:
-    generations = counted(record.generations[-1].generation, "step") if record.generations else "no step"
+    generations = count_noun(record.generations[-1].generation, "step") if record.generations else "no step"
     if record.is_interrupted:
         return [Tile("search", "stopped", f"after {generations}", BAD)]
     search = record.convergence
@@ -411,7 +411,7 @@ def _plausibility(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
     usable = [(QUANTITY, name) for name, error in errors.items() if error and worst_level([error]) != BAD]
     mild = [w for w in record.warnings if w.code == WEIGHTS or (w.code, w.subject) in usable]
     if odd := [w for w in record.warnings if w not in mild] or mild:
-        more = f" {counted(len(odd) - 1, 'more finding')} at the top of the report." if len(odd) > 1 else ""
+        more = f" {count_noun(len(odd) - 1, 'more finding')} at the top of the report." if len(odd) > 1 else ""
         text = "Check the findings at the top of the report against the test bench, correct the study, calibrate again."
         step = Step(text, advice.calibrate())
         yield Point(Kind.NOTE if odd[0] in mild else Kind.FAULT, f"{odd[0].sentence}{more}", step)
@@ -453,8 +453,9 @@ def _is_lost(data: Record) -> bool:
 def _parameters(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
     parameters = record.parameters
     if bounded := [p.name for p in parameters if p.at_bound]:
-        step = Step("Free what acts like a coefficient at 1, such as the holes: no bound is beyond.", turn=WIDEN)
-        if movable := [p.name for p in parameters if p.at_bound and not _is_at_end(p)]:
+        text = "These bounds are the ends of what is possible or built: check the drawing, and free what acts alike."
+        step = Step(text, turn=WIDEN)
+        if movable := [p.name for p in parameters if p.at_bound and can_widen(p._asdict())]:
             text = f"Widen the bounds of {_some(movable)} if the parts allow it."
             step = Step(text, advice.calibrate(widen=True), WIDEN)
         yield Point(Kind.BOUND, f"At a bound: {_some(bounded)}.", step)
@@ -462,12 +463,6 @@ def _parameters(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
     if loose:
         reason = f"The data do not determine {len(loose)} of {len(parameters)} parameters: {_some(loose)}."
         yield Point(Kind.NOTE, reason, _plan(record, advice))
-
-
-def _is_at_end(parameter: ParameterRecord) -> bool:
-    """True for a coefficient at 1, beyond which no bound is accepted."""
-    quantity = parameter_quantities().get(parameter.name)
-    return quantity is not None and not quantity.domain.admits(parameter.best * (1.0 + 1e-6))
 
 
 def _plan(record: CalibrationRecord, advice: Advice) -> Step:
@@ -485,5 +480,5 @@ def _plan(record: CalibrationRecord, advice: Advice) -> Step:
 def _some(names: list[str]) -> str:
     """Names, the first few of many."""
     if len(names) <= SHOWN + 1:
-        return listed(names)
+        return join_words(names)
     return f"{', '.join(names[:SHOWN])} and {len(names) - SHOWN} more"
