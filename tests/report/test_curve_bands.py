@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from commonrail.data.records import JUDGED
+from commonrail.data.records import JUDGED, MICROSECOND
 from commonrail.report.data.bands import band_sentence
 from commonrail.report.data.curves import CurveView
 from commonrail.report.data.view import Plotted
@@ -41,7 +41,9 @@ def test_figures_shade_the_band_of_a_curve_and_of_its_errors(record: dict[str, A
     data, traces = record["data"][0], rate_traces(record)
     (figure,) = CurveView().figures(data, Plotted(shown_of(record["labels"]), traces))
     assert "Shaded: 90 % band" in figure.caption
-    trace = traces[data["name"]]
+    shown = np.isin(traces[data["name"]]["time_s"] * MICROSECOND, figure.panels[0].series[0].x)
+    assert shown[0]
+    trace = {label: values[shown] for label, values in traces[data["name"]].items()}
     for panel, about in zip(figure.panels, (np.zeros(len(trace["measured"])), trace["measured"]), strict=True):
         (band,) = panel.bands
         assert band.low[0] is None

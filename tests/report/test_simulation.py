@@ -52,7 +52,7 @@ def test_the_anatomy_is_in_the_units_of_its_axes_from_the_cause_to_the_effect() 
     assert found["rate"].series[0].x[0] == pytest.approx(0.5)  # middle of the first microsecond
     assert found["needle"].series[0].y[0] == pytest.approx(200.0)
     assert [s.label for s in found["pressure"].series if s.label] == [
-        "rail",
+        "pressure: rail",
         "accumulation volume",
         "control chamber",
         "SAC",

@@ -21,7 +21,7 @@ from commonrail.report.page import write_report
 from commonrail.runs.folder import new_folder, write_record
 
 SHOWN = 16  # rows of a table or figure; all are in the CSV file
-HEIGHT_OF_A_ROW = 26  # of a figure with bars [px]
+HEIGHT_OF_A_ROW = 18  # of a figure with bars [px]
 MARKS = "Marks: M measured, C ECU, F fitted, E estimate."
 
 
@@ -72,7 +72,7 @@ def _cell(value: Any) -> str:
 
 
 def synthetic_lines(record: Record) -> list[str]:
-    """Sentence on what is assumed, for tables and terminals, if anything is."""
+    """Sentence on synthetic data or assumptions, for tables and terminals; none without them."""
     return [f"SYNTHETIC: {record['synthetic']}"] if record["synthetic"] else []
 
 
@@ -128,4 +128,4 @@ def interval_bars(label: str, look: str, intervals: Iterable[Interval | None], s
 
 def bar_height(rows: int) -> int:
     """Height of a figure with bars [px]."""
-    return 130 + HEIGHT_OF_A_ROW * rows
+    return 100 + HEIGHT_OF_A_ROW * rows

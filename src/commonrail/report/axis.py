@@ -12,11 +12,12 @@ from commonrail.base.arrays import Floats
 
 ROUNDING = 1e-9  # of the largest value; differences of sums of doubles stay below
 PADDING = 0.04  # of the range, on either side
+OTHER_SIDE = 0.2  # of the values on the one side of zero, shown on the other
 
 
 @dataclass(frozen=True)
 class Axis:
-    """Map from values, of which those of a logarithmic axis are positive, to pixels from `start` to `end`."""
+    """Map from values to pixels from `start` to `end`; values of a logarithmic axis are positive."""
 
     low: float
     high: float
@@ -30,7 +31,7 @@ class Axis:
         return self.start + (value - low) / (high - low) * (self.end - self.start)
 
     def places(self, values: Sequence[float | None] | Floats) -> Floats:
-        """Places of values [px]; NaN where there is none, and on a logarithmic axis where one is not positive."""
+        """Places of values [px]; NaN for a missing value, and on a logarithmic axis for one that is not positive."""
         if self.logarithmic:
             values = [self._to_scale(v) if v is not None and v > 0.0 else None for v in values]
         low, high = self._to_scale(self.low), self._to_scale(self.high)
@@ -46,8 +47,13 @@ class Axis:
         return [(value, _text(value, 0.0 if self.logarithmic else step)) for value in values]
 
 
-def span(values: Iterable[float], zero: bool = False, padded: bool = True) -> tuple[float, float]:
-    """Ends of an axis that shows all values, and zero if asked for; `padded` leaves some space on either side."""
+def span(
+    values: Iterable[float], zero: bool = False, padded: bool = True, both_sides: bool = False
+) -> tuple[float, float]:
+    """Ends of an axis that shows all values, and zero if asked for; `padded` leaves some space on either side.
+
+    With `both_sides` zero is no end of the axis, which would cut markers there.
+    """
     numbers = list(values)
     if zero:
         numbers.append(0.0)
@@ -55,6 +61,8 @@ def span(values: Iterable[float], zero: bool = False, padded: bool = True) -> tu
     size = max(abs(low), abs(high))
     if high - low <= ROUNDING * size:  # constant but for rounding
         return (low - 0.05 * size, high + 0.05 * size) if size else (-1.0, 1.0)
+    if both_sides:
+        low, high = min(low, -OTHER_SIDE * high), max(high, -OTHER_SIDE * low)
     room = PADDING * (high - low) if padded else 0.0
     return low - room, high + room
 
@@ -99,31 +107,32 @@ def _text(value: float, step: float) -> str:
     return text.replace("-", "−") if float(text) else "0"
 
 
-# Letters of drawings: widths, what is cut, and names that stand upright where they do not fit beside one another.
+# Letters of drawings: widths, shortened names, and upright names where they do not fit next to one another.
 
 SIZE = 11.5  # of letters [px]
 INK = "#1d2733"
 FONT = "system-ui, -apple-system, 'Segoe UI', 'Liberation Sans', Arial, sans-serif"
 WIDE, NARROW = 760, 352  # widths that figures are drawn for [px]: a page and a sheet of paper, a telephone
-LONGEST = 200.0  # names that stand upright [px]
+LONGEST = 200.0  # upright names [px]
 BETWEEN = 4.0  # names [px]
 
 
 def text_width(text: str) -> float:
-    """Width of a text [px], near enough to set others beside it."""
+    """Width of a text [px], near enough to place others next to it."""
     return sum(0.3 if c in "iljt.,:;'|!() " else 0.85 if c in "mwMW%@" else 0.58 for c in text) * SIZE
 
 
 def shorten(text: str, width: float) -> str:
-    """Text that fits a width [px], with an ellipsis where it is cut."""
+    """Text that fits a width [px], with an ellipsis for its middle: long names often differ at their ends."""
     if text_width(text) <= width + 1.0:
         return text
-    while len(text) > 1 and text_width(text + "…") > width:
-        text = text[:-1]
-    return text + "…"
+    letters = len(text) - 1
+    while letters > 2 and text_width(text[: letters - letters // 2] + "…" + text[-(letters // 2) :]) > width:
+        letters -= 1
+    return text[: letters - letters // 2] + "…" + text[-(letters // 2) :]
 
 
 def upright(names: Sequence[str], width: float) -> float:
-    """Room for names that stand upright below columns of a width, as they do not fit there [px]; 0 where they do."""
+    """Room for upright names below columns of a width [px]; 0 where the names fit as they are."""
     longest = max(map(text_width, names), default=0.0)
     return min(longest, LONGEST) if longest > width - BETWEEN else 0.0

@@ -1,4 +1,4 @@
-"""Figures as SVG within HTML: drawn here once and for all, so that a page shows them without any library."""
+"""Figures as SVG within HTML, drawn once: a page shows them without any library."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from commonrail.report.heat_map import heat_map_svg
 TENTHS = 10  # coordinates are whole tenths of a pixel
 PASSES = 5  # each may move a line by a tenth of a pixel
 
-# Told apart in grey by dash and width, and by the colour-blind (Okabe and Ito's palette).
+# Distinct in grey by dash and width, and for the colour-blind (Okabe and Ito's palette).
 LOOKS: dict[str, tuple[str, float, str]] = {  # colour, width [px], dash
     "measured": ("#6b7785", 3.0, "solid"),
     "rigid": ("#b07d00", 1.4, "dot"),
@@ -32,7 +32,7 @@ LOOKS: dict[str, tuple[str, float, str]] = {  # colour, width [px], dash
     "moved": ("#00795c", 2.4, "solid"),  # simulated in the page
     "held": ("#6b7785", 1.4, "dash"),
 }
-# Colours on a dark page; those of the cells of heat maps stay.
+# Colours on a dark page; cells of heat maps keep theirs.
 _DARK = {
     "#fff": "#12181f",
     INK: "#e4e9ee",
@@ -88,7 +88,7 @@ def dark_rules(within: str = "") -> str:
 
 
 def colour_of(look: str, family: int | None, ordered: int = 0) -> str:
-    """Colour of a series, a band or boxes; that of an `ordered` number of families is a step of the ramp."""
+    """Colour of a series, a band or boxes; of an `ordered` number of families a step of the ramp."""
     if family is None:
         return LOOKS[look][0]
     if ordered:
@@ -97,7 +97,7 @@ def colour_of(look: str, family: int | None, ordered: int = 0) -> str:
 
 
 def _key(look: str, family: int | None) -> str:
-    """Attribute that an entry of a legend and what it stands for have in common."""
+    """Attribute that an entry of a legend shares with its curves."""
     return f'data-key="{look if family is None else family}"'
 
 
@@ -260,7 +260,7 @@ BELOW = 40.0  # the last panel: ticks and title [px]
 RIGHT = 14.0  # of the panels [px]
 TITLE = 30.0  # of the vertical axis, with the spaces about it [px]
 LARGEST_NAME = 0.45  # of a row, of the width of the figure
-SAMPLE = 26.0  # length of a legend's line, with the space behind it [px]
+SAMPLE = 26.0  # length of a legend's line, with the space after it [px]
 APART = 14.0  # entries of a legend [px]
 
 
@@ -295,13 +295,13 @@ def figure_html(figure: Chart, key: str, height: int = 0) -> Markup:
     return Markup('<div class="drawing{}" id="{}">{}</div>').format(kind, key, pictures)
 
 
-def small_html(figure: Chart, key: str) -> Markup:
-    """Element that shows a figure among others beside it, with the identifier `key`."""
-    return Markup('<div class="drawing" id="{}">{}</div>').format(key, svg(figure, NARROW))
+def small_html(figure: Chart, key: str, height: int = 0) -> Markup:
+    """Element that shows a figure in a row of others, with the identifier `key`; `height` as for `svg` [px]."""
+    return Markup('<div class="drawing" id="{}">{}</div>').format(key, svg(figure, NARROW, height))
 
 
 def small_drawings(figures: Iterable[Chart], name: str) -> list[tuple[Chart, Markup]]:
-    """Charts that stand beside one another, with their elements, whose identifiers are the name and a number."""
+    """Charts in a row, with their elements, whose identifiers are the name and a number."""
     return [(figure, small_html(figure, f"{name}-{i}")) for i, figure in enumerate(figures, start=1)]
 
 
@@ -352,14 +352,14 @@ def _left_margin(figure: Figure, ys: Sequence[Axis], width: int) -> float:
 
 
 def _upright_room(panel: Panel, width: float) -> float:
-    """Room for upright names of categories [px], in a panel of a width; 0 where they fit beside one another."""
+    """Room for upright names of categories [px], in a panel of a width; 0 where they fit in a row."""
     return upright(panel.categories, width / len(panel.categories)) if panel.categories else 0.0
 
 
 def _panes(figure: Figure, height: int, top: float) -> tuple[tuple[float, float], ...]:
     """Top and height of each panel [px], from the top of the first; they share the height as they ask for it.
 
-    `height` is that of the figure without upright names of categories [px].
+    `height` is the figure's without upright names of categories [px].
     """
     available = height - top - BELOW - BETWEEN * (len(figure.panels) - 1)
     total = sum(panel.share for panel in figure.panels)
@@ -373,7 +373,7 @@ def _panes(figure: Figure, height: int, top: float) -> tuple[tuple[float, float]
 def _y_ticks(panel: Panel, y: Axis, width: float) -> list[tuple[float, str]]:
     """Values and texts of the vertical axis: numbers in full, names of rows cut where they would fill the figure.
 
-    The axis is from the bottom to the top of the panel, `width` that of the figure [px].
+    The axis is from the bottom to the top of the panel, `width` the figure's [px].
     """
     if panel.rows:
         return [(float(i), shorten(name, LARGEST_NAME * width)) for i, name in enumerate(panel.rows)]
@@ -381,17 +381,19 @@ def _y_ticks(panel: Panel, y: Axis, width: float) -> list[tuple[float, str]]:
 
 
 def _horizontals(panels: Sequence[Panel]) -> list[Axis]:
-    """Axis of each panel: that of all panels, or its own categories."""
+    """Axis of each panel: shared by all panels, or its own categories."""
     values = [v for panel in panels for v in _x_values(panel)]
     # markers, and upright lines such as limits, would lie on the frame
     marks = any("markers" in series.mode or len(set(series.x)) == 1 for panel in panels for series in panel.series)
-    shared = Axis(*span(values, padded=marks or any(panel.rows for panel in panels)), 0.0, 1.0)
+    low, high = span(values, padded=marks or any(panel.rows for panel in panels))
+    ends = [v for panel in panels for bars in panel.bars for v in chain(bars.start, bars.end) if v is not None]
+    shared = Axis(0.0 if not marks and min(ends, default=1.0) == 0.0 else low, high, 0.0, 1.0)  # bars begin on the axis
     return [Axis(-0.6, len(p.categories) - 0.4, 0.0, 1.0) if p.categories else shared for p in panels]
 
 
 def _x_values(panel: Panel) -> list[float]:
-    groups = [panel.series, panel.bands]
-    values = [v for group in groups for item in group for v in item.x]  # type: ignore[attr-defined]
+    curves: list[Series | Band] = [*panel.series, *panel.bands]
+    values = [v for curve in curves for v in curve.x]
     values += [v for bars in panel.bars for v in chain(bars.start, bars.end, bars.low, bars.high)]
     return [v for v in values if v is not None]
 
@@ -401,10 +403,12 @@ def _vertical(panel: Panel) -> Axis:
         return Axis(len(panel.rows) - 0.4, -0.6, 0.0, 1.0)
     scaling = [series for series in panel.series if series.look == panel.scaled_by] or panel.series
     values = [v for series in scaling for v in series.y if v is not None]
-    values += [v for band in panel.bands for v in chain(band.low, band.high) if v is not None]
+    if not panel.scaled_by:
+        values += [v for band in panel.bands for v in chain(band.low, band.high) if v is not None]
     values += [v for boxes in panel.boxes for box in boxes.boxes for v in box]
     if not panel.logarithmic:
-        return Axis(*span(values, zero=panel.zero_line), 0.0, 1.0)
+        marks = any("markers" in series.mode for series in panel.series)
+        return Axis(*span(values, zero=panel.zero_line, both_sides=panel.zero_line and marks), 0.0, 1.0)
     positive = [v for v in values if v > 0.0] or [1.0, 10.0]
     low, high = min(positive), max(positive)
     return Axis(low / 1.15, max(high * 1.15, 2.0 * low), 0.0, 1.0, True)
@@ -450,7 +454,7 @@ def _x_ticks(panel: Panel, x: Axis, width: float) -> list[tuple[float, str]]:
 
 
 def _x_texts(panel: Panel, places: Sequence[tuple[float, str]], height: float, width: float) -> list[str]:
-    """Texts at places [px] below a panel of a size [px], upright where they do not fit beside one another."""
+    """Texts at places [px] below a panel of a size [px], upright where they do not fit in a row."""
     if not _upright_room(panel, width):
         return [_text(text, place, height + 15.0, "middle") for place, text in places]
     return [

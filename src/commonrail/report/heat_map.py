@@ -11,7 +11,7 @@ from commonrail.base.chart import HeatMap
 from commonrail.base.text import significant
 from commonrail.report.axis import FONT, INK, LONGEST, SIZE, WIDE, shorten, text_width, upright
 
-# Light enough throughout for dark numbers; they differ in lightness, so that they are told apart in grey too.
+# Light enough throughout for dark numbers; they differ in lightness, so they differ in grey too.
 SEQUENTIAL = ("#f7fbff", "#a6cde4", "#5b9fcd")
 DIVERGING = ("#5b9fcd", "#ffffff", "#e0907a")
 NUMBERS = 9.5  # size of the numbers in the cells [px]
@@ -19,7 +19,7 @@ NARROWEST, BROADEST = 31.0, 84.0  # columns: narrower ones show no numbers [px]
 LOWEST = 84.0  # map, whatever its rows: its vertical title is not cut [px]
 SCALE, TALL = 58.0, 21.0  # room of the scale of colours with its numbers; height of a row [px]
 TOP, BELOW, RIGHT = 12.0, 40.0, 12.0
-SMALLEST = 4.4  # numbers in the narrow columns of a telephone, which draws twice to three times as fine [px]
+SMALLEST = 7.0  # numbers in the cells on a telephone; smaller ones are shown by a tap [px]
 
 
 class _Frame(NamedTuple):
@@ -79,7 +79,7 @@ def _place(frame: _Frame, i: int, j: int) -> tuple[float, float, float, float]:
 
 
 def _upright(names: Sequence[str], width: float) -> float:
-    """Room for words that stand upright below columns of a width [px]; numbers never do."""
+    """Room for upright words below columns of a width [px]; numbers are never upright."""
     return 0.0 if _are_numbers(names) else upright(names, width)
 
 
@@ -171,7 +171,7 @@ def _colour(figure: HeatMap, value: float) -> str:
 
 
 def _scale(figure: HeatMap, frame: _Frame) -> str:
-    """Colours from the lowest value to the highest, with their numbers, beside the map or below a narrow one."""
+    """Colours from the lowest value to the highest, with their numbers, next to the map or below a narrow one."""
     (low, high), steps = _ends(figure), 24
     texts = [significant(value, 3).replace("-", "−") for value in (low, 0.5 * (low + high), high)]
     colours = [_colour(figure, low + (k + 0.5) / steps * (high - low)) for k in range(steps)]

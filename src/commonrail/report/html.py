@@ -15,7 +15,7 @@ from commonrail.base.table import Table
 from commonrail.base.text import MISSING
 from commonrail.report.figure import dark_rules
 
-# Letters of a table beside one another: on a telephone 390 px wide, and times the size [pt] on A4 between its margins.
+# Letters of a table in a row: on a telephone 390 px wide, and times the size [pt] on A4 between its margins.
 TELEPHONE, PAPER = 50.0, 930.0
 KEPT = 18  # letters of a cell that stay on one line
 NEVER_BROKEN = 14  # letters below which the whole cell does, as macros.html has it
@@ -105,6 +105,6 @@ def _unbroken_words(text: str, is_number: bool) -> list[str]:
 def render(template: str, package: str = CORE, **values: Any) -> str:
     """Page from a template in the folder ``templates`` of a package, such as ``__package__`` of a plug-in.
 
-    What it extends or includes may be in that of `CORE`; `values` are what stands in it.
+    Templates that it extends or includes may be in the folder of `CORE`; `values` fill it.
     """
     return _environment(package).get_template(template).render(**{"dated": "", "record": {}, **values})

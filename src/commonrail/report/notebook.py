@@ -179,7 +179,7 @@ class Picture:
         return f"<Picture: {self.title}, {count_noun(len(self.figures), 'figure')}>"
 
     def _repr_html_(self) -> str:
-        """Figures, drawn, and HTML that stands behind them."""
+        """Figures, drawn, and the HTML after them."""
         return "".join([*map(_figure_html, self.figures), self.beside])
 
     def save(self, path: str | Path) -> Path:
@@ -194,7 +194,7 @@ class Picture:
 
 
 def line_of(result: Any) -> str:
-    """One line on a result, which never fails: it is what a debugger shows."""
+    """One line on a result, which never fails: a debugger shows it."""
     name = type(result).__name__
     try:
         words = next(iter(presenter_of(result).lines(result)))
@@ -211,7 +211,7 @@ def html_of(result: Any) -> str:
 
 
 def charts_of(result: Any, point: OperatingPoint | None = None) -> list[Chart]:
-    """Figures of a result as plain numbers; errors are those of `picture_of`."""
+    """Figures of a result as plain numbers; errors as of `picture_of`."""
     if isinstance(result, Solution):
         point = instance(point, OperatingPoint | None, "point") or result.point
         return [registry.require("simulations", "figure").call(result, point)]
@@ -225,7 +225,7 @@ def charts_of(result: Any, point: OperatingPoint | None = None) -> list[Chart]:
 
 
 def draw_of(result: Any, ax: Any = None, figure: int = 0, point: OperatingPoint | None = None) -> Any:
-    """Axes with one figure of a result, drawn by matplotlib; errors are those of `Shown.plot`."""
+    """Axes with one figure of a result, drawn by matplotlib; errors as of `Shown.plot`."""
     charts = charts_of(result, point)
     number = integer(figure, "figure", 0)
     if number >= len(charts):
@@ -238,9 +238,9 @@ def draw_of(result: Any, ax: Any = None, figure: int = 0, point: OperatingPoint 
 
 
 def picture_of(result: Any, point: OperatingPoint | None = None) -> Picture:
-    """Figures of a result; of a simulation, at its own point unless another is given, beside a section of the injector.
+    """Figures of a result; of a simulation, at its own point unless another is given, with a section of the injector.
 
-    ConfigurationError if there are none, or another result has a point.
+    ConfigurationError without figures, or if a result that is not a simulation gets a point.
     """
     figures, beside = charts_of(result, point), ""
     if isinstance(result, Solution):
@@ -251,7 +251,7 @@ def picture_of(result: Any, point: OperatingPoint | None = None) -> Picture:
 
 
 def frame_of(result: Any) -> Any:
-    """Values of a result as a pandas.DataFrame: a row for each place on its axes, the unit behind each name.
+    """Values of a result as a pandas.DataFrame: a row for each place on its axes, the unit after each name.
 
     A result that makes rows of its own has those, in SI units. ConfigurationError if pandas is missing, or there are no
     values.

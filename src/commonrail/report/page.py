@@ -18,7 +18,7 @@ from commonrail.base.output import write_text
 from commonrail.base.text import significant
 from commonrail.calibration.record import CalibrationRecord, read_as
 from commonrail.data.records import Record, Traces
-from commonrail.report.figure import drawings, figure_html, small_drawings
+from commonrail.report.figure import drawings, figure_html, small_drawings, small_html
 from commonrail.report.fit.certainty import certainty_lines, likelihood_tables
 from commonrail.report.fit.diagnostics import (
     autocorrelation_figure,
@@ -44,15 +44,16 @@ from commonrail.report.result_kind import ResultKind, kind_of
 from commonrail.runs.folder import RESULT, Results, final_text, read_results
 from commonrail.runs.journal import JOURNAL, best_course, held_run
 
-BENCH = "bench.html"  # page with sliders, which a report links where it lies beside
+BENCH = "bench.html"  # page with sliders, linked by a report next to it
 MAIN_HEIGHT = 420  # of the chart on the first screen [px]
 FOREST = 9  # parameters on the first screen
 OPEN, LONG = 2, 12  # tables of errors that are not folded, and their rows at most
-FEW = 10  # columns of a heat map that stands beside others
+SQUARE = 360  # height of the chart whose axes are alike [px]
+FEW = 10  # columns of a heat map that is shown next to others
 
 
 def write_report(folder: str | Path, live: bool = True) -> Path:
-    """Write ``report.html`` from what a run folder holds.
+    """Write ``report.html`` from the contents of a run folder.
 
     Parameters
     ----------
@@ -71,7 +72,7 @@ def write_report(folder: str | Path, live: bool = True) -> Path:
     InputError
         If it is not a run folder or was left by another version.
     ConfigurationError
-        If it is no path.
+        If it is not a path.
     OutputError
         If the report cannot be written.
     """
@@ -155,7 +156,7 @@ def report_html(
 ) -> str:
     """Page of a calibration from its record and its curves by data set.
 
-    `run` is the folder's name for the command lines in the page; with `bench` a page with sliders lies beside, to be
+    `run` is the folder's name for the command lines in the page; with `bench` a page with sliders next to it is
     linked. `course` are the best candidates after each generation (generations, d), `draws` those of a posterior by
     parameter, both in SI. `live` is HTML that the page ends with, which lets its main chart simulate. `openings` are
     titles and sentences that the page begins with.
@@ -163,7 +164,8 @@ def report_html(
     fit = read_as(CalibrationRecord, record)
     data, parameters, certainty = fit.data, fit.parameters, fit.certainty
     figures, heats = figures_of(data, fit.labels, traces), error_maps(data)
-    checks = filter(None, [parity_figure(data), autocorrelation_figure(data, traces)])
+    parity, autocorrelation = parity_figure(data), autocorrelation_figure(data, traces)
+    checks = [(parity, small_html(parity, "parity", SQUARE))] if parity else []
     numbered = enumerate(tables_of(data, fit.labels))
     tables = [(table, i < OPEN and len(table.rows) <= LONG) for i, table in numbered]
     rows = parameter_rows(by_effect(parameters), certainty)
@@ -171,7 +173,7 @@ def report_html(
         "report.html",
         kind="Calibration",
         record=record,
-        dated=fit.clock.ended[:16].replace("T", " ") + " UTC",
+        dated=fit.clock.ended[:10],
         verdict=verdict(fit, run),
         tiles=tiles(fit),
         main=[(figure, figure_html(figure, "figure-0", MAIN_HEIGHT)) for figure in figures[:1]],
@@ -186,7 +188,7 @@ def report_html(
         tables=[table for table, is_open in tables if is_open],
         folded=[table for table, is_open in tables if not is_open],
         titles=dict.fromkeys(table.title.partition(":")[0] for table, is_open in tables if not is_open),
-        figures=small_drawings([*figures[1:], *checks], "figure"),
+        figures=[*checks, *small_drawings(filter(None, [autocorrelation, *figures[1:]]), "figure")],
         heats=drawings([h for h in heats if len(h.x) > FEW], name="error"),
         small_heats=small_drawings([h for h in heats if len(h.x) <= FEW], "error-small"),
         parameters=rows,

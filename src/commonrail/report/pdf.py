@@ -26,7 +26,7 @@ LONGEST = 120.0  # [s]
 
 
 def browser() -> str:
-    """Command of the first browser found; InputError if there is none."""
+    """Command of the first browser found; InputError without one."""
     command = next((path for name in BROWSERS if (path := shutil.which(name))), None)
     if command is None:
         raise InputError(
@@ -37,7 +37,7 @@ def browser() -> str:
 
 
 def print_pdf(page: Path) -> Path:
-    """Print a page to a PDF beside it, whose path is returned.
+    """Print a page to a PDF next to it, whose path is returned.
 
     InputError if no browser is found; OutputError if it fails.
     """

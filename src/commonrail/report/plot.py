@@ -1,8 +1,7 @@
-"""Figures by matplotlib: the same charts as those of the pages, drawn into axes."""
+"""Figures by matplotlib: the charts of the pages, drawn into axes."""
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -23,7 +22,7 @@ POINTS = 0.75  # of a pixel of the pages
 
 
 def draw(chart: Chart, ax: Axes | Sequence[Axes] | None = None) -> Any:
-    """Draw a chart into axes, by default into those of a new figure; returns one `Axes`, or an array of them.
+    """Draw a chart into axes, by default of a new figure; returns one `Axes`, or an array of them.
 
     A figure of several panels has axes for each; of fewer axes that are given, each gets the next panel from the top.
 
@@ -81,10 +80,7 @@ def draw_panel(axes: Axes, panel: Panel, scale: float = POINTS) -> None:
     if panel.rows:
         axes.set_yticks(range(len(panel.rows)), panel.rows)
         axes.set_ylim(len(panel.rows) - 0.5, -0.5)
-    edges = [
-        *(series.y for series in panel.series if series.look == panel.scaled_by),
-        *itertools.chain.from_iterable((band.low, band.high) for band in panel.bands),
-    ]
+    edges = [series.y for series in panel.series if series.look == panel.scaled_by]
     values = np.concatenate([_numbers(edge) for edge in edges] or [np.array([])])
     if panel.scaled_by and np.isfinite(values).any():
         low, high = np.nanmin(values), np.nanmax(values)

@@ -27,7 +27,7 @@ class Array(NamedTuple):
     values : array
         One dimension for each axis.
     unit : str
-        Empty for what has none.
+        Empty without a unit.
     """
 
     axes: tuple[str, ...]
@@ -49,7 +49,7 @@ class Presenter(NamedTuple):
     Attributes
     ----------
     lines : function
-        Sentences; the first is the line that stands for the result.
+        Sentences; the first is the line that represents the result.
     tables, figures : function
     arrays : function, optional
         Values for pandas and xarray.
@@ -67,7 +67,7 @@ class Presenter(NamedTuple):
         tables: Callable[[Any], Sequence[Table]],
         figures: Callable[[Any], Sequence[Chart]],
     ) -> Presenter:
-        """Presenter of results from whose `record` its functions make what is shown."""
+        """Presenter whose functions take the `record` of a result."""
         return cls(lambda r: lines(r.record()), lambda r: tables(r.record()), lambda r: figures(r.record()))
 
 

@@ -1,4 +1,4 @@
-"""Kinds of result that a folder may hold: each has one record, a JSON file by whose name the folder tells its kind."""
+"""Kinds of result that a folder may hold: each has one record, a JSON file whose name identifies the kind."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ResultKind(NamedTuple):
     keys : tuple of str
         Keys that the record must have.
     extra : function of Path
-        Makes the files of the folder that the page shows beside itself, those that are missing; returns an empty text,
+        Makes missing files of the folder that accompany the page; returns an empty text,
         or a sentence on what it needs.
     still : function of (record, Path), optional
         The same page without what simulates in it; None where nothing does.
@@ -62,7 +62,7 @@ class ResultKind(NamedTuple):
 
     @contextmanager
     def refusing_broken(self, folder: Path) -> Iterator[None]:
-        """Turn what a broken record of a folder leads to into an `InputError`."""
+        """Turn errors caused by a broken record of a folder into an `InputError`."""
         try:
             yield
         except _BROKEN as error:
@@ -73,7 +73,7 @@ class ResultKind(NamedTuple):
 
 
 def kind_of(folder: Path) -> ResultKind:
-    """Kind of a folder; that of a calibration where no record is found."""
+    """Kind of a folder; a calibration if no record is found."""
     shipped = registry.find_shipped("results")
     entry = _first(shipped, folder) or _first(registry.find_installed("results"), folder) or shipped[RESULT]
     kind: ResultKind = entry.load()

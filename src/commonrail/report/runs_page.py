@@ -13,7 +13,7 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
-from commonrail.base.chart import BOTH, MARKERS, Figure, Panel, Series, points
+from commonrail.base.chart import MARKERS, Figure, Panel, Series, points
 from commonrail.base.errors import CommonrailError
 from commonrail.base.table import Table, table_from_columns
 from commonrail.base.text import MISSING, duration, join_words, quantity_range, significant
@@ -42,7 +42,7 @@ class _Read(NamedTuple):
 def runs_html(folder: Path, runs: Sequence[Run], path: Path) -> str:
     """Page of runs below a folder, to be written at a path, from which their reports are linked.
 
-    Charts and differences are those of the first `MOST` finished calibrations.
+    Charts and differences show the first `MOST` finished calibrations.
     """
     tried = {run.folder: _read(run) for run in runs}
     read = {folder: result for folder, result in tried.items() if isinstance(result, _Read)}
@@ -66,15 +66,16 @@ def runs_html(folder: Path, runs: Sequence[Run], path: Path) -> str:
 
 
 def _draw(shown: Sequence[_Read]) -> list[Any]:
-    return list(drawings([f for f in (_coordinates(shown), *_overlays(shown)) if f is not None], 360))
+    coordinates = filter(None, [_coordinates(shown)])
+    return [*drawings(coordinates, name="parameters"), *drawings(_overlays(shown), 360)]
 
 
 def _read(run: Run) -> _Read | str:
-    """Record and curves of a finished calibration; why it is none, or cannot be read, in a sentence."""
+    """Record and curves of a finished calibration; a sentence with the reason if it cannot be read."""
     try:
         record, traces = read_run(run.folder)
         result = _Read(run, read_as(CalibrationRecord, record), traces)
-        _row(run, result, run.folder)  # what the page shows of it, tried alone: a fault in it loses no other run
+        _row(run, result, run.folder)  # its part of the page, tried alone: a fault in it loses no other run
         _draw([result, result])
         _differences([result])
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):  # a record that was changed
@@ -139,15 +140,11 @@ def _coordinates(read: Sequence[_Read]) -> Figure | None:
         places = {p.name: 100.0 * p.position for p in result.record.parameters}
         if not places.keys() & set(names):
             continue
-        x = tuple(float(n) for n in range(len(names)))
-        series.append(Series(_name(result), "solid", x, tuple(places.get(name) for name in names), BOTH, i))
-    panel = Panel("place between the bounds, %", tuple(series), categories=tuple(short_names(names).values()))
-    return Figure(
-        "Parameters of the runs",
-        "Each run is a line, each parameter that several runs have an axis.",
-        "parameter",
-        (panel,),
-    )
+        rows = tuple(float(n) for n in range(len(names)))
+        series.append(Series(_name(result), "solid", tuple(places.get(name) for name in names), rows, MARKERS, i))
+    panel = Panel("", tuple(series), rows=tuple(short_names(names).values()))
+    caption = "A row for each parameter that several runs have, a marker for each run."
+    return Figure("Parameters of the runs", caption, "place between the bounds, %", (panel,))
 
 
 def _overlays(read: Sequence[_Read]) -> Iterator[Figure]:

@@ -71,7 +71,7 @@ def simulation_figure(
     Raises
     ------
     ConfigurationError
-        If an argument is of another kind, there is no solution, or what meters show does not belong to a single one.
+        If an argument is of another kind, there is no solution, or rates by meters do not belong to a single one.
     """
     plain_text(title, "title")
     if isinstance(solutions, Solution):

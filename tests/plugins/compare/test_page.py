@@ -48,7 +48,7 @@ def test_the_first_screen_has_the_error_of_each_model_on_each_kind_of_data() -> 
         d["J_relative"][STIFF] = share
     tiles = {tile.head: tile.figure for tile in comparison_tiles(record)}
     assert len(tiles) == 3
-    assert tiles[f"error of {STIFF}"] == "1.0 · 2.0 · 12.3 %"
+    assert tiles[f"error of {STIFF}"] == "12.3 %"
     maps = compared_maps()
     maps["data"] = maps["data"][:1]
     maps["data"][0]["figures"][OLD]["rms_large_percent"] = 4.56

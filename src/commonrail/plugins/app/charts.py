@@ -1,11 +1,11 @@
-"""Charts of the pages: options of ECharts, which NiceGUI ships, from what the preview answers."""
+"""Charts of the pages: options of ECharts, which NiceGUI ships, from the answers of the preview."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-# Colours that differ in lightness too, on white and on black; those of the reports.
+# Colours that differ in lightness too, on white and on black; the same as in reports.
 MEASURED, START, BEST = "#8a94a0", "#0072b2", "#d55e00"
 SCALE = ("#56b4e9", "#0072b2", "#009e73", "#e69f00", "#d55e00", "#cc79a7", "#8c6bb1", "#7f7f7f", "#b8860b", "#20808d")
 

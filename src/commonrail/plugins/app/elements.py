@@ -122,12 +122,12 @@ def header(title: str, links: dict[str, str]) -> None:
 
 
 def frame(path: str, words: str) -> None:
-    """A report within the page; its scripts run apart from it."""
+    """A report within the page; its scripts run in a frame of their own."""
     ui.element("iframe").props(f'src="/file/{path}" title="{words}" sandbox="allow-scripts"').classes("report")
 
 
 def chart(options: dict[str, Any]) -> ui.echart:
-    """Chart that says in words what it shows."""
+    """Chart with its content in words."""
     element = ui.echart(options, renderer="svg").classes("chart")
     return element.props(f'role="img" aria-label="{options["aria"]["label"]["description"]}"')
 

@@ -30,7 +30,7 @@ class TooLargeError(Exception):
 
 
 class Guard:
-    """Gate around an ASGI application, for requests and websockets alike.
+    """Gate around an ASGI application, for requests and websockets.
 
     Parameters
     ----------

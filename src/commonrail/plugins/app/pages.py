@@ -137,7 +137,7 @@ class Home:
         self.project.save()
 
     def file(self, name: str, entry: dict[str, Any]) -> None:
-        """One file: what it is taken for, and what can be stated about it."""
+        """One file: how it was read, and the fields to complete."""
         facts, taken = entry.get("facts") or {}, str((entry.get("facts") or {}).get("taken for", ""))
         is_map = "quantity" in taken or not taken
 
@@ -183,7 +183,7 @@ class Home:
     # Injector
 
     async def injector(self) -> None:
-        """Type, dimensions beside the section, and the data beside the model before any fit."""
+        """Type, dimensions next to the section, and data and model before any fit."""
         heading("Describe the injector")
         if not self.project.types:
             types = (await self.project.run("catalogue", "injectors", "--json", logged=False))["injectors"]
@@ -278,7 +278,7 @@ class Home:
         await self.turn("Injector")
 
     async def before(self) -> None:
-        """Measured beside simulated values before any fit, with sliders of delay and time zeros."""
+        """Measured and simulated values before any fit, with sliders of delay and time zeros."""
         heading("Before any fit")
         answer = await self._ask_study()
         soft("Set the delay of the meter and the time zeros so that the curves begin together.")

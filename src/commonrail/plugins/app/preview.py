@@ -22,7 +22,7 @@ from commonrail.base.input import read_plain
 
 MOST_SAMPLES = 400  # of a curve that is drawn
 LONGEST_LINE = 20_000_000  # of an answer [bytes]
-# Dimensions beside the section, by the words in it.
+# Dimensions next to the section, by the words in it.
 GROUPS = {
     "solenoid": "solenoid.turns solenoid.resistance solenoid.residual_gap drive.peak_current drive.hold_current",
     "armature and valve": "valve.lift valve.mass valve.spring_preload valve.seat_diameter",
@@ -85,7 +85,7 @@ class Preview:
 
 
 def _thin_out(values: Any, count: int = MOST_SAMPLES) -> list[float | None]:
-    """Means of neighbours, so that a curve has at most `count` values; None where there is none."""
+    """Means of neighbours that reduce a curve to at most `count` values; None for a missing one."""
     values = np.asarray(values, dtype=float)
     width = -(-len(values) // count)
     parts = [values[i : i + width].mean() for i in range(0, len(values), width)]
@@ -212,7 +212,7 @@ class Worker:
         return {"runs": [{k: v if v == v and v != float("inf") else None for k, v in run.items()} for run in rows]}
 
     def run(self, place: str) -> dict[str, Any]:
-        """Course of a run, its best values so far beside its start values, and its process."""
+        """Course of a run, its best values so far and its start values, and its process."""
         folder = Path(place)
         course: list[float] = []
         best = process = None

@@ -51,7 +51,7 @@ class Project:
     window : function, optional
         Name of the window whose action is under way.
     state : dict
-        Choices that no other file holds: injector, pressures of the bench, and those of each data file.
+        Choices that no other file holds: injector, pressures of the bench and of each data file.
     version, author : int, str
         Grows with each change, and the window that made it, so that the pages of all others follow.
     preview : Preview
@@ -201,9 +201,9 @@ class Project:
         return f"{stem}-{max(numbers)}"
 
     async def new_study(self) -> None:
-        """Write a study of the files by `commonrail new`, and what was stated for each file into it.
+        """Write a study of the files by `commonrail new`, and the statements on each file into it.
 
-        `InputError` if there is no file or no injector, or the command fails.
+        `InputError` without a file or an injector, or if the command fails.
         """
         used = {name: entry for name, entry in self.state["files"].items() if entry["role"] != "unused"}
         if not used or not self.state["injector"]:
@@ -262,7 +262,7 @@ class Project:
         self.save()
 
     def undo(self) -> bool:
-        """Take back the latest change of the study; False if there is none."""
+        """Take back the latest change of the study; False without a change."""
         steps = sorted((self.study.parent / ".history").glob("*.toml")) if self.study else []
         if not steps or self.study is None:
             return False
@@ -345,7 +345,7 @@ class Project:
         return next((line.strip() for line in reversed(re.split(r"[\r\n]", text)) if line.strip()), "")
 
     def latest(self) -> str:
-        """Name of the run that was started or continued last, or of the latest; empty if there is none."""
+        """Name of the run that was started or continued last, or of the latest; empty without a run."""
         logs = sorted(self.folder.glob("runs/run-*.log"), key=lambda p: p.stat().st_mtime)
         return logs[-1].stem if logs else next((run.name for run in self.runs), "")
 
@@ -359,7 +359,7 @@ class Project:
 
 
 def _state_block(document: Any, block: Any, entry: dict[str, Any]) -> None:
-    """Write what was stated for a file into its block of a study."""
+    """Write the statements on a file into its block of a study."""
     block["role"] = entry["role"]
     for key in ("rail_pressure", "energising_time", "time_zero", "cylinder_pressure", "return_pressure"):
         if entry.get(key) and (block["kind"] == "rate" or not key.startswith(("rail", "energ", "time"))):

@@ -35,9 +35,9 @@ MOST_TESTS = 60
 
 
 def read_rows(text: str) -> list[dict[str, str]]:
-    """Rows of a pasted or dropped sheet; its separator is found, and its headings are those of a test plan.
+    """Rows of a pasted or dropped sheet; its separator is detected, and its headings are those of a test plan.
 
-    `InputError` if a column is missing, or a unit differs from that of the page.
+    `InputError` if a column is missing, or a unit differs from the page's.
     """
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     if not lines:

@@ -27,6 +27,9 @@ SERVO = tuple(OperatingPoint(p, 700e-6, 5e6) for p in (40e6, 80e6, 120e6, 160e6)
 DIRECT = tuple(OperatingPoint(p, 1e-3, 0.1e6, 0.1e6) for p in (10e6, 20e6, 30e6))
 
 
+OVERVIEW = ("holes", "diameter, mm", "quantity, mm³", "values measured")  # heads of the overview
+
+
 @dataclass(frozen=True)
 class Exhibit:
     """One injector of the gallery.
@@ -75,6 +78,7 @@ def gallery_html(exhibits: Sequence[Exhibit], version: str) -> str:
                 "heading": "Synthetic, not measured" if e.injector.synthetic else "Assumed, not measured",
                 "commands": _commands(e),
                 "origin": _origin(e.injector),
+                "overview": _overview(e),
                 "figure": figure,
                 "drawing": figure_html(figure, f"curves-{e.name}"),
                 "figures": _figures(e),
@@ -83,6 +87,7 @@ def gallery_html(exhibits: Sequence[Exhibit], version: str) -> str:
             for e in exhibits
             for figure in [_curves(e)]
         ],
+        overview=OVERVIEW,
         version=version,
     )
 
@@ -136,6 +141,19 @@ def _figures(e: Exhibit) -> Table:
             ("outcome", lambda row: row[1].sentence),
         ),
         note="Quantities by volume at the density at cylinder pressure.",
+    )
+
+
+def _overview(e: Exhibit) -> tuple[str, ...]:
+    """Cells of the injector's row in the overview."""
+    values, counts = e.injector.values, Counter(source.mark for source in e.injector.sources.values())
+    last, solution = e.points[-1], list(e.solutions.values())[-1]
+    place = f"{quantity(last.initial_pressures()[0], 'Pa', 3)}, {quantity(last.pulses[0].duration, 's', 3)}"
+    return (
+        to_fixed(values["nozzle.holes"], 0),
+        to_fixed(values["nozzle.hole_diameter"], 3, 1e3),
+        f"{to_fixed(solution.injected_volume, 1, MM3)} at {place}",
+        f"{counts['M']} of {sum(counts.values())}",
     )
 
 

@@ -96,7 +96,7 @@ def comparison_html(record: Record, traces: Traces, folder: str = "DIR") -> str:
 def comparison_tiles(record: Record) -> list[Tile]:
     """Error of each model on each kind of data."""
     return [
-        Tile(f"error of {label}", *view.merit(kind_data, label))
+        Tile(f"error of {label}", *view.merit(kind_data, label)[:2])
         for view, kind_data in by_kind(record["data"])
         for label in record["labels"]
     ]

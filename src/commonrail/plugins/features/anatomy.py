@@ -126,6 +126,8 @@ def anatomy_figure(
             ]
         if series:
             is_keyed = len(series) > 1
+            if is_keyed and title != RATE:  # the legend is above all panels
+                series[0] = replace(series[0], label=f"{title.partition(',')[0]}: {series[0].label}")
             values = [v for line in series for v in line.y if v is not None] or [0.0]
             ends = (min(values), max(values))
             times = sorted({t for t in instants if t <= end})

@@ -21,9 +21,10 @@ from commonrail.report.fit.rules import BAD, CARE, GOOD, Tile
 from commonrail.report.html import render
 from commonrail.report.result_kind import ResultKind
 
-SHOWN = 100  # failures on the page
-ERRORS = 3  # data sets with their error on the first screen
-# Keys of a spread, and their names in tables.
+SHOWN = 100  # failures that the page lists
+LEADING = ("Outliers", "Worst fits")  # tables on the first screen
+ERRORS = 3  # data sets whose error is on the first screen
+# Keys of a spread, and what a table calls them.
 _QUARTILES = {
     "minimum": "least",
     "q1": "lower quartile",
@@ -52,7 +53,8 @@ def write_fleet_report(folder: Path, record: Record, command: str) -> Path:
 def fleet_html(record: Record, command: str) -> str:
     """Return the page of a fleet."""
     heat = correlation_map(record, _names(record))
-    figures = list(drawings(fleet_figures(record), 330))
+    tables = fleet_tables(record)
+    leading = [table for title in LEADING for table in tables if table.title == title]
     return render(
         "fleet.html",
         package=__package__,
@@ -61,10 +63,10 @@ def fleet_html(record: Record, command: str) -> str:
         synthetic=[record["synthetic"]] if record["synthetic"] else [],
         lines=fleet_lines(record),
         warnings=fleet_warnings(record),
-        tables=fleet_tables(record),
+        tables=[table for table in tables if table not in leading],
         tiles=_tiles(record),
-        first=figures[0] if figures else None,
-        figures=figures[1:],
+        leading=leading,
+        figures=drawings(fleet_figures(record), 330),
         heat=heat and (heat, figure_html(heat, "correlations")),
         classes=small_drawings(histograms(record, _names(record)), "class"),
         each=injector_values(record),
@@ -97,9 +99,11 @@ def fleet_lines(record: Record) -> list[str]:
 def _tiles(record: Record) -> list[Tile]:
     counts = record["counts"]
     total, failed = counts["injectors"], counts["failed"]
+    outliers = record.get("population", {}).get("outliers", [])
     return [
         *(_error_tile(d) for d in record["data"][:ERRORS] if d["best"]),
         Tile("calibrated", f"{counts['finished']:,} of {total:,}", f"{failed:,} failed", BAD if failed else GOOD),
+        Tile("outliers", f"{len(outliers):,}", "values far from those of the fleet", CARE if outliers else GOOD),
         Tile("warnings", f"{len(record['warnings']):,}", "kinds, below", CARE if record["warnings"] else GOOD),
     ]
 

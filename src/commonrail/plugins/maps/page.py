@@ -47,7 +47,7 @@ def map_html(maps: Mapping[str, InjectionMap], compared: Comparison | None = Non
         map_lines(maps, compared),
         curves,
         map_tables(maps, compared),
-        facts=[("Conditions", note) for note in describe_conditions(first)],
+        facts=[("Conditions", "; ".join(describe_conditions(first)))],
         tiles=_tiles(first, compared),
         heats=heats,
         model=next(iter(maps)),
@@ -68,11 +68,12 @@ def page(
     kind: str = "Sweep",
     model: str = "",
 ) -> str:
-    """Report of maps or of a sweep, with its first curve at the top.
+    """Page of maps or of a sweep; its first map is at the top, or its first curve where it has no map.
 
     A click on a cell of a map names the command that simulates `model` there.
     """
-    drawn = list(drawings(curves, 380))
+    drawn_maps, drawn_curves = list(drawings(heats, name="map")), list(drawings(curves, 380))
+    first = next(iter([*drawn_maps, *drawn_curves]), None)
     return render(
         "map.html",
         package=__package__,
@@ -80,10 +81,10 @@ def page(
         kind=kind,
         synthetic=[injector.synthetic for injector in injectors if injector.synthetic],
         lines=lines,
-        heats=drawings(heats, name="map"),
+        heats=drawn_maps[1:],
         tiles=tiles,
-        first=drawn[0] if drawn else None,
-        curves=drawn[1:],
+        first=first,
+        curves=drawn_curves if drawn_maps else drawn_curves[1:],
         model=model,
         tables=tables,
         commands=[],
@@ -119,12 +120,13 @@ def _lines(label: str, m: InjectionMap) -> list[str]:
         CellState.FAILED: "could not be simulated",
     }
     exceptions = [f"{m.count(state)} {words}" for state, words in counts.items() if m.count(state)]
-    if m.inverse_ballistic.any():
-        exceptions.append(
-            f"{int(m.inverse_ballistic.sum())} are ballistic: the needle turns round below its largest lift"
-        )
     if exceptions:
         lines.append(f"Of the cells {join_words(exceptions)}.")
+    if m.inverse_ballistic.any():
+        lines.append(
+            f"{int(m.inverse_ballistic.sum())} of all {count_noun(m.inverse.state.size, 'cell')} are ballistic, "
+            "reached or not: the needle turns round below its largest lift."
+        )
     return [*lines, *_band_sentences(m), _monotonicity(m)]
 
 
@@ -372,7 +374,8 @@ def _curves(m: InjectionMap, compared: Comparison | None, largest: float) -> Fig
         shown = np.flatnonzero(~(line.volume > largest))
         shown = shown[: int(np.argmax(np.diff(shown, append=-1) != 1)) + 1] if np.isfinite(largest) else shown
         x, y = line.time[shown] * MICROSECOND, line.volume[shown] * MM3
-        series.append(Series(pressure(line.rail_pressure), "solid", points(x), points(y), LINES, *step))
+        look = ("solid", "dash")[family % 2]
+        series.append(Series(pressure(line.rail_pressure), look, points(x), points(y), LINES, *step))
         if compared is not None:
             measured = compared.measured
             at = np.isclose(measured.rail_pressure, line.rail_pressure) & (measured.volume <= largest)
@@ -440,7 +443,11 @@ def _tiles(m: InjectionMap, compared: Comparison | None) -> list[Tile]:
     falls = len(m.falls)
     tiles = [
         Tile("cells", f"{reached} of {m.inverse.state.size}", "deliver their quantity"),
-        Tile("ballistic", str(int(m.inverse_ballistic.sum())), "cells, the needle below its largest lift"),
+        Tile(
+            "ballistic",
+            f"{int(m.inverse_ballistic.sum())} of {m.inverse.state.size}",
+            "cells, whether or not they deliver their quantity",
+        ),
         Tile(
             "with longer energising",
             f"falls at {count_noun(falls, 'place')}" if falls else "always grows",
@@ -460,7 +467,15 @@ def _inverse_curves(m: InjectionMap) -> Figure:
         simulated = m.inverse.state[row] != CellState.BEYOND
         x, y = m.axes.quantity[simulated] * MM3, m.inverse.energising_time[row, simulated] * MICROSECOND
         series.append(
-            Series(pressure(m.axes.rail_pressure[row]), "solid", points(x), points(y), BOTH, family, len(rows))
+            Series(
+                pressure(m.axes.rail_pressure[row]),
+                ("solid", "dash")[family % 2],
+                points(x),
+                points(y),
+                BOTH,
+                family,
+                len(rows),
+            )
         )
     return Figure(
         "Energising time over quantity",

@@ -213,7 +213,7 @@ def _tiles(record: Record) -> list[Tile]:
     tiles = [Tile("Drift", count_noun(len(names), "alarm"), words, BAD if names else GOOD if tested else "")]
     if warnings := warning_lines(record):
         tiles[0] = tiles[0]._replace(level=BAD if names else "")
-        tiles.insert(0, Tile("Check", "warning", f"{warnings[0].partition('. ')[0]}", BAD))
+        tiles.insert(0, Tile("Check", "warning", f"{warnings[0].partition('. ')[0]}", CARE))
     if not rows:
         return tiles
     tiles.append(Tile("Quantity", _deviation(rows).partition(" (")[0], "median standard deviation"))

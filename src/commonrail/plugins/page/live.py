@@ -25,7 +25,7 @@ from commonrail.report.figure import LOOKS, colour_of
 from commonrail.report.fit.record import by_kind
 from commonrail.report.html import render
 
-LARGEST = 200_000  # of the numbers of the data [letters]; J of what is beyond is not told
+LARGEST = 200_000  # of the numbers of the data [letters]; J of further data is not shown
 
 
 @lasting(ALL_ENTRIES)

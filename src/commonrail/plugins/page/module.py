@@ -1,4 +1,4 @@
-"""WebAssembly module of a wiring: the compiled physics and a shim in C, made on demand and kept beside the kernels."""
+"""WebAssembly module of a wiring: the compiled physics and a shim in C, made on demand and cached with the kernels."""
 
 from __future__ import annotations
 

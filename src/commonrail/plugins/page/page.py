@@ -54,7 +54,7 @@ RESTING = 3.0 * plan.RESTING  # an end is found after such a rest [s]: it sees n
 SAMPLE = 3e-6  # between the channels that are kept [s]
 KELVIN = 1.0  # between the nodes of the fuel's temperature
 CYLINDERS = 41  # nodes of the density over the cylinder's pressure
-NEGLIGIBLE = 1e-13  # share of the largest value of a response; what is smaller at its ends is left out
+NEGLIGIBLE = 1e-13  # share of the largest value of a response; smaller values at its ends are left out
 RATE_HEIGHT = 330  # of the drawing of the rate [px]
 MAP_PRESSURES, MAP_TIMES, LONGEST = 5, 12, 1.5e-3
 
@@ -255,7 +255,7 @@ def _densities_of(
 ) -> list[float]:
     """Densities [kg/m³] that make volumes of masses, one for each temperature [K] of `nodes`, or one for all.
 
-    `mass_density` is what the data state [kg/m³], or NaN; `pressure` is that in the cylinder [Pa].
+    `mass_density` is stated by the data [kg/m³], or NaN; `pressure` is the cylinder pressure [Pa].
     """
     meter_values = {} if meter is None else meter.values
     if np.isfinite(mass_density):
@@ -268,7 +268,7 @@ def _densities_of(
 
 
 def _course(course: float | Trace | None, point: OperatingPoint, dt: float) -> str | None:
-    """Means over the steps of a trace, up to its end or the point's; behind it the last one holds."""
+    """Means over the steps of a trace, up to its end or the point's; afterwards the last one holds."""
     if not isinstance(course, Trace):
         return None
     end = max(course.time[-1] - point.start, point.duration)
@@ -289,7 +289,7 @@ def _point(point: OperatingPoint) -> dict[str, Any]:
 
 
 def _presets(subject: Subject, point: OperatingPoint, data: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """First state of the page, and others to choose; one without values or point keeps what is there."""
+    """First state of the page, and others to choose; one without values or point keeps the present ones."""
     present = "calibrated" if subject.start else "values of the file"
     at = {"point": data[0]["point"], "data": 0} if data else {"point": _point(point)}
     presets: list[dict[str, Any]] = [{"name": present, "values": {}, **at}]
@@ -304,7 +304,7 @@ def _presets(subject: Subject, point: OperatingPoint, data: Sequence[Mapping[str
 
 
 def _map(subject: Subject, rail: tuple[float, float]) -> dict[str, Any]:
-    """Pressures [Pa] and energising times [s] of the small quantity map: those that were measured, if any were."""
+    """Pressures [Pa] and energising times [s] of the small quantity map: the measured ones, if any."""
     measured = np.unique([p.initial_pressures()[0] for d in subject.maps for p in d.points])
     longest = max([LONGEST, *(p.pulses[0].duration for d in subject.maps for p in d.points)])
     pressures = np.round(np.linspace(rail[0], rail[1], MAP_PRESSURES) / 1e6) * 1e6
@@ -327,7 +327,7 @@ def pack(values: ArrayLike) -> str:
 
 
 def _meter(d: RateData, dt: float) -> dict[str, Any] | None:
-    """Meter of an injection curve for steps of `dt` [s], None where there is none or it shows what it is given."""
+    """Meter of an injection curve for steps of `dt` [s], None without a meter or for a neutral one."""
     if d.meter is None or d.meter.neutral:
         return None
     values = {key: float(value[0]) for key, value in given_values(d.meter, {}, 1).items()}
@@ -423,7 +423,7 @@ def page(
 
 
 def page_of_run(folder: Path) -> str:
-    """Page of a calibration's run folder, beside whose report it lies."""
+    """Page of a calibration's run folder, next to its report."""
     return page_html(read_subject(str(folder)))
 
 
@@ -451,7 +451,7 @@ def _drawn_as(colour: str, width: float, dash: str) -> dict[str, Any]:
 
 
 def _lines() -> dict[str, list[dict[str, Any]]]:
-    """Channels of each drawing with their looks, which are those of `commonrail simulate --report`."""
+    """Channels of each drawing, with the looks of `commonrail simulate --report`."""
     lines: dict[str, list[dict[str, Any]]] = {}
     for key, (_, scale, names) in _PANELS.items():
         for i, (channel, name) in enumerate(names.items()):

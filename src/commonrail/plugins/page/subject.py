@@ -45,7 +45,7 @@ FLOOR = 1e-3  # smallest share of the largest curvature: beyond it a direction i
 class Fan:
     """Members of a fan (members, names) [SI] in the parameters of these dotted names.
 
-    `short` is the text of the legend, `note` a sentence that says what the members are.
+    `short` is the text of the legend, `note` a sentence on the members.
     """
 
     short: str
@@ -130,7 +130,7 @@ def _directions(slopes: Floats, random: np.random.Generator) -> Floats:
     return np.asarray(directions / np.abs(directions).max(axis=1, keepdims=True))
 
 
-# Sliders of a model of which nothing was fitted, those that it has; each may be moved by this share of its value.
+# Sliders of a model without a fit, as far as it has these parameters; each moves by this share of its value.
 USUAL = (
     "valve.spring_preload",
     "valve.lift",
@@ -237,13 +237,13 @@ def _of_run(run: Path, more: tuple[str, ...], threads: int | None, with_fan: boo
 
 
 def _curves(data: tuple[DataSet, ...]) -> tuple[RateData, ...]:
-    """Injection curves, those of the fit first."""
+    """Injection curves, fitted ones first."""
     curves = [d for d in data if isinstance(d, RateData)]
     return tuple(sorted(curves, key=lambda d: d.role is not Role.FIT))
 
 
 def _maps(data: tuple[DataSet, ...]) -> tuple[QuantityData, ...]:
-    """Maps of the injected quantity of single injections at constant pressures, those of the fit first."""
+    """Maps of the injected quantity of single injections at constant pressures, fitted ones first."""
     maps = [d for d in data if isinstance(d, QuantityData) and d.kind == QuantityData.kind]
     return tuple(sorted((d for d in maps if all(map(_is_plain, d.points))), key=lambda d: d.role is not Role.FIT))
 
@@ -270,7 +270,7 @@ def _around(injector: Injector, names: tuple[str, ...]) -> tuple[Slider, ...]:
 
 
 def _with_more(injector: Injector, sliders: tuple[Slider, ...], more: tuple[str, ...]) -> tuple[Slider, ...]:
-    """Sliders and those that were asked for besides, each once."""
+    """Sliders and the additional ones asked for, each once."""
     for name in more:
         if name not in injector.quantities or name == FUEL_TEMPERATURE:
             candidates = [path for path in injector.quantities if path != FUEL_TEMPERATURE]

@@ -1,4 +1,4 @@
-"""The declared truth of the virtual test bench: what is hidden from a fit, in numbers with mark and source."""
+"""The declared truth of the virtual test bench: the numbers hidden from a fit, with mark and source."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ class Truth:
     Attributes
     ----------
     name, title : str
-        Identifier, and a line that says what it is.
+        Identifier, and a line on the effect.
     injector : str
         Name in the catalogue, or path, of the injector that it alters; a fit starts from that one.
     values : mapping of str to float

@@ -79,7 +79,7 @@ MEAN = "mean"
 def reproduction_record(reproduction: Reproduction, quick: bool = False) -> dict[str, Any]:
     """Record of a reproduction.
 
-    SI units, J in mm³/ms summed over the samples; null where there is no number. Arrays "per seed" are in the order
+    SI units, J in mm³/ms summed over the samples; null for a missing number. Arrays "per seed" are in the order
     of "seeds".
     """
     f = Figures(reproduction.repetitions)
@@ -187,7 +187,7 @@ def _rigid_fit(f: Figures) -> list[dict[str, Any]]:
 
 
 def _summarise_search(p: cr.Parameter, values: Floats) -> dict[str, Any]:
-    """Bounds of a parameter and what was found over the seeds."""
+    """Bounds of a parameter and its values over the seeds."""
     return {"lower": p.lower, "upper": p.upper, "values": numbers(values), **_spread(values)}
 
 

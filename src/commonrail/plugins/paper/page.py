@@ -37,7 +37,7 @@ _EDGES = "An edge is where the rate passes 10 % of the experiment's greatest."
 
 
 def table1(record: Record) -> Table:
-    """Table 1: theoretical, the paper's optimal and ours [N/um], and what the data determine."""
+    """Table 1: theoretical, the paper's optimal and ours [N/um], and the verdicts of the data."""
     columns: list[Column] = [
         ("", "symbol"),
         ("theoretical", lambda k: significant(k["theoretical"], 4, PER_MICRON)),
@@ -62,7 +62,7 @@ def table1(record: Record) -> Table:
 
 
 def table3(record: Record) -> Table:
-    """Table 3: least J by (Gmax, Npop), median and quartiles over the seeds, beside the paper's."""
+    """Table 3: least J by (Gmax, Npop), median and quartiles over the seeds, and the paper's."""
     rows = record["table3"]
     names = [*(d["name"] for d in record["data"]), "mean"]
     columns: list[Column] = [("(Gmax, Npop)", _configuration)]
@@ -223,7 +223,7 @@ def _times(value: Any, factor: float) -> float | None:
 
 Traces = Mapping[int, Mapping[str, Mapping[str, Floats]]]
 
-FEWEST = 6  # seeds that can tell a claim from chance
+FEWEST = 6  # seeds that can separate a claim from chance
 NOT_COMPARABLE = (
     "J depends on the data, so it cannot be compared with the paper's; what can be compared is the pattern."
 )
@@ -233,7 +233,7 @@ PLATE_FOLDER, PLATES = "figures", ("fig4", "fig5", "fig6")  # for print, each as
 def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plates: bool = True) -> str:
     """Page of a reproduction from its record and its curves by seed and data set.
 
-    `folder` is its name for the command lines in the page, and `plates` is whether figures for print lie beside it.
+    `folder` is its name for the command lines in the page, and `plates` is whether figures for print are next to it.
     """
     charts = [figures.convergence(record), figures.search_boxes(record), *figures.rates(record, traces)]
     heights = [400, 400, *(360 if i == 0 else 460 for i, _ in enumerate(charts[2:]))]  # [px], of one panel, and of two
@@ -263,7 +263,7 @@ def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plate
 
 
 MODEL_TABLES = (j_table, rigid_table, meter_table, phases_table, edges_table, overfitting_table)
-# Claims by what they are about, in the order of the page; each stands for those whose identifiers begin so.
+# Claims by subject, in the order of the page; each covers the claims whose identifiers begin with it.
 GROUPS = {
     "Models and prediction": ("ordering", "optimised-", "no-overfitting", "theoretical-", "rigid-", "gains-", "window"),
     "Single stiffnesses": ("stiffer", "near-theory", "close-to-theory", "k4", "far-from-theory", "k6", "clearance"),
@@ -273,7 +273,7 @@ ORDERING, FITTED = "ordering-", "ordering-fitted-"
 
 
 def _group_claims(claims: list[Record]) -> list[tuple[str, list[dict[str, str]]]]:
-    """Claims by group, those of none at the end."""
+    """Claims by group, ungrouped ones at the end."""
     groups: dict[str, list[dict[str, str]]] = {group: [] for group in (*GROUPS, "Others")}
     for claim in claims:
         group = next((group for group, names in GROUPS.items() if claim["id"].startswith(names)), "Others")
@@ -301,7 +301,7 @@ def _totals(record: Record, *keys: str) -> list[int]:
 
 
 def meaning(record: Record) -> list[str]:
-    """Sentences on what the study shows: models and prediction, single stiffnesses, and the meter behind k7."""
+    """Sentences on the results of the study: models and prediction, single stiffnesses, the meter's effect on k7."""
     drawn, fitted = _orders(record)
     names = " · ".join(d["name"] for d in record["data"])
     sentences = []
@@ -322,7 +322,7 @@ def meaning(record: Record) -> list[str]:
 
 
 def _behind_k7(record: Record) -> list[str]:
-    """Sentence on k7 without the meter and with the bench's meter in the model, beside the truth."""
+    """Sentence on k7 without the meter and with the bench's meter in the model, and the truth."""
     by_label = {m["label"]: m["stiffness"]["k7"]["median"] for m in record["meter"]}
     truth = next((k["truth"] for k in record["table1"] if k["symbol"] == "k7"), None)
     without, with_known_meter = (number(by_label.get(label)) for label in ("none", "known"))
@@ -422,7 +422,7 @@ def _page(record: Record, folder: Path) -> str:
 
 
 def draw_plates(folder: Path) -> str:
-    """Draw the figures for print of a reproduction's folder, those that are missing.
+    """Draw the missing figures for print of a reproduction's folder.
 
     Returns an empty text, or a sentence with the extra that is to be installed. InputError if the folder is not whole;
     OutputError if they cannot be written.

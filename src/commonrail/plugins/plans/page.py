@@ -104,12 +104,12 @@ def plan_table(data: Record, texts: Texts) -> Table:
         Part(OPERATING_POINT, lambda row: (megapascal(row["rail_pressure"]), _times(row))),
         Part(("band",), lambda row: (row["band"],)),
         Part(
-            [head for text in texts.values() for head in (text, "distance")],
+            [head for text in texts.values() for head in (text, f"distance, {text}")],
             lambda row: (cell for label in texts for cell in _cells(row["found"].get(label, {}))),
         ),
     ]
     if any(row["bench"] for row in data["rows"]):
-        parts.append(Part(("bench", "distance"), lambda row: _cells(row["bench"] or {})))
+        parts.append(Part(("bench", "distance, bench"), lambda row: _cells(row["bench"] or {})))
     return table_from_parts(
         f"Tests of {data['name']}, mm³ per stroke", data["rows"], parts, _NOTE, inputs=OPERATING_POINT
     )
@@ -128,14 +128,20 @@ def plan_figure(data: Record, models: Models) -> Figure:
     )
     shown = tuple(s for s in series if any(x is not None for x in s.x))
     reach = max([1.5, *(abs(x) for s in shown for x in s.x if x is not None)])
+    records = [[*(row["found"].get(k, {}) for k in models), *([row["bench"]] if row["bench"] else [])] for row in rows]
+    names = tuple(
+        f"{test_name(row)}: {' · '.join(to_fixed(r.get('value'), 2, MM3) for r in values)}"
+        for row, values in zip(rows, records, strict=True)
+    )
     # a quantity with an upper limit alone begins at nothing
     start = tuple(-1.0 if r["lower"] is not None else 0.0 if r["nominal"] is None else -reach for r in rows)
     end = tuple(reach if row["upper"] is None else 1.0 for row in rows)
     return Figure(
         f"Tolerance fields of {data['name']}",
-        f"Bars show what passes, zero is the nominal quantity; markers beyond {WIDEST:.0f} half bands are at the edge.",
+        f"Bars are what passes, zero is the nominal quantity; a marker beyond {WIDEST:.0f} half bands is at the edge. "
+        f"Numbers: {join_words([s.label for s in shown])}, mm³.",
         "distance, half bands",  # short, for a telephone
-        (Panel("", shown, bars=(Bars("tolerance field", "level", start, end),), rows=tuple(map(test_name, rows))),),
+        (Panel("", shown, bars=(Bars("tolerance field", "level", start, end),), rows=names),),
     )
 
 

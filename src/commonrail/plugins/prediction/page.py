@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from commonrail.base.chart import LINES, MARKERS, Chart, Figure, Panel, Series, points
+from commonrail.base.chart import BOTH, LINES, MARKERS, Chart, Figure, Panel, Series, points
 from commonrail.base.chart import Band as Area
 from commonrail.base.table import Part, Table, table_from_parts
-from commonrail.base.text import MISSING, count_noun, field_unit, pressure, significant, to_fixed
+from commonrail.base.text import MISSING, count_noun, field_unit, join_words, pressure, significant, to_fixed
 from commonrail.calibration.study import Study
 from commonrail.data.records import Record, origin_word
 from commonrail.plugins.prediction.band import Band
@@ -22,7 +22,9 @@ from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 Floats = NDArray[np.float64]
 
 _MM3 = 1e9
+LEAST = 0.5e-9  # quantity above which the width of its band is drawn as a share [m³]
 TILES = 5  # data sets on the first screen
+SETS = 4  # data sets that a sentence names
 
 
 def coverage_table(record: Record) -> Table:
@@ -109,32 +111,44 @@ def _figure(band: Band, level: float) -> Figure | None:
         axis, mode, name = "energising time, µs", MARKERS, "Markers"
         x = 1e6 * np.array([point.pulses[-1].duration if point.pulses else 0.0 for point in data.points])
         groups = [judged[rails[judged] == rail] for rail in np.unique(rails[judged])]
-    series, bands = [], []
+    series, bands, widths = [], [], []
     for family, group in enumerate(groups):
         rows = group[np.argsort(x[group])]
         if len(np.unique(x[rows])) < len(rows):
             return None
         colour_group, step = points(x[rows]), (family, len(groups)) if mode == MARKERS else ()
         low, high = (points(unit.factor * edge[rows]) for edge in band.edges[level])
-        bands.append(Area("best", colour_group, low, high, *step))
+        if len(groups) == 1 or band.measured:
+            bands.append(Area("best", colour_group, low, high, *step))
+        else:  # bands that overlap cannot be told from one another: lines for their edges, and their widths below
+            series += [Series("", "start", colour_group, edge, LINES, *step) for edge in (low, high)]
+            half_widths = 0.5 * (band.edges[level][1] - band.edges[level][0])[rows]
+            values = band.values[rows]
+            shares = [100.0 * h / v if v > LEAST else None for h, v in zip(half_widths, values, strict=True)]
+            widths.append(Series("", "best", colour_group, tuple(shares), BOTH, *step))
         if band.measured:
             measured = np.asarray(data.measured, float)[rows]
             series.append(Series("", "measured", colour_group, points(unit.factor * measured), mode, *step))
         label = pressure(rails[rows[0]]) if mode == MARKERS else "predicted"
         series.append(Series(label, "best", colour_group, points(unit.factor * band.values[rows]), LINES, *step))
-    caption = f"Lines: predicted; shaded: {to_fixed(level, 0, 100.0)} % band of measured values."
+    look = "dotted" if widths else "shaded"
+    caption = f"Lines: predicted; {look}: {to_fixed(level, 0, 100.0)} % band of measured values."
+    if widths:
+        caption += " Below, half the width of the band over the prediction."
     if band.measured:
         caption += f" {name}: {origin_word({'synthetic': data.synthetic})}."
     panel = Panel(f"{data.kind.replace('quantities', 'quantity')}, {unit.text}", tuple(series), bands=tuple(bands))
-    return Figure(data.name, caption, axis, (panel,))
+    more = (Panel("half width, %", tuple(widths), 0.5, logarithmic=True),) if widths else ()
+    return Figure(data.name, caption, axis, (panel, *more))
 
 
 def _lines(prediction: Prediction) -> list[str]:
     """Number of predicted values and measured ones inside, and the estimator."""
     levels = " and ".join(to_fixed(level, 0, 100.0) for level in prediction.levels)
-    sets = [f"{count_noun(len(band.values), 'value')} of {band.data.name}" for band in prediction.bands[:4]]
-    more = ", …" if len(prediction.bands) > 4 else ""
-    return [f"{', '.join(sets)}{more} with bands of {levels} %", f"Bands: {prediction.estimator}."]
+    sets = [f"{count_noun(len(band.values), 'value')} of {band.data.name}" for band in prediction.bands]
+    if len(sets) > SETS:
+        sets = [*sets[:SETS], f"{len(sets) - SETS} further data sets"]
+    return [f"{join_words(sets)} with bands of {levels} %.", f"Bands: {prediction.estimator}."]
 
 
 def _tables(prediction: Prediction) -> list[Table]:

@@ -76,7 +76,7 @@ def _tiles(result: Sensitivity) -> list[Tile]:
             words = f"{significant(best.magnitude.value, 3, scale)} {unit} mean size of its effect"
         else:
             continue
-        tiles.append(Tile(_heading(output, output.output.name.replace("_", " ")), best.name, words))
+        tiles.append(Tile(_heading(output), best.name, words))
     return tiles
 
 
@@ -94,10 +94,9 @@ def sensitivity_figures(result: Sensitivity) -> list[Figure]:
     ]
 
 
-def _heading(sensitivity: OutputSensitivity, name: str = "") -> str:
+def _heading(sensitivity: OutputSensitivity) -> str:
     output = sensitivity.output
-    text = name or output.meaning
-    text = f"{text[:1].upper()}{text[1:]}"
+    text = output.name.replace("_", " ").capitalize()
     return f"{text}, {output.point.replace(' us', ' µs')}" if output.point else text
 
 
@@ -134,7 +133,8 @@ def _interval(interval: Interval, scale: float) -> str:
 
 
 def _output_lines(result: Sensitivity, output: OutputSensitivity) -> list[str]:
-    lines, unit = [], output.output.unit
+    meaning, unit = output.output.meaning, output.output.unit
+    lines = [f"{meaning[:1].upper()}{meaning[1:]}."]
     if output.base is not None:
         lines.append(f"At the reference values: {quantity(output.base, unit)}.")
     if output.variance is not None:

@@ -181,8 +181,8 @@ def _histogram(point: PointResult) -> Figure:
             label = "as drawn" if name == "drawn" else "limits" if name == "lower" or spread.lower is None else ""
             series.append(Series(label, look, (MM3 * at,) * 2, (0.0, top)))
     ends = [v for s in series for v in s.x if v is not None]
-    aside = 0.03 * (max(ends) - min(ends))  # keeps limits off the frame
-    series.append(Series("", "level", (min(ends) - aside, max(ends) + aside), (0.0, 0.0)))
+    aside = 0.03 * (max(ends) - min(ends))  # so that no limit lies on the frame
+    series.append(Series("", "level", (min(ends) - aside, max(ends) + aside), (None, None)))
     return Figure(
         "Quantity of the parts", "", "injected quantity, mm³", (Panel("share of the parts, %", tuple(series)),)
     )

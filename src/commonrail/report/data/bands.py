@@ -65,7 +65,7 @@ Measure = Callable[[float, float], float]  # of a value and the measured quantit
 
 
 def band_note(data: Record) -> str:
-    """Sentence on what the bands are."""
+    """Sentence that explains the bands."""
     return f"{band_name(data)} by {data['band']['estimator']}; {INSIDE} measured value inside, {OUTSIDE} outside."
 
 

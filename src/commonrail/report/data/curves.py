@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Band, Figure, Panel, Points, Series, points
 from commonrail.base.table import BEST_LEGEND, OPERATING_POINT, Part, Table, table_from_parts
-from commonrail.base.text import megapascal, number, percent, pressure, several, to_fixed, to_signed
+from commonrail.base.text import megapascal, number, percent, pressure, to_fixed, to_signed
 from commonrail.data.records import (
     JUDGED,
     MEASURED,
@@ -24,8 +25,19 @@ from commonrail.data.records import (
     relative_error,
 )
 from commonrail.report.data.bands import band_caption
-from commonrail.report.data.view import FitError, Merit, Plotted, View, by_label, column, errors_by_label, start_words
+from commonrail.report.data.view import (
+    FitError,
+    Merit,
+    Plotted,
+    View,
+    by_label,
+    column,
+    errors_by_label,
+    start_words,
+    worst_of,
+)
 
+FLOWING = 0.1  # share of the largest rate above which fuel flows, whatever the noise [E]
 RATE, ERROR = "rate, mm³/ms", "error, mm³/ms"
 _J_TITLE = "Error J of the injection curves, mm³/ms"
 
@@ -43,11 +55,10 @@ class CurveView(View):
 
     def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
         """Σ |error| over Σ |rate|."""
-        best, start = (
-            several([d["J_relative"].get(key) for d in data], lambda value: to_fixed(value, 1, 100.0))
-            for key in (label, "start")
-        )
-        return Merit(f"{best} %", f"of the rate, {_set_names(data)}{start_words(start, '%')}")
+        shares = [number(d["J_relative"].get(label)) for d in data]
+        worst, of, others = worst_of(data, shares, lambda share: f"{to_fixed(share, 1, 100.0)} %")
+        best, start = (to_fixed(number(worst["J_relative"].get(key)), 1, 100.0) for key in (label, "start"))
+        return Merit(f"{best} %", f"of the rate, {of}{start_words(start, '%')}", others)
 
     def fit_error(self, data: Record) -> FitError | None:
         """Σ |error| over Σ |rate|, less the share of the samples' noise in squares, as independent errors add."""
@@ -56,8 +67,9 @@ class CurveView(View):
 
     def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
         """Error of the injected volume."""
-        errors = [relative_error(number(q), measured) for d in data for measured, q in self.quantities(d)]
-        return Merit(f"{several(errors, lambda error: to_signed(error, 1))} %", f"injected volume, {_set_names(data)}")
+        errors = [_volume_error(d, JUDGED) for d in data]
+        worst, of, others = worst_of(data, errors, lambda error: f"{to_signed(error, 1)} %")
+        return Merit(f"{to_signed(_volume_error(worst, JUDGED), 1)} %", f"injected volume, {of}", others)
 
     def quantities(self, data: Record) -> list[tuple[float, float | None]]:
         """Measured and calibrated volume within the samples [m³]."""
@@ -95,7 +107,9 @@ class CurveView(View):
 
     def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """Injection curve, data and simulation [mm³/ms], and the errors below, against time [us]."""
-        trace = plotted.traces[data["name"]]
+        samples = plotted.traces[data["name"]]
+        window = _injection_window(samples)
+        trace = {label: values[window] for label, values in samples.items()}
         time = points(trace["time_s"] * MICROSECOND)
         measured = trace[MEASURED]
         curves = [Series(origin_word(data), MEASURED, time, points(measured * MM3_PER_MS))]
@@ -108,10 +122,10 @@ class CurveView(View):
             errors.append(Series("", model.look, time, error, family=model.family))
         seen = f" Simulated as the meter “{data['meter']}” shows it." if data.get("meter") else ""
         others = len(errors) > 1 and JUDGED in trace
-        cut = " Errors of other models are cut at the range of the calibrated one and its band." if others else ""
+        cut = " Errors of other models are cut at the range of the calibrated one." if others else ""
         caption = f"Rate of injection; below, simulated − {origin_word(data)}.{cut}{seen} {band_caption(data)}".rstrip()
         about = (np.zeros(len(measured)), measured)
-        bands = [(_band(data, time, middle),) if "band" in data else () for middle in about]
+        bands = [(_band(data, window, time, middle),) if "band" in data else () for middle in about]
         panels = (
             Panel(RATE, tuple(curves), 0.66, bands=bands[0]),
             Panel(ERROR, tuple(errors), 0.34, zero_line=True, bands=bands[1], scaled_by=JUDGED),
@@ -126,19 +140,28 @@ class CurveView(View):
 CURVES = CurveView()
 
 
-def _set_names(data: Sequence[Record]) -> str:
-    """Names of a few curves, the number of many."""
-    return " · ".join(d["name"] for d in data) if len(data) < 4 else f"{len(data)} curves"
+def _injection_window(trace: Mapping[str, Floats]) -> slice:
+    """Samples of the injection with a quarter of its length to both sides; before and after it no fuel flows."""
+    rates = np.array([trace[label] for label in (MEASURED, JUDGED) if label in trace])
+    sizes = np.abs(np.nan_to_num(rates)).max(axis=0)
+    flowing = np.flatnonzero(sizes > FLOWING * sizes.max())
+    if not len(flowing):
+        return slice(None)
+    room = (flowing[-1] - flowing[0]) // 4 + 1
+    return slice(max(flowing[0] - room, 0), flowing[-1] + room + 1)
 
 
 def _title(data: Record, words: str) -> str:
-    """Title of a curve's figure: words, and what the curve's name does not say of its operating point.
+    """Title of a curve's figure: words, and the operating point as far as the curve's name does not say it.
 
     `words`: name of the curve, with its role or without.
     """
-    place = pressure(data["rail_pressure"]), f"{data['energising_time'] * MICROSECOND:.0f} µs"
-    name = data["name"].replace(" us", " µs")
-    return ", ".join([words, *(quantity for quantity in place if quantity not in name)])
+    name, place = data["name"], []
+    if not re.search(r"\d\s*(MPa|bar)", name):
+        place.append(pressure(data["rail_pressure"]))
+    if not re.search(r"\d\s*(us|µs|ms)", name):
+        place.append(f"{data['energising_time'] * MICROSECOND:.0f} µs")
+    return ", ".join([words, *place])
 
 
 _SETS = Part(("data set", "role"), lambda d: (d["name"], d["role"]))
@@ -189,7 +212,9 @@ def _volume_table(data: Sequence[Record], texts: Texts) -> Table:
     return table_from_parts("Injected volume, mm³", data, parts, "", 2)
 
 
-def _band(data: Record, time: Points, about: Floats) -> Band:
-    """Area of a data set's band [mm³/ms], less a course [m³/s] that it is shown about."""
-    low, high = (np.array([np.nan if v is None else v for v in data["band"][key]]) for key in ("lower", "upper"))
+def _band(data: Record, window: slice, time: Points, about: Floats) -> Band:
+    """Area of a data set's band [mm³/ms] in a window of its samples, less a course [m³/s] that it is shown about."""
+    low, high = (
+        np.array([np.nan if v is None else v for v in data["band"][key][window]]) for key in ("lower", "upper")
+    )
     return Band(JUDGED, time, points((low - about) * MM3_PER_MS), points((high - about) * MM3_PER_MS))

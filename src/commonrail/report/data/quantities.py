@@ -25,7 +25,6 @@ from commonrail.base.text import (
     megapascal,
     number,
     pressure,
-    several,
     significant,
     to_fixed,
     to_signed,
@@ -44,13 +43,14 @@ from commonrail.report.data.view import (
     present,
     scale_values,
     start_words,
+    worst_of,
 )
 
 ENERGISING = "energising time, µs"
 WIDE = 3  # models of which a row of a map holds quantities and errors; of more only errors
 USUAL_LIMIT = 3e-9  # [m³] where a record says none
 
-_STEPS = ((0.05, 0.1), (0.10, 0.3))  # relative, and [mm³] for what is near zero
+_STEPS = ((0.05, 0.1), (0.10, 0.3))  # relative, and [mm³] near zero
 _LEGEND = "{small} within 5 % or 0.1 mm³, {medium} within 10 % or 0.3 mm³, {large} beyond.".format(**SIGNS)
 
 # Keys of a record's figures, and their text.
@@ -67,7 +67,7 @@ Measure = Callable[[float, float], float]  # of an error and the measured quanti
 class MapView(View):
     """Tables, figures and sentences of maps of a quantity per stroke.
 
-    `of`: word before "quantity" and "quantities", with a space behind it; none for the injected one. `caption`: the
+    `of`: word and space before "quantity" and "quantities"; empty for the injected one. `caption`: the
     quantity, as a figure's caption begins.
     """
 
@@ -96,7 +96,7 @@ class MapView(View):
         return None if percent is None else FitError(percent / 100.0, tolerance=data.get("relative_tolerance", 0.0))
 
     def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
-        """Root mean square error of the small quantities, which percentages do not tell."""
+        """Root mean square error of the small quantities, for which percentages say little."""
         return _rms(self, data, "rms_small") if _rms(self, data, "rms_large_percent") else None
 
     def quantities(self, data: Record) -> list[tuple[float, float | None]]:
@@ -139,12 +139,17 @@ QUANTITIES, RETURNS = MapView(), MapView("return ", "Return quantity")
 def _rms(view: MapView, data: Sequence[Record], key: str, model: str = JUDGED) -> Merit | None:
     """Figure of merit from the root mean squares of some maps; None if none has it."""
     unit, scale, decimals, side = ("%", 1.0, 1, "above") if key == "rms_large_percent" else ("mm³", MM3, 2, "up to")
-    best, start = (
-        several([d["figures"].get(label, {}).get(key) for d in data], lambda value: to_fixed(value, decimals, scale))
-        for label in (model, "start")
+    errors = {d["name"]: number(d["figures"].get(model, {}).get(key)) for d in data}
+    judged = [d for d in data if errors[d["name"]] is not None]
+    if not judged:
+        return None
+    worst, of, others = worst_of(
+        judged, [errors[d["name"]] for d in judged], lambda error: f"{to_fixed(error, decimals, scale)} {unit}"
     )
+    start = to_fixed(worst["figures"].get("start", {}).get(key), decimals, scale)
     words = f"rms of the {view.of}quantities {side} {limit_text(data)} mm³{start_words(start, unit)}"
-    return None if best == MISSING else Merit(f"{best} {unit}", words)
+    place = f", {of}" if others else ""
+    return Merit(f"{to_fixed(errors[worst['name']], decimals, scale)} {unit}", f"{words}{place}", others)
 
 
 def _figures_table(view: MapView, data: Sequence[Record], texts: Texts) -> Table:
@@ -293,7 +298,7 @@ def _title(view: MapView) -> str:
 
 
 def error_size(error: float | None, measured: float) -> str:
-    """Size of an error of a quantity [mm³]: relative, or absolute for what is near zero."""
+    """Size of an error of a quantity [mm³]: relative, or absolute near zero."""
     return judge_size(error, [max(rel * abs(measured), ab) for rel, ab in _STEPS])
 
 

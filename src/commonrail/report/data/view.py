@@ -33,14 +33,18 @@ class Plotted(NamedTuple):
 
 
 class Merit(NamedTuple):
-    """Figure of merit on the first page of a report: the figure with its unit, and of what it is."""
+    """Figure of merit on the first page of a report: the figure with its unit, its words, and the figures of others.
+
+    Of several data sets the figure is the worst; `others` has it of each.
+    """
 
     figure: str
     words: str
+    others: str = ""
 
 
 class FitError(NamedTuple):
-    """Error of a calibrated model on data: a share of what was measured, or `in_tolerances`; a study's tolerance."""
+    """Error of a calibrated model on data: a share of the measured values, or `in_tolerances`; a study's tolerance."""
 
     size: float
     in_tolerances: bool = False
@@ -64,7 +68,7 @@ class View(ABC):
 
     @abstractmethod
     def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
-        """Error of a model on data sets, beside that of the start values if there are any."""
+        """Error of a model on data sets, and of the start values if there are any."""
 
     def fit_error(self, data: Record) -> FitError | None:
         """Error of the calibrated model on a data set, by default in tolerances; None without a figure."""
@@ -85,7 +89,7 @@ class View(ABC):
 
     @abstractmethod
     def tables(self, data: Sequence[Record], texts: Texts) -> list[Table]:
-        """Tables of a calibration; errors and shares are those of the label "best", whatever its text."""
+        """Tables of a calibration; errors and shares refer to the label "best", whatever its text."""
 
     @abstractmethod
     def compared_tables(self, data: Sequence[Record], labels: Sequence[str]) -> list[Table]:
@@ -103,7 +107,7 @@ class View(ABC):
 def view_of(kind: str) -> View:
     """View of a kind of data, a part of the group "views".
 
-    Raises `InputError` if there is none, and `PluginError` if that of an installed package is no `View`.
+    Raises `InputError` if it is missing, and `PluginError` if an installed package registers something else.
     """
     if (entry := registry.find("views", kind)) is None:
         raise InputError(f'There is no view of the data "{kind}"; install or update the package that has it.')
@@ -136,13 +140,25 @@ def errors_by_label(
 # Words and series of reports on records.
 
 
+def worst_of(
+    data: Sequence[Record], errors: Sequence[float | None], text: Callable[[float | None], str]
+) -> tuple[Record, str, str]:
+    """Data set with the largest error, or without one; words that name it; the errors of all, if there are several."""
+    sizes = [float("inf") if error is None else abs(error) for error in errors]
+    worst = data[sizes.index(max(sizes))]
+    if len(data) == 1:
+        return worst, str(worst["name"]), ""
+    others = "; ".join(f"{d['name']} {text(error)}" for d, error in zip(data, errors, strict=True))
+    return worst, f"worst of {len(data)}: {worst['name']}", others
+
+
 def start_words(start: str, unit: str) -> str:
-    """Words behind a figure of merit that tell that of the start values; none where it is missing."""
+    """Words after a figure of merit that give the figure of the start values; empty where it is missing."""
     return "" if start == MISSING else f" (start {start} {unit})"
 
 
 def scale_values(rows: Sequence[Record], key: str, scale: float) -> Points:
-    """Values of the rows for a series; None where there is no number.
+    """Values of the rows for a series; None for a missing number.
 
     `scale`: factor on the values.
     """

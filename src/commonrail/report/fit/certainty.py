@@ -11,7 +11,7 @@ from commonrail.base.text import MISSING, count_noun, in_print, quantity, quanti
 from commonrail.calibration.record import CertainParameter, CertaintyRecord, NoiseRecord, ParameterRecord
 
 DIGITS = 5
-MOST_PERCENT = 1000.0  # of a value, above which half an interval or a move is no figure any more
+MOST_PERCENT = 1000.0  # of a value, above which half an interval or a move is not given as a number
 OPEN = "not bounded by the data"  # interval
 
 
@@ -91,7 +91,7 @@ def interval_digits(p: CertainParameter) -> int:
 
 
 def certainty_lines(certainty: CertaintyRecord | None) -> list[str]:
-    """Sentences on the search, the tests for lack of fit, what the bench may be off by, and cures."""
+    """Sentences on the search, the tests for lack of fit, the errors of the bench, and cures."""
     if certainty is None:
         return []
     lines = []

@@ -23,7 +23,7 @@ ROWS = 12  # combinations in the matrix, the best known first
 DRAWS = 300  # points of a pair plot
 PAIRED = 4  # parameters of the pair plots: six pairs
 FALL = 8.0  # of 2 ln L, up to which profiles are drawn: twice the 95 % limit
-COURSES = 8  # parameters whose course is drawn
+COURSES = 7  # parameters whose course is drawn, each in a colour of its own
 
 
 def names_of(parameters: Sequence[ParameterRecord]) -> dict[str, str]:
@@ -32,7 +32,7 @@ def names_of(parameters: Sequence[ParameterRecord]) -> dict[str, str]:
 
 
 def parity_figure(data: Sequence[Record]) -> Figure | None:
-    """Calibrated quantities over those of the data, of all data sets, with lines at ± 5 %; None of fewer than three."""
+    """Calibrated over measured quantities of all data sets, with lines at ± 5 %; None of fewer than three."""
     sets = [(d, view.quantities(d)) for view, records in by_kind(data) for d in records]
     series: list[Series] = []
     ends: list[float] = []
@@ -145,7 +145,7 @@ def _pair(
 
 
 def by_effect(parameters: Sequence[ParameterRecord]) -> list[ParameterRecord]:
-    """Parameters, those that move the fitted data most first."""
+    """Parameters, largest effect on the fitted data first."""
     return sorted(parameters, key=lambda p: p.effect or 0.0, reverse=True)
 
 

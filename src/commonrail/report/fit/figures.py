@@ -18,7 +18,7 @@ from commonrail.report.fit.record import by_kind, shown_of
 
 
 def figures_of(data: Sequence[Record], texts: Texts, traces: Traces) -> list[Figure]:
-    """Figures of the data of a calibration; `texts` are those of its labels."""
+    """Figures of the data of a calibration; `texts` are the texts of its labels."""
     plotted = Plotted(shown_of(texts), traces)
     return [f for view, records in by_kind(data) for d in records for f in view.figures(d, plotted)]
 

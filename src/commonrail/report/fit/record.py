@@ -45,7 +45,7 @@ DASHES = ("solid", "dash", "dot", "dashdot")
 def shown_of(texts: Texts, compared: bool = False) -> dict[str, Shown]:
     """Looks of models: the fixed ones of a calibration, or a colour, marker and dash for each of a comparison.
 
-    `texts`: those of the labels, in order.
+    `texts`: texts of the labels, in order.
     """
     if set(texts) <= set(LABELS) and not compared:
         return {label: Shown(text, label) for label, text in texts.items()}
@@ -53,7 +53,7 @@ def shown_of(texts: Texts, compared: bool = False) -> dict[str, Shown]:
 
 
 def short_names(names: Sequence[str]) -> dict[str, str]:
-    """Names without their component, where that tells them apart, by full name."""
+    """Names without their component where they stay distinct, by full name."""
     last = Counter(name.rpartition(".")[2] for name in names)
     return {name: short if last[short := name.rpartition(".")[2]] == 1 else name for name in names}
 
@@ -69,7 +69,7 @@ def of_role(data: Sequence[Record], role: str) -> list[Record]:
     return [d for d in data if d["role"] == role]
 
 
-# Command lines that repeat a calibration or use what it found.
+# Command lines that repeat a calibration or use its result.
 
 MORE = "--generations 50"  # option of `resume` where more of a search is advised
 
@@ -82,7 +82,7 @@ class Advice(NamedTuple):
 
     @classmethod
     def of(cls, run: str, file: str = STUDY) -> Advice:
-        """Advice on the run in a folder; its study, whose copy there has the name `file`, is that of `study_of_run`."""
+        """Advice on the run in a folder, with the study of `study_of_run`; `file` is the name of its copy there."""
         return cls(run, final_text(study_of_run(run, file), Path(run)))
 
     def calibrate(self, *, widen: bool = False, free: str = "") -> str:

@@ -14,7 +14,7 @@ TITLES = {
     CARE: "Usable for predictions, not for values",
     BAD: "Not usable",
 }
-SHARES = (0.03, 0.10)  # largest error of a good and of a usable fit, as a share of what was measured
+SHARES = (0.03, 0.10)  # largest error of a good and of a usable fit, as a share of the measured values
 TOLERANCES = (1.0, 3.0)  # the same of data that are judged in their tolerances
 
 
@@ -55,7 +55,7 @@ class Point(NamedTuple):
 
 
 def judge(points: Iterable[Point]) -> tuple[str, list[Point]]:
-    """Level of a calibration, that of its worst point, and the points against it, the most important first."""
+    """Level of a calibration, which is its worst point's, and the points against it, most important first."""
     against = [point for point in points if point.level != GOOD]
     against.sort(key=lambda p: (p.level != BAD, p.kind, p.probability, -(p.error.size if p.error else 0.0)))
     return (against[0].level if against else GOOD), against
@@ -73,12 +73,16 @@ def worst_level(errors: Iterable[FitError]) -> str:
 
 
 class Tile(NamedTuple):
-    """Figure on the first page: head, figure, of what it is, and the level of the verdict on it, empty for none."""
+    """Figure on the first page: head, figure, of what it is, and the level of the verdict on it, empty for none.
+
+    `others` are the figures of other data, shown below the mouse.
+    """
 
     head: str
     figure: str
     words: str
     level: str = ""
+    others: str = ""
 
     @property
     def sign(self) -> str:

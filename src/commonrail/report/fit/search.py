@@ -43,7 +43,7 @@ def convergence_section(
 
 
 def search_facts(record: FitRecord, counted: str = "injections", more: Sequence[Fact] = ()) -> list[Fact]:
-    """Numbers that say how the result came about; `counted` are the simulations, `more` stand before the software."""
+    """Facts on the search; `counted` is the word for simulations, `more` are facts placed before the software."""
     counts, clock, objective = record.evaluations, record.clock, record.objective
     evaluations = f"{counts.slots:,} candidates proposed; {counts.simulated:,} simulated; {counts.failed:,} failed"
     speed = f"{significant(clock.simulations_per_second, 3)} {counted}/s"

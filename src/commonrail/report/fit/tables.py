@@ -27,12 +27,13 @@ _LEAST = 1e-6  # of the effect alone: below, an effect with the others is the ro
 class ParameterRow:
     """One parameter in words; values have their units.
 
-    `interval` is that of the likelihood where the certainty was computed, else the standard error of the best; both may
+    `interval` is by the likelihood where the certainty was computed, else the standard error of the best; both may
     be empty. `change` is that of the best against the start [%], `mark` says where the start value comes from. `effect`
     is the change of the residuals for a move of 1 % of the range: alone, and after the others have readjusted. `pull`
     is the distance of the best from the prior's value in its standard deviations, "+0.8 σ"; empty without a prior.
     `best_at` and `start_at` are positions between the bounds, `span` and `prior` left ends and widths of interval and
     prior there, all held within the bar [%]; `span` of the whole bar says that the data do not bound the value.
+    `is_outside` says that the best lies outside the interval of the likelihood.
     """
 
     name: str
@@ -53,12 +54,13 @@ class ParameterRow:
     span: tuple[float, float] | None
     prior: tuple[float, float] | None
     at_bound: bool
+    is_outside: bool = False
 
 
 def parameter_rows(
     parameters: Sequence[ParameterRecord], certainty: CertaintyRecord | None = None
 ) -> list[ParameterRow]:
-    """Rows of the table of parameters, in their order; `certainty` is that of the same result."""
+    """Rows of the table of parameters, in their order; `certainty` belongs to the same result."""
     certain = {p.name: p for p in certainty.parameters} if certainty else {}
     names = short_names([p.name for p in parameters])
     return [_row(p, certain.get(p.name), names[p.name]) for p in parameters]
@@ -70,7 +72,7 @@ def interval_head(certainty: CertaintyRecord | None) -> str:
 
 
 def parameter_table(parameters: Sequence[ParameterRecord], certainty: CertaintyRecord | None = None) -> Table:
-    """Calibrated parameters for the terminal: what the report sets with bars."""
+    """Calibrated parameters for the terminal; the report shows them as bars."""
     rows = parameter_rows(parameters, certainty)
     columns: list[Column] = [
         ("parameter", lambda r: r.name),
@@ -98,7 +100,7 @@ def _row(p: ParameterRecord, certain: CertainParameter | None, short: str) -> Pa
         verdict=p.verdict or MISSING,
         start=quantity(start, unit),
         best=quantity(best, unit, max(4, interval_digits(certain)) if certain else 4),
-        interval=interval_text(certain, p, 3) if certain else _error(p),
+        interval=interval_text(certain, p, 4) if certain else _error(p),
         bounds=quantity_range(p.lower, p.upper, unit, 3),
         change=to_signed(100.0 * (best / start - 1.0) if start else None, 1),
         mark=MARKS.get(p.mark, p.mark),
@@ -109,7 +111,14 @@ def _row(p: ParameterRecord, certain: CertainParameter | None, short: str) -> Pa
         span=_span(p, *ends),
         prior=_span(p, *_about(prior.value, prior.sigma)) if prior else None,
         at_bound=p.at_bound,
+        is_outside=_is_outside(best, certain),
     )
+
+
+def _is_outside(best: float, certain: CertainParameter | None) -> bool:
+    if certain is None or certain.lower is None or certain.upper is None:
+        return False
+    return not certain.lower <= best <= certain.upper
 
 
 def _about(value: float, error: float | None) -> tuple[float | None, float | None]:
@@ -146,6 +155,6 @@ def _percent(p: ParameterRecord, value: float) -> float:
 def tables_of(data: Sequence[Record], texts: Texts = LABELS) -> list[Table]:
     """Every table that the data sets of a result, or of a validation, have something for.
 
-    Errors and shares are those of the label "best", whatever its text.
+    Errors and shares refer to the label "best", whatever its text.
     """
     return [table for view, records in by_kind(data) for table in view.tables(records, texts)]

@@ -24,7 +24,7 @@ from commonrail.data.registry import get_kind
 from commonrail.physics.injector import parameter_quantities
 from commonrail.physics.meters import is_of_meter, parameter_name, parts_of
 from commonrail.report.data.bands import band_sentence, too_few_inside
-from commonrail.report.data.view import view_of
+from commonrail.report.data.view import Merit, view_of
 from commonrail.report.fit.record import MORE, Advice, by_kind, map_line, meter_lines, of_role
 from commonrail.report.fit.rules import BAD, CARE, GOOD, TITLES, Kind, Point, Step, Tile, judge, worst_level
 from commonrail.runs.study_edits import can_widen
@@ -41,7 +41,7 @@ DETERMINED = ParameterVerdict.DETERMINED.value
 
 
 def headline(record: CalibrationRecord) -> list[str]:
-    """Sentences on what was calibrated, how far the objective fell, the search, trivial models and meters."""
+    """Sentences on the task, the fall of the objective, the search, trivial models and meters."""
     return [
         _task(record),
         _objective(record),
@@ -52,7 +52,7 @@ def headline(record: CalibrationRecord) -> list[str]:
 
 
 def baseline_lines(data: Sequence[Record]) -> list[str]:
-    """One sentence for each trivial model beside data of validation: whether the calibrated model beats it."""
+    """One sentence for each trivial model of the validation data: whether the calibrated model beats it."""
     return [str(baseline["sentence"]) for d in data for baseline in d.get("baselines", ())]
 
 
@@ -74,7 +74,7 @@ def search_words(search: SearchVerdict) -> str:
 
 
 def synthetic_notes(synthetic: str, data: Sequence[Record]) -> list[str]:
-    """Notes on synthetic data: that of the whole result, then what only a data set says, then their names."""
+    """Notes on synthetic data: the note of the result, notes that only a data set has, then their names."""
     texts = [synthetic]
     synthetic_sets = [d for d in data if d.get("synthetic")]
     texts += [d["synthetic"] for d in synthetic_sets if d["synthetic"] not in texts[0]]
@@ -113,7 +113,7 @@ _WORDS = {"rail_pressure": "rail pressure", "energising_time": "energising time"
 
 
 def judgement_lines(record: CalibrationRecord) -> list[str]:
-    """Sentences on bands, effective parameters, spread of seeds and predictions of what was held out."""
+    """Sentences on bands, effective parameters, spread of seeds and predictions of held-out rows."""
     lines = [band_sentence(d) for d in record.data if "band" in d]
     parameters = record.certainty.parameters if record.certainty else ()
     if parameters and not lines and all(None in (p.lower, p.upper) for p in parameters):
@@ -224,14 +224,16 @@ def _left_out_table(records: Sequence[LeftOutRecord]) -> Table:
     return table_from_columns("Predictions of what was held out", rows, columns, note, 3)
 
 
+MOST_TILES = 5  # on the first page
+LEVELS = ("", GOOD, CARE, BAD)
 SHOWN = 4  # parameters that a sentence names
-MANY_STARTS = 16  # from which further ones are not advised: ends then differ because the data do not tell them apart
+MANY_STARTS = 16  # from which further ones are not advised: ends then differ because the data do not separate them
 WEIGHTS = "share"  # finding about the weights of the data, which no data contradict
 QUANTITY = "quantity"  # finding about single quantities too, as where an injector just opens
 
 
 # Turns of the steps: a bound that is hit falsifies the search, which the values to adopt come from, which a map shows.
-WIDEN, FREE, ON, OTHER, USE = range(-3, 2)  # bounds first: what a test suspects at a bound may be the bound
+WIDEN, FREE, ON, OTHER, USE = range(-3, 2)  # bounds first: at a bound, a test may only see the bound
 
 
 class ReportVerdict(NamedTuple):
@@ -268,12 +270,16 @@ def verdict(record: CalibrationRecord, run: str) -> ReportVerdict:
 
 
 def merits(data: Sequence[Record], before: str = "") -> list[Tile]:
-    """Errors of each kind of data on what was fitted and what was not; `before` opens their heads."""
+    """Errors of each kind of data, fitted and not fitted; `before` opens their heads."""
     return [
-        Tile(f"{before}{head}", *view.merit(records), worst_level(filter(None, map(view.fit_error, records))))
+        _tile(f"{before}{head}", view.merit(records), worst_level(filter(None, map(view.fit_error, records))))
         for role, head in (("fit", "fit"), ("validation", "unseen"))
         for view, records in by_kind(of_role(data, role))
     ]
+
+
+def _tile(head: str, merit: Merit, level: str = "") -> Tile:
+    return Tile(head, merit.figure, merit.words, level, merit.others)
 
 
 def tiles(record: CalibrationRecord) -> list[Tile]:
@@ -283,13 +289,27 @@ def tiles(record: CalibrationRecord) -> list[Tile]:
         answers.append(Tile("unseen", "not known", "no data were held back"))
     for view, records in by_kind(record.data):
         if merit := view.quantity_merit(records):
-            answers.append(Tile("quantity", *merit))
+            answers.append(_tile("quantity", merit))
     parameters = record.parameters
     if any(p.verdict for p in parameters):
         determined = sum(p.verdict == DETERMINED for p in parameters)
         level = GOOD if determined == len(parameters) and not any(p.at_bound for p in parameters) else CARE
         answers.append(Tile("parameters", f"{determined} of {len(parameters)}", "determined by the data", level))
-    return [*answers, *_search_tile(record)]
+    return _limit_tiles([*answers, *_search_tile(record)])
+
+
+def _limit_tiles(answers: Sequence[Tile]) -> list[Tile]:
+    """The answers, or where they are many the worst of each head, which names the others."""
+    if len(answers) <= MOST_TILES:
+        return list(answers)
+    worst: dict[str, Tile] = {}
+    for tile in answers:
+        first = worst.setdefault(tile.head, tile)
+        if first is not tile:
+            shown, other = sorted((first, tile), key=lambda t: LEVELS.index(t.level), reverse=True)
+            more = "; ".join(filter(None, (shown.others, f"{other.figure} {other.words}")))
+            worst[tile.head] = shown._replace(others=more)
+    return list(worst.values())
 
 
 def _search_tile(record: CalibrationRecord) -> list[Tile]:
@@ -322,7 +342,7 @@ _OF_METER = {"delay": "delay", "bandwidth": "cutoff", "gain": "gain", "offset": 
 
 
 def _suspect(record: CalibrationRecord, test: LackOfFitRecord) -> str:
-    """Dotted name of what a test suspects and a study can free; empty if there is none."""
+    """Dotted name of the suspect of a test that a study can free; empty without one."""
     free, suspect = {p.name for p in record.parameters}, test.suspect or ""
     stated = {data.get("meter") for data in record.data}
     names = itertools.chain([BENCH], (f"{BENCH}{i}" for i in itertools.count(2)))
@@ -424,7 +444,7 @@ def _prediction(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
 
 
 def _is_lost(data: Record) -> bool:
-    """True if the calibrated model has no number for the data, or for a row that is no dead time."""
+    """True if the calibrated model has no number for the data, or for a row that is not a dead time."""
     if "rows" not in data:
         return "J" in data and number(data["J"].get(JUDGED)) is None
     return any(number(row.get(JUDGED)) is None for row in data["rows"] if not row.get("dead_time"))
