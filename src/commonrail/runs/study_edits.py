@@ -14,7 +14,7 @@ from commonrail.calibration.study import Study
 from commonrail.calibration.study_file import edit_study, load_study
 from commonrail.calibration.usual import USUAL, USUAL_OF_METER, usual_parameter, with_usual_prior
 from commonrail.data.registry import get_kind
-from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
+from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
 from commonrail.physics.meters import QUANTITIES, is_of_meter, known_quantity, parameter_name, parts_of
 from commonrail.runs.folder import read_result
 
@@ -95,6 +95,9 @@ def widen_bound(parameter: Mapping[str, Any], is_log: bool = False) -> MovedBoun
 
 def can_widen(parameter: Mapping[str, Any]) -> bool:
     """True if the bound that a parameter has met can be moved: it is not an end of the domain or of the usual range."""
+    name = parameter["name"]
+    if not is_of_meter(name) and name not in parameter_quantities():
+        return True  # of a part that is not installed, whose domain is unknown
     moved = widen_bound(parameter)
     return moved.name != FUEL_TEMPERATURE and abs(moved.after - moved.before) > 1e-9 * abs(moved.before)
 

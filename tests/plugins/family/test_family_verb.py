@@ -28,7 +28,7 @@ def test_a_run_becomes_a_type_a_study_and_a_model(command: Command, study: Path,
     for again in (run, tmp_path / "copy"):
         done = command("type", run, again, "--out", file)
         assert (done.status, done.sentence.startswith(f"{again}: "), str(run) in done.sentence) == (2, True, True)
-    done = command("type", run, "--out", file, "--part-spread", "3%", "--full")
+    done = command("type", run, "--out", file, "--part-spread", "3%")
     assert done.status == 0
     assert "SYNTHETIC" in done.out
     full = command("type", run, "--out", file, "--part-spread", "3%", "--full")
