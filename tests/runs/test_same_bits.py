@@ -23,7 +23,6 @@ from commonrail.calibration.study_file import load_study
 from commonrail.compiler import target
 from commonrail.runs.fingerprint import hash_study
 from commonrail.runs.fit import calibrate_into, resume
-from tests.judging import judging_from_few
 from tests.runs.conftest import Whole, stopped_run, write_small
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -75,7 +74,6 @@ JUDGED_OF_ONE = ("effect", "pinned", "standard_error", "verdict", "band")
 def run_elsewhere(study: Path, run: Path, machine: Machine) -> None:
     """Calibrate in a child process that takes this processor for another one."""
     environment = os.environ | machine.variables | {"PYTHONPATH": os.pathsep.join(sys.path), "PYTHONWARNINGS": "ignore"}
-    environment = judging_from_few(environment)
     command = [sys.executable, "-m", "commonrail", "calibrate", str(study), "--out", str(run), *machine.options]
     done = subprocess.run(command, env=environment, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

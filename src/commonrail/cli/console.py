@@ -221,8 +221,8 @@ def print_rows(
         notes = short.take_note(notes)
     if title:
         click.echo("\n".join(click.style(line, bold=True) for line in wrap_line(title)))
-    for part in parts:
-        heads, *lines = part.lines(width)
+    for section in parts:
+        heads, *lines = section.lines(width)
         rule = "─" * (max(map(text_width, chain(heads, *lines))) + 1)
         body = [f"  {line}" for line in (*heads, *chain.from_iterable(lines[:count]))]
         click.echo("\n".join([*body[: len(heads)], f" {rule}", *body[len(heads) :]]))

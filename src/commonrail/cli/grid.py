@@ -116,7 +116,7 @@ class Grid(NamedTuple):
             if len(parts[-1]) > 1 and self.pick([*parts[-1], index]).sizes(width) is None:
                 parts.append([0])
             parts[-1].append(index)
-        return [self.pick(part) for part in parts]
+        return [self.pick(indices) for indices in parts]
 
 
 def break_cell(text: str, size: int) -> list[str]:

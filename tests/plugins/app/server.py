@@ -15,8 +15,6 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 
-from tests.judging import judging_from_few
-
 
 class Served(NamedTuple):
     """Address with its token, port and process of a server."""
@@ -31,7 +29,7 @@ class Served(NamedTuple):
 def serving(folder: Path) -> Iterator[Served]:
     """A server on a folder, killed without a farewell at the end of the block."""
     command = [sys.executable, "-m", "commonrail", "app", str(folder), "--no-open", "--json"]
-    environment = judging_from_few(os.environ) | {"PYTHONUNBUFFERED": "1"}
+    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment)
     try:
         text = ""

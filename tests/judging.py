@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 
 from commonrail.plugins.certainty import draws
-from tests.judging.sitecustomize import FEW
 
+# Simulated positions for each coefficient, rounds, draws, draws that weights must be worth, steps of walkers, checks.
+FEW = {"EACH": 5, "ROUNDS": 2, "DRAWS": 1000, "LEAST_SIZE": 50.0, "STEPS": 200, "THINNED": 5, "CHECKS": 48}
 WHOLE = {name: getattr(draws, name) for name in FEW}
 
 
@@ -22,9 +21,3 @@ def judged_by(settings: Mapping[str, float]) -> Iterator[None]:
         for name, value in settings.items():
             patch.setattr(draws, name, value)
         yield
-
-
-def judging_from_few(environment: Mapping[str, str]) -> dict[str, str]:
-    """Environment of a process that judges fits from few draws, and those that it starts too."""
-    folders = [str(Path(__file__).parent), environment.get("PYTHONPATH", "")]
-    return {**environment, "PYTHONPATH": os.pathsep.join(folder for folder in folders if folder)}
