@@ -144,11 +144,11 @@ def test_parameters_at_a_bound_and_those_not_pinned_are_named() -> None:
 
 def test_no_bound_is_widened_beyond_what_a_study_accepts() -> None:
     record = sound()
-    record["parameters"][0] |= {"name": "nozzle.discharge_maximum", "best": 1.0, "at_bound": True}
-    steps = verdict(record, "r").steps
-    assert not any("nozzle.discharge_maximum" in step.text for step in steps)
-    record["parameters"][0]["best"] = 0.9
-    assert any("nozzle.discharge_maximum" in step.text for step in verdict(record, "r").steps)
+    coefficient = {"name": "nozzle.discharge_maximum", "lower": 0.6, "position": 1.0, "at_bound": True}
+    for upper, is_advised in ((1.0, False), (0.8, True), (2.0, False)):
+        record["parameters"][0] |= coefficient | {"upper": upper, "best": upper}
+        steps = verdict(record, "r").steps
+        assert any("nozzle.discharge_maximum" in step.text for step in steps) is is_advised
 
 
 @pytest.mark.parametrize("at_bound", [False, True])

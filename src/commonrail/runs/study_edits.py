@@ -88,7 +88,7 @@ def widen_bound(parameter: Mapping[str, Any], is_log: bool = False) -> MovedBoun
     after = bound * factor + width if side == "upper" else bound / factor - width
     if q.usual is not None and q.usual[0] <= bound <= q.usual[1]:
         after = min(max(after, q.usual[0]), q.usual[1])
-    while not q.domain.admits(after):
+    while after != bound and not q.domain.admits(after):  # a bound itself may lie outside in a record that was changed
         after = 0.5 * (after + bound)
     return MovedBound(parameter["name"], side, parameter["unit"], bound, after)
 
