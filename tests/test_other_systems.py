@@ -85,7 +85,7 @@ def test_ctrl_break_asks_for_a_stop() -> None:
 
 
 def test_an_encoding_that_lacks_a_sign_is_no_fault() -> None:
-    command = [sys.executable, "-m", "commonrail", "catalogue", "parameters"]
+    command = [sys.executable, "-m", "commonrail", "catalogue", "parameters", "--full"]
     environment = os.environ | {"PYTHONIOENCODING": "cp1252"}
     done = subprocess.run(command, env=environment, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr

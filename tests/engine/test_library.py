@@ -253,7 +253,7 @@ def test_a_process_that_is_killed_ends_the_making_of_libraries(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, rigid: cr.Injector
 ) -> None:
     """As for want of memory: it must not be waited for."""
-    monkeypatch.setattr(wheel_libraries, "_compiled", _killed)
+    monkeypatch.setattr(wheel_libraries, "_compile_task", _killed)
     with pytest.raises(BrokenProcessPool):
         write_libraries(tmp_path, [rigid.wired()], list(Precision), [LEVEL_3], processes=2)
     assert not (tmp_path / machine_code.STAMP).exists()

@@ -9,7 +9,7 @@ import pytest
 from tests.judging import WHOLE, judged_by
 
 
-@pytest.fixture(scope="package", autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def as_for_the_user() -> Iterator[None]:
     with judged_by(WHOLE):
         yield

@@ -87,8 +87,8 @@ def test_data_of_unlike_units_name_theirs_in_a_column() -> None:
 def test_figures_of_analyses_name_their_output_or_point() -> None:
     titles = [figure.title for figure in sensitivity_figures(from_record(Sensitivity, sensitivity_record()))]
     assert titles == [
-        "Share of the variance: Injected quantity, 160 MPa, 700 µs",
-        "Tornado: Injected quantity, 160 MPa, 700 µs",
+        "Share of the variance: Quantity, 160 MPa, 700 µs",
+        "Tornado: Quantity, 160 MPa, 700 µs",
     ]
     assert "Quantity of the parts: full load" in [
         figure.title for figure in tolerance_figures(from_record(ToleranceResult, tolerance_record()))

@@ -141,7 +141,7 @@ def test_the_size_of_a_parquet_table_is_checked_before_it_is_read(
     read_in_process(monkeypatch)
     reader = "commonrail.plugins.formats.parquet_child"
     monkeypatch.setattr(f"{reader}.LARGEST_CONTENT", 100)  # its pages have some hundred bytes
-    monkeypatch.setattr(f"{reader}._saved", None)  # to read is a fault
+    monkeypatch.setattr(f"{reader}._save_column", None)  # to read is a fault
     with pytest.raises(InputError, match="GB"):
         read_table(parquet_table(tmp_path))
 
