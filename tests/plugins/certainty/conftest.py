@@ -1,4 +1,4 @@
-"""What judges a fit is tested with as many draws as the user has."""
+"""Tests of the certainty of a fit have as many draws as the user."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ class Comparison(Shown):
 
     @property
     def simulated(self) -> bool:
-        """Whether any point has a number."""
+        """True if a point has a number."""
         pairs = (pair for failures in self.failures.values() for pair in zip(self.data, failures, strict=True))
         return any(len(failures) < len(data.points) for data, failures in pairs)
 

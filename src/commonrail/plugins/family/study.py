@@ -299,7 +299,7 @@ class Family:
 
     @property
     def same_bits(self) -> bool:
-        """Whether the result of all parts is the same, bit for bit, on every x86-64 processor."""
+        """True if the result of all parts is the same, bit for bit, on every x86-64 processor."""
         return all(study.same_bits for study in self.parts.values())
 
     @property

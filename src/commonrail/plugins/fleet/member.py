@@ -169,7 +169,7 @@ class Calibrations:
 
     @property
     def same_bits(self) -> bool:
-        """Whether all workers must give the same bits: as in the studies, but not for least squares."""
+        """True if all workers must give the same bits: as in the studies, but not for least squares."""
         return self.first is not None and self.first.same_bits and self.first.method.is_evolution
 
     def probe(self) -> bytes:

@@ -95,7 +95,7 @@ class FleetRun:
 
     @property
     def interrupted(self) -> bool:
-        """Whether the user stopped the run."""
+        """True if the user stopped the run."""
         return bool(self.record["status"] == "interrupted")
 
 

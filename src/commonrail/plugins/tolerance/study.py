@@ -172,7 +172,7 @@ RARE = 1e-4  # share of the parts that may lie outside a dimension's domain
 
 
 class Sampling(Enum):
-    """How parts are drawn: an even, scrambled Sobol' sequence, or independent random numbers."""
+    """Method of drawing parts: an even, scrambled Sobol' sequence, or independent random numbers."""
 
     QUASI_RANDOM = "quasi-random"
     RANDOM = "random"
