@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 StrokeRate = Annotated[
     str | None, Option(help="Stroke rate of tests that state none, e.g. 1000/min; a return needs it. [default: none]")
 ]
-Page = Callable[[dict[str, Any], str], str]  # from a record and the command that repeats it
+Page = Callable[[Any, str], str]  # from a result and the command that repeats it
 Report = Annotated[Path | None, Option(metavar="FILE.html", help="Report on one page.")]
 
 
@@ -81,15 +81,15 @@ class BenchOptions:
     def show(
         self, result: Any, settings: Mapping[str, Any], report: Path | None, page: Page, *files: Path | None
     ) -> None:
-        """Print a result, write its page, and name these and other files."""
+        """Print a result, write its page, and name this and other files."""
         from commonrail.report.presenter import presenter_of
 
-        record, content = result.record(), presenter_of(result)
+        content = presenter_of(result)
         if report is not None:
             pressures = {name: to_text(settings[name], "Pa") for name in ("cylinder_pressure", "return_pressure")}
-            write_text(report, page(record, command_again(**pressures)))
+            write_text(report, page(result, command_again(**pressures)))
         shown = partial(print_text, content.lines(result), content.tables(result))
-        print_result(self.json, lambda: record, shown, [*files, report])
+        print_result(self.json, result.record, shown, [*files, report])
 
 
 def _read_part(text: str) -> NamedModel:
