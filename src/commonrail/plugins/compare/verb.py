@@ -106,11 +106,13 @@ def _warnings(comparison: Comparison, models: Sequence[NamedModel]) -> list[dict
 
 
 def _print(record: dict[str, Any]) -> None:
+    from commonrail.base.record import from_record
+    from commonrail.plugins.compare.file import ComparisonRecord
     from commonrail.plugins.compare.page import comparison_lines, comparison_tables
+    from commonrail.report.analysis import synthetic_lines
 
-    if record["synthetic"]:
-        print_lines([f"SYNTHETIC: {record['synthetic']}"])
-    print_lines(comparison_lines(record))
+    comparison = from_record(ComparisonRecord, record)
+    print_lines([*synthetic_lines(record), *comparison_lines(comparison)])
     click.echo("")
-    for table in comparison_tables(record):
+    for table in comparison_tables(comparison):
         print_table(table)
