@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from commonrail.base.errors import SimulationError
-from commonrail.cli.console import SIMULATING, print_json, print_lines, print_table, say
+from commonrail.cli.console import SIMULATING, print_json, print_synthetic, print_text, say
 from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import Json, Settings, Threads, read_models
 
@@ -109,10 +109,7 @@ def _print(record: dict[str, Any]) -> None:
     from commonrail.base.record import from_record
     from commonrail.plugins.compare.file import ComparisonRecord
     from commonrail.plugins.compare.page import comparison_lines, comparison_tables
-    from commonrail.report.analysis import synthetic_lines
 
     comparison = from_record(ComparisonRecord, record)
-    print_lines([*synthetic_lines(record), *comparison_lines(comparison)])
-    click.echo("")
-    for table in comparison_tables(comparison):
-        print_table(table)
+    print_synthetic(comparison.synthetic)
+    print_text(comparison_lines(comparison), comparison_tables(comparison))

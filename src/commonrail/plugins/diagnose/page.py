@@ -45,9 +45,8 @@ def diagnosis_lines(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.verdict == UNEXPLAINED:
         return lines
     likely = [d for d in diagnosis.diagnoses if d.probability >= LEAST]
-    rest = sum(d.probability for d in diagnosis.diagnoses if d not in likely)
     words = ", ".join(f"{d.name} {_share(d.probability)}" for d in likely)
-    lines.append(f"Probabilities: {words}; all others together {_share(rest)}.")
+    lines.append(f"Probabilities: {words}.")
     if diagnosis.next:
         lines.append(_next_sentence(diagnosis.next[0], diagnosis.by_nominal))
     return lines
@@ -90,16 +89,17 @@ def _place(item: NextTest) -> str:
 
 def _next_sentence(item: NextTest, nominal: bool) -> str:
     """Next test with its expected quantities; with nominal quantities, also in percent of a sound part."""
-    (first, second), (first_value, other) = item.names, item.expected
-    at = _place(item)
-    expected = f"{to_fixed(first_value, 2, MM3)} mm³ if {first}, {to_fixed(other, 2, MM3)} mm³ if {second}"
+    (first, second), expected = item.names, [f"{to_fixed(value, 2, MM3)} mm³" for value in item.expected]
     if nominal and item.sound:
-        away = (f"{to_signed(100.0 * (value / item.sound - 1.0), 1)} %" for value in (first_value, other))
-        expected = f"{expected} by the model ({' and '.join(away)} from a sound part)"
+        expected = [
+            f"{text} ({to_signed(100.0 * (value / item.sound - 1.0), 1)} % from a sound part)"
+            for text, value in zip(expected, item.expected, strict=True)
+        ]
     separation = f"{to_fixed(item.separation, 1)} standard deviations apart"
+    expectation = f"{expected[0]} if {first}, {expected[1]} if {second}; {separation}"
     if item.decides:
-        return f"Next test: {at}; expected {expected}, {separation}."
-    return f"No single test separates {first} and {second}; the best is {at}: {expected}, {separation}."
+        return f"Next test: {_place(item)}: {expectation}."
+    return f"No single test decides; the best is {_place(item)}: {expectation}."
 
 
 def _distance(row: MeasuredTest, quantity: float) -> float:
@@ -299,15 +299,15 @@ TRIM = Presenter(lambda t: note_synthetic(trim_lines(t), t.data), trim_tables)
 
 
 def judgement_lines(judgement: PartJudgement) -> list[str]:
-    """Verdict, tests outside, causes with their probabilities, next test and trim."""
+    """Verdict with the tests outside, causes with their probabilities, next test and trim."""
     diagnosis, verdict = judgement.diagnosis, judgement.verdict
-    _, words, *more = plan_lines(judgement.plan)
+    words, _, *more = plan_lines(judgement.plan)
     fails = verdict == "fail"
-    words = f"The part fails.{_outside(diagnosis)}" if fails else words
+    words = _outside(diagnosis).strip() if fails else words
     use = "" if diagnosis.diagnoses[0].name == "sound" else " Repair first: a trim is for sound parts."
     code = f"Trim: {_code(judgement.trim)}{use}" if judgement.trim else f"No trim: {judgement.reason}"
     cause = f"{'Cause' if fails else 'Diagnosis'}: {_verdict(diagnosis)}"
-    return [verdict.upper(), words, cause, *diagnosis_lines(diagnosis)[1:], code, *more]
+    return [f"{verdict.upper()}. {words}", cause, *diagnosis_lines(diagnosis)[1:], code, *more]
 
 
 def judgement_html(judgement: PartJudgement, command: str) -> str:
@@ -320,7 +320,8 @@ def judgement_html(judgement: PartJudgement, command: str) -> str:
         tiles.append(Tile("next test", _place(item), "decides" if item.decides else "decides little"))
     sections = [diagnosis_section(diagnosis), *([trim_section(judgement.trim)] if judgement.trim else [])]
     tiles += [tile for section in sections[1:] for tile in section.tiles]
-    tests = plan_section(judgement.plan)._replace(lines=judgement_lines(judgement)[1:], tiles=tiles)
+    words, *lines = judgement_lines(judgement)  # the page prints PASS or FAIL above
+    tests = plan_section(judgement.plan)._replace(lines=[words.partition(". ")[2], *lines], tiles=tiles)
     judgement_sections = [tests, *(section._replace(lines=(), tiles=()) for section in sections)]
     injector, verdict = judgement.plan.injector, judgement.verdict
     return bench_html(judgement.record(), injector, "Judgement", judgement_sections, command, verdict)

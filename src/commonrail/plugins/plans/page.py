@@ -161,7 +161,9 @@ def plan_lines(result: PlanResult) -> list[str]:
         f"inside the band{'' if rms == MISSING else f', rms {rms} half bands'}."
         f"{_outside([(row, row.models[SIMULATED]) for row in plan.rows])}"
     ]
-    lines += filter(None, (_part_sentence(plan), result.hint))
+    if plan.verdict:
+        lines.insert(0, _part_sentence(plan))
+    lines += [result.hint] if result.hint else []
     lines += [f"{test_name(row)} has no number: {row.reason}" for row in plan.rows if row.reason]
     without = [test_name(row) for row in plan.rows if row.measure is Measure.RETURN and not row.stroke_rate]
     return lines + ([without_rate(without)] if without else [])
