@@ -1,4 +1,4 @@
-"""Tests for lack of fit: residuals that are no noise, or larger than the noise is known to be.
+"""Tests for lack of fit: residuals that are not noise, or larger than the noise is known to be.
 
 Score test: the innovations of a fit are regressed on the whitened derivatives of its parameters and of suspects; an F
 test asks if the suspects explain more than noise does. Suspects are the quantities of each meter, of a data set alone,
@@ -115,7 +115,7 @@ def _of_block(estimate: Estimate, index: int, level: float, relief: Relief) -> L
     size = _size(as_normal(noise.law, innovations), used, noise.freedom) if judged else None
     sentence = ""
     if score < level:
-        sentence = f"the residuals of {block.name} are no noise: they look like a {suspect} of the meter"
+        sentence = f"the residuals of {block.name} are not noise: they look like the meter's {suspect}"
     elif size is not None and size < level:
         ratio = float(np.sqrt(np.mean(unequal(innovations) ** 2))) / noise.density.deviation
         sentence = f"the residuals of {block.name} are {ratio:.2f} times as large as the noise is stated to be"
