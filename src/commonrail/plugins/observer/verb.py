@@ -125,7 +125,7 @@ def observe(
     from commonrail.base.text import quantity
     from commonrail.cli.model_name import read_model_name
     from commonrail.physics.injector import FUEL_TEMPERATURE
-    from commonrail.plugins.observer.file import LogColumns, read_log
+    from commonrail.plugins.observer.file import LogColumns, Origin, read_log
     from commonrail.plugins.observer.page import observer_lines, observer_tables, warning_lines
     from commonrail.plugins.observer.run import observe as run
     from commonrail.plugins.observer.study import CURRENT_DELAY, FURTHER, ObserverSettings, check_model
@@ -204,12 +204,12 @@ def observe(
         density = float(injector.fuel.density(back, injector.values[FUEL_TEMPERATURE]))
         read = read._replace(further={**read.further, "return": density * read.further["return"]})
     source = injector.sources.get("rail.volume", UNSTATED)
-    origin = {
-        "log": log.name,
-        "command": options.command_again("online", out="again"),
-        "volume_source": "--set" if "rail.volume" in " ".join(set_) else f"{model}: {source.mark}, {source.text}",
-        "errors": [error if error < float("inf") else None for error in read.errors],
-    }
+    origin = Origin(
+        log.name,
+        options.command_again("online", out="again"),
+        "--set" if "rail.volume" in " ".join(set_) else f"{model}: {source.mark}, {source.text}",
+        tuple(read.errors),
+    )
     refused: list[str] = []
 
     def run_and_compensate() -> Observation:
@@ -232,12 +232,12 @@ def observe(
 
     with hold_interrupts():  # finish writing despite further Ctrl-C
         observation = run_into(out, "observer.csv", run_and_compensate)
-    record = observation.record()
+    record, summary = observation.record(), observation.summary
     if json:
         print_json(record)
     else:
-        print_text([*synthetic_lines(record), *observer_lines(record)], observer_tables(record))
-    for line in warning_lines(record):
+        print_text([*synthetic_lines(record), *observer_lines(summary)], observer_tables(summary))
+    for line in warning_lines(summary):
         say(f"warning: {line}")
     if out is not None and not json:
         print_text([f"report: {out / 'report.html'}"])
@@ -247,7 +247,7 @@ def observe(
         sampling = float(f"{(read.time[-1] - read.time[0]) / (len(read.time) - 1):.9g}")
         write_online(Online.after(observation, sampling), online)
         say(f"{online}: observer for one sample every {quantity(sampling, 's', 4)}, with the disturbance of the log")
-    if record["status"] == "interrupted" or refused == [""]:
+    if summary.status == "interrupted" or refused == [""]:
         then = " Energising times were not computed." if refused else ""
         say(f"commonrail: interrupted after {len(observation.shots)} of {observation.asked} shots.{then}")
         raise SystemExit(INTERRUPTED)
