@@ -289,7 +289,7 @@ def test_energisings_that_are_no_pairs_are_refused_with_an_example(rigid_volume:
     ("change", "words"),
     [
         ({"sensor": []}, "sensor"),
-        ({"sensor": "nose"}, '"nose".* rail'),
+        ({"sensor": "nose"}, '"rail".* "nose"'),
         ({"disturbance": {}}, "Disturbance"),
         ({"disturbance": Disturbance(1e5, 1e9, NAN, 1e4, 1e3, 1e-3)}, "memory of the disturbance"),
         ({"disturbance": Disturbance(0.0, 1e9, 2e-3, 1e4, 1e3, 1e-3)}, "noise of the disturbance"),
