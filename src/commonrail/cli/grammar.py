@@ -175,7 +175,8 @@ def _parameter(parameter: inspect.Parameter) -> click.Parameter:
 def table_verb(function: Callable[..., None]) -> Verb:
     """Make a command of a function that prints tables: a short form of them, and all with --full."""
     command = verb(function)
-    place = [param.name for param in command.params].index("json")
+    names = [param.name for param in command.params]
+    place = names.index("json") if "json" in names else len(names)
     command.params.insert(
         place, click.Option(["--full"], is_flag=True, expose_value=False, callback=_choose_form, help=FULL)
     )

@@ -26,15 +26,15 @@ def test_the_sentences_say_who_is_nearest_to_what() -> None:
     record = compared_rates()
     record["data"][2]["J"][OLD] = 1.0
     assert comparison_lines(record) == [
-        "3 models on 3 data sets; nothing was fitted.",
         f"“{NEW}” has the least J on EVI 160 MPa and EVI 120 MPa; “{OLD}” on EVI 80 MPa.",
+        "3 models on 3 data sets; nothing was fitted.",
     ]
 
 
 def test_maps_are_judged_by_their_large_quantities_and_failures_are_counted() -> None:
     record = compared_maps()
     fail(record, OLD, "No.")
-    first, nearest, failed = comparison_lines(record)
+    nearest, first, failed = comparison_lines(record)
     assert re.findall(r"\d+", first) == ["2", "2"]
     assert NEW in nearest
     assert "map at 80 MPa" in nearest

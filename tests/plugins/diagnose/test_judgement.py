@@ -65,7 +65,7 @@ def test_the_three_results_are_those_of_plan_diagnose_and_trim(injector: Injecto
     record = judged.record()
     assert record["verdict"] == record["plan"]["verdict"] == "fail"
     lines, page = judgement_lines(record), judgement_html(record, "commonrail judge")
-    assert lines[0] == "FAIL"
+    assert lines[0].startswith("FAIL. ")
     places = [page.index(text) for text in (">FAIL<", SPRING, same.code, "Tolerance fields", "Probabilities<")]
     assert places == sorted(places)
     sound = cr.parts.judge(injector, results(injector, 1.0, 1.0, 1.0), faults=table, threads=1)

@@ -109,12 +109,12 @@ def comparison_figures(record: Record, traces: Traces) -> list[Figure]:
 
 
 def comparison_lines(record: Record) -> list[str]:
-    """Sentences on models and data, the best model for each data set, and points without a number."""
-    labels, data = list(record["labels"]), record["data"]
-    lines = [f"{count_noun(len(labels), 'model')} on {count_noun(len(data), 'data set')}; nothing was fitted."]
+    """Sentences: the best model for each data set, number of models and data, points without a number."""
+    labels, data, lines = list(record["labels"]), record["data"], []
     if len(labels) > 1:
         for view, kind_data in by_kind(data):
             lines += _nearest(*view.leading(kind_data), [d["name"] for d in kind_data], labels)
+    lines.append(f"{count_noun(len(labels), 'model')} on {count_noun(len(data), 'data set')}; nothing was fitted.")
     failed = sum(len(failures) for d in data for failures in d.get("failures", {}).values())
     if failed:
         lines.append(f"{count_noun(failed, 'point')} could not be simulated or judged; see the last table for reasons.")

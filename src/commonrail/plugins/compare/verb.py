@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from commonrail.base.errors import SimulationError
-from commonrail.cli.console import SIMULATING, print_json, print_lines, print_table, say
+from commonrail.cli.console import SIMULATING, print_json, print_synthetic, print_text, say
 from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import Json, Settings, Threads, read_models
 
@@ -108,9 +108,5 @@ def _warnings(comparison: Comparison, models: Sequence[NamedModel]) -> list[dict
 def _print(record: dict[str, Any]) -> None:
     from commonrail.plugins.compare.page import comparison_lines, comparison_tables
 
-    if record["synthetic"]:
-        print_lines([f"SYNTHETIC: {record['synthetic']}"])
-    print_lines(comparison_lines(record))
-    click.echo("")
-    for table in comparison_tables(record):
-        print_table(table)
+    print_synthetic(record["synthetic"])
+    print_text(comparison_lines(record), comparison_tables(record))

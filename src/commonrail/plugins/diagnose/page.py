@@ -33,9 +33,8 @@ def diagnosis_lines(record: Record) -> list[str]:
     if record["verdict"] == UNEXPLAINED:
         return lines + ([record["synthetic"]] if record["synthetic"] else [])
     likely = [d for d in record["diagnoses"] if d["probability"] >= LEAST]
-    rest = sum(d["probability"] for d in record["diagnoses"] if d not in likely)
     words = ", ".join(f"{d['name']} {_share(d['probability'])}" for d in likely)
-    lines.append(f"Probabilities: {words}; all others together {_share(rest)}.")
+    lines.append(f"Probabilities: {words}.")
     if record["next"]:
         lines.append(_next_sentence(record["next"][0], record["nominal"]))
     return lines + ([record["synthetic"]] if record["synthetic"] else [])
@@ -79,16 +78,18 @@ def _place(item: Record) -> str:
 
 def _next_sentence(item: Record, nominal: bool) -> str:
     """Next test with its expected quantities; with nominal quantities, also in percent of a sound part."""
-    (first, second), (first_value, other) = item["names"], item["expected"]
-    at = _place(item)
-    expected = f"{to_fixed(first_value, 2, MM3)} mm³ if {first}, {to_fixed(other, 2, MM3)} mm³ if {second}"
+    (first, second), values = item["names"], item["expected"]
+    expected = [f"{to_fixed(value, 2, MM3)} mm³" for value in values]
     if nominal and item["sound"]:
-        away = (f"{to_signed(100.0 * (value / item['sound'] - 1.0), 1)} %" for value in (first_value, other))
-        expected = f"{expected} by the model ({' and '.join(away)} from a sound part)"
+        expected = [
+            f"{text} ({to_signed(100.0 * (value / item['sound'] - 1.0), 1)} % from a sound part)"
+            for text, value in zip(expected, values, strict=True)
+        ]
     separation = f"{to_fixed(item['separation'], 1)} standard deviations apart"
+    expectation = f"{expected[0]} if {first}, {expected[1]} if {second}; {separation}"
     if item["tells"]:
-        return f"Next test: {at}; expected {expected}, {separation}."
-    return f"No single test separates {first} and {second}; the best is {at}: {expected}, {separation}."
+        return f"Next test: {_place(item)}: {expectation}."
+    return f"No single test decides; the best is {_place(item)}: {expectation}."
 
 
 def _distance(row: Record, key: str) -> float:
@@ -291,15 +292,16 @@ TRIM = Presenter.of_record(trim_lines, lambda record: [trim_table(record)], lamb
 
 
 def judgement_lines(record: Record) -> list[str]:
-    """Verdict, tests outside, causes with their probabilities, next test and trim."""
+    """Verdict with the tests outside, causes with their probabilities, next test and trim."""
     diagnosis, trimmed = record["diagnosis"], record["trim"]
-    _, words, *more = plan_lines({**record["plan"], "synthetic": ""})
-    words = f"The part fails.{_outside(diagnosis)}" if record["verdict"] == "fail" else words
+    words, _, *more = plan_lines({**record["plan"], "synthetic": ""})
+    words = _outside(diagnosis).strip() if record["verdict"] == "fail" else words
     use = "" if diagnosis["diagnoses"][0]["name"] == "sound" else " Repair first: a trim is for sound parts."
     code = f"Trim: {_code(trimmed)}{use}" if trimmed else f"No trim: {record['reason']}"
     cause = f"{'Cause' if record['verdict'] == 'fail' else 'Diagnosis'}: {_verdict(diagnosis)}"
     causes = diagnosis_lines({**diagnosis, "synthetic": ""})[1:]
-    return [record["verdict"].upper(), words, cause, *causes, code, *more, *filter(None, [record["synthetic"]])]
+    verdict = f"{record['verdict'].upper()}. {words}"
+    return [verdict, cause, *causes, code, *more, *filter(None, [record["synthetic"]])]
 
 
 def judgement_html(record: Record, command: str) -> str:
@@ -310,7 +312,8 @@ def judgement_html(record: Record, command: str) -> str:
     if diagnosis["next"]:
         item = diagnosis["next"][0]
         tiles.append(Tile("next test", _place(item), "decides" if item["tells"] else "decides little"))
-    tests = plan_section(record["plan"])._replace(lines=judgement_lines({**record, "synthetic": ""})[1:])
+    words, *lines = judgement_lines({**record, "synthetic": ""})  # the page prints PASS or FAIL above
+    tests = plan_section(record["plan"])._replace(lines=[words.partition(". ")[2], *lines])
     sections = [diagnosis_section(diagnosis), *([trim_section(trimmed)] if trimmed else [])]
     tests = tests._replace(tiles=[*tiles, *(tile for section in sections[1:] for tile in section.tiles)])
     judgement_sections = [tests, *(section._replace(lines=(), tiles=()) for section in sections)]

@@ -59,9 +59,9 @@ def observer_html(record: Record, folder: Path = Path("DIR")) -> str:
         folder,
         _facts(summary),
         kind="Observer",
-        lines=observer_lines(summary),
+        lines=[*observer_lines(summary), *observer_notes(summary)],
         warnings=warning_lines(summary),
-        alarms=_alarm_lines(summary),
+        alarms=alarm_lines(summary),
         tiles=_tiles(summary),
         first=drawn[0] if drawn else None,
         figures=drawn[1:],
@@ -73,18 +73,39 @@ RESULT = ResultKind("observer.json", "observer", "observe", observer_html)
 
 
 def observer_lines(summary: ObservationSummary) -> list[str]:
-    """Sentences on the log as a whole."""
+    """Sentences: accuracy and change of the quantities, and shots and injections that are exceptions."""
     injections, observed = summary.every_injection, summary.observed
-    further = _further_sensor_words(summary)
     if observed and not any(injection.quantity_open_loop > 0.0 for injection in observed):
         return [
             f"By the model alone the {count_noun(len(injections), 'energising')} of the log do not inject, and "
             "the pressure moves no quantity; check energising times, command and pressure."
         ]
+    lines = [f"{count_noun(len(summary.shots), 'shot')} with {count_noun(len(injections), 'injection')}"]
+    if observed:
+        shift = 100.0 * np.nanmedian(_shift_by_pressure(observed))
+        lines[0] += (
+            f"; median standard deviation of a quantity {_deviation(observed)}; the pressure moved the model's "
+            f"quantities by {to_fixed(shift, 1)} % (median)"
+        )
+    lines[0] += "."
+    if strange := _count_strange(summary):
+        lines.append(
+            f"{count_noun(strange, 'shot')} changed no state, since the pressure{_further_sensor_words(summary)} "
+            "contradicts model and disturbance (consistency above 3)."
+        )
+    if closed := _count_closed(summary):
+        lines.append(
+            f"{count_noun(closed, 'injection')} did not open in the model with its states and has no standard "
+            "deviation."
+        )
+    return lines
+
+
+def observer_notes(summary: ObservationSummary) -> list[str]:
+    """Sentences on the method and its assumptions."""
     lines = [
-        f"{count_noun(len(summary.shots), 'shot')} with {count_noun(len(injections), 'injection')}; quantity, opening "
-        f"and closing of {len(observed)} follow from the pressure at the {_place(summary)}{further} and the command, "
-        f"by the model of {summary.injector.title}.",
+        f"Quantity, opening and closing follow from the pressure at the {_place(summary)}"
+        f"{_further_sensor_words(summary)} and the command, by the model of {summary.injector.title}.",
         f"Rail volume {_volume(summary)}.",
     ]
     if summary.horizon > 1 and len(summary.shots) > 1:
@@ -92,24 +113,19 @@ def observer_lines(summary: ObservationSummary) -> list[str]:
             f"Estimates use a sliding window of {summary.horizon} shots, in which later shots correct earlier ones. "
             "The last shot and the alarms come from the filter."
         )
-    if strange := _count_strange(summary):
+    if _count_strange(summary):
         lines.append(
-            f"{count_noun(strange, 'shot')} changed no state, since the pressure{further} contradicts model and "
-            "disturbance (consistency above 3), for example if another injector injects at once; their figures follow "
-            "from the states."
+            "A shot contradicts the model for example if another injector injects at once; its figures follow from "
+            "the states."
         )
-    if observed:
-        shift = 100.0 * np.nanmedian(_shift_by_pressure(observed))
-        lines.append(
-            f"Median standard deviation of a quantity {_deviation(observed)}; the pressure moved the model's "
-            f"quantities by {to_fixed(shift, 1)} % (median). {HELD}"
-        )
-    if closed := sum(np.isnan(injection.quantity_deviation) for injection in observed):
-        lines.append(
-            f"{count_noun(int(closed), 'injection')} did not open in the model with its states: a quantity near zero "
-            "has no standard deviation, since the slopes of the model do not show where it begins to open."
-        )
-    return lines
+    if _count_closed(summary):
+        lines.append("The slopes of the model do not show where a closed injector begins to open.")
+    return [*lines, HELD]
+
+
+def _count_closed(summary: ObservationSummary) -> int:
+    """Number of injections with a quantity and without its standard deviation."""
+    return sum(bool(np.isnan(injection.quantity_deviation)) for injection in summary.observed)
 
 
 def _count_strange(summary: ObservationSummary) -> int:
@@ -196,7 +212,8 @@ def _deviation(injections: list[InjectionFigures]) -> str:
     return f"{significant(np.median(deviations), 2, MM3)} mm³ ({percent(np.median(shares))} %)"
 
 
-def _alarm_lines(summary: ObservationSummary) -> list[str]:
+def alarm_lines(summary: ObservationSummary) -> list[str]:
+    """Sentence on each alarm."""
     units = {state.name: state.unit for state in summary.states}
     return [
         f"{alarm.state}: {_with_unit(alarm.size, units[alarm.state], True)} ± "
@@ -455,7 +472,13 @@ def _facts(summary: ObservationSummary) -> list[tuple[str, str]]:
 
 
 def _lines(summary: ObservationSummary) -> list[str]:
-    return [summary.title, *observer_lines(summary), *warning_lines(summary), *_alarm_lines(summary)]
+    return [
+        summary.title,
+        *observer_lines(summary),
+        *observer_notes(summary),
+        *warning_lines(summary),
+        *alarm_lines(summary),
+    ]
 
 
 OBSERVATION = Presenter(

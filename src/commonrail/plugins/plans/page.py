@@ -164,7 +164,7 @@ def plan_lines(record: Record) -> list[str]:
         f"{'' if rms == MISSING else f', rms {rms} half bands'}.{_outside(simulated_rows)}"
     ]
     if any(row["bench"] for row in rows):
-        lines.append(part_verdict(rows)[1])
+        lines.insert(0, part_verdict(rows)[1])
     lines += [record["hint"]] if record["hint"] else []
     lines += [f"{test_name(row)} has no number: {row['reason']}" for row in rows if row["reason"]]
     without = [test_name(row) for row in rows if row["measure"] == Measure.RETURN.value and not row["stroke_rate"]]

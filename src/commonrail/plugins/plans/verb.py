@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +12,7 @@ from commonrail.base.hooks import note
 from commonrail.base.output import write_text
 from commonrail.base.registry import part_digits
 from commonrail.base.units import parse, to_text
-from commonrail.cli.console import SIMULATING, print_result, print_text, say
+from commonrail.cli.console import SIMULATING, print_result, print_synthetic, print_text, say
 from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import (
     DecimalSign,
@@ -88,7 +87,12 @@ class BenchOptions:
         if report is not None:
             pressures = {name: to_text(settings[name], "Pa") for name in ("cylinder_pressure", "return_pressure")}
             write_text(report, page(record, command_again(**pressures)))
-        shown = partial(print_text, content.lines(result), content.tables(result))
+
+        def shown() -> None:
+            print_synthetic(record["synthetic"])
+            lines = [line for line in content.lines(result) if line != record["synthetic"]]
+            print_text(lines, content.tables(result), reserved=0)
+
         print_result(self.json, lambda: record, shown, [*files, report])
 
 
