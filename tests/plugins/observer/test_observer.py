@@ -116,6 +116,20 @@ def test_the_result_does_not_depend_on_threads(rigid_volume: Injector, observed:
     assert again.rows() == observed.rows()
 
 
+def test_arrays_have_the_figures_by_shot_and_injection(observed: Observation) -> None:
+    data = observed.to_xarray()
+    quantities = [shot.figures[0, 0] for shot in observed.shots if shot.figures is not None]
+    assert data.quantity.dims == ("shot", "injection")
+    assert data.quantity.attrs["units"] == "mm3"
+    assert data.quantity.values[:, 0] * MM3 == pytest.approx(quantities)
+    assert data.closing.attrs["units"] == "us"
+    assert data.rail_pressure.values * 1e6 == pytest.approx([shot.rail_pressure for shot in observed.shots])
+    two = observed.shots[0]._replace(energisings=(Energising(0.0, 1e-4), Energising(1e-3, 1e-4)), figures=None)
+    mixed = replace(observed, shots=(two._replace(deviations=None, open_loop=None), *observed.shots[1:])).to_xarray()
+    assert mixed.start.shape == (len(observed.shots), 2)
+    assert np.isnan(mixed.start.values[1:, 1]).all()
+
+
 def test_slopes_are_those_of_a_changed_part_and_of_the_sensor(rigid_volume: Injector) -> None:
     """Each slope against `simulate` of a changed part, or a changed sensor, written out here."""
     settings = ObserverSettings(averaged=20e-6)

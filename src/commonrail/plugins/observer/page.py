@@ -24,7 +24,7 @@ from commonrail.plugins.observer.kalman import TRUSTED
 from commonrail.report.analysis import SHOWN, analysis_html
 from commonrail.report.figure import figure_html
 from commonrail.report.fit.rules import BAD, CARE, GOOD, Tile
-from commonrail.report.presenter import Presenter
+from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 from commonrail.report.result_kind import ResultKind
 
 MOST_COLUMNS = 16  # of the map of drift, wide enough for "−10.3"; some shots are left out
@@ -481,8 +481,27 @@ def _lines(summary: ObservationSummary) -> list[str]:
     ]
 
 
+def _arrays(summary: ObservationSummary) -> Arrays:
+    """Figures by shot and injection; NaN for an injection that a shot does not have."""
+    axes, shots = ("shot", "injection"), summary.shots
+    shape = len(shots), max(len(shot.injections) for shot in shots)
+    tables = {name: np.full(shape, np.nan) for name in InjectionFigures._fields}
+    for k, shot in enumerate(shots):
+        for i, injection in enumerate(shot.injections):
+            for table, value in zip(tables.values(), injection, strict=True):
+                table[k, i] = value
+    values = {
+        name: in_common_unit(axes, table, "m3" if name.startswith("quantity") else "s")
+        for name, table in tables.items()
+    }
+    values["rail_pressure"] = in_common_unit(axes[:1], [shot.rail_pressure for shot in shots], "Pa")
+    numbers = {axis: Array((axis,), np.arange(1, size + 1)) for axis, size in zip(axes, shape, strict=True)}
+    return Arrays(numbers, values, summary.title)
+
+
 OBSERVATION = Presenter(
     lambda observation: _lines(observation.summary),
     lambda observation: observer_tables(observation.summary),
     lambda observation: observer_figures(observation.summary),
+    lambda observation: _arrays(observation.summary),
 )
