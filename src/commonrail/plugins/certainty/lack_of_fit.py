@@ -1,4 +1,4 @@
-"""Tests for lack of fit: residuals that are no noise, or larger than the noise is known to be.
+"""Tests for lack of fit: residuals that are not noise, or larger than the noise is known to be.
 
 Score test: the innovations of a fit are regressed on the whitened derivatives of its parameters and of suspects; an F
 test asks if the suspects explain more than noise does. Suspects are the quantities of each meter, of a data set alone,
@@ -28,6 +28,7 @@ from commonrail.physics.variants import unread_parameters
 from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.likelihood import prior_slopes_at
 from commonrail.plugins.certainty.noise_fit import SHARE_GAIN, Block, agreed, as_normal, row_weights, unequal
+from commonrail.plugins.certainty.relief import Relief
 from commonrail.plugins.certainty.uncertain import ASSUMED
 
 LEVEL = 0.01  # false alarms of all tests of a fit together
@@ -47,6 +48,7 @@ class LackOfFit(NamedTuple):
     suspect: str  # the one that by itself explains most
     detected: Annotated[bool, Key("found")]  # the residuals are not noise, at a level shared by all tests of the fit
     sentence: str  # what it looks like, empty for nothing
+    relief: float = 0.0  # share of the error that freeing the suspect is expected to take away
 
 
 def lack_of_fit(estimate: Estimate, first: int, fixed: Mapping[str, Floats] | None = None) -> list[LackOfFit]:
@@ -55,22 +57,22 @@ def lack_of_fit(estimate: Estimate, first: int, fixed: Mapping[str, Floats] | No
     `first`: number of the study's own parameters, which those that are uncertain follow; `fixed`: changes (n,) of the
     residuals by each fixed value, see `fixed_changes`.
     """
-    likelihood = estimate.likelihood
+    likelihood, relief = estimate.likelihood, Relief(estimate)
     many = sum(1 + noise.stated + bool(noise.scatter) for noise in likelihood.noises) + len(estimate.unit) - first + 1
     level = LEVEL / many
-    tests = [_of_block(estimate, i, level) for i in range(len(likelihood.blocks))]
-    tests += _beyond_stated(estimate, first, level)
+    tests = [_of_block(estimate, i, level, relief) for i in range(len(likelihood.blocks))]
+    tests += _beyond_stated(estimate, first, level, relief)
     if share := max(noise.share for noise in likelihood.noises):
         # its gain of 2 ln L is at least this: the largest probability by chi-squared of one degree of freedom
         size = significant(100.0 * share, 2)
         words = f"the model is off by about {size} % of the values in a way that no free parameter mends"
         tests.append(LackOfFit(DISCREPANCY, float(special.chdtrc(1, SHARE_GAIN)), None, DISCREPANCY, True, words))
     if fixed:
-        tests.append(_of_fixed(estimate, fixed, level))
+        tests.append(_of_fixed(estimate, fixed, level, relief))
     return tests
 
 
-def _beyond_stated(estimate: Estimate, first: int, level: float) -> list[LackOfFit]:
+def _beyond_stated(estimate: Estimate, first: int, level: float, relief: Relief) -> list[LackOfFit]:
     """Tests of the parameters from the column `first` on: is each where it is stated, or usually is?
 
     A probability is that of a value as far from the stated one under its normal law. Data that say little leave the
@@ -89,11 +91,12 @@ def _beyond_stated(estimate: Estimate, first: int, level: float) -> list[LackOfF
             f"the data look like {parameter.name} of about {size}, {distance:.1f} standard deviations from what {whose}"
         )
         alarm = probability < level
-        tests.append(LackOfFit(parameter.name, probability, None, BEYOND, alarm, words if alarm else ""))
+        gain = relief.of_prior(column) if alarm else 0.0
+        tests.append(LackOfFit(parameter.name, probability, None, BEYOND, alarm, words if alarm else "", gain))
     return tests
 
 
-def _of_block(estimate: Estimate, index: int, level: float) -> LackOfFit:
+def _of_block(estimate: Estimate, index: int, level: float, relief: Relief) -> LackOfFit:
     """Tests of a data set: quantities of its meter, its size, and what it is off by as a whole."""
     likelihood = estimate.likelihood
     block, noise = likelihood.blocks[index], likelihood.noises[index]
@@ -112,7 +115,7 @@ def _of_block(estimate: Estimate, index: int, level: float) -> LackOfFit:
     size = _size(as_normal(noise.law, innovations), used, noise.freedom) if judged else None
     sentence = ""
     if score < level:
-        sentence = f"the residuals of {block.name} are no noise: they look like a {suspect} of the meter"
+        sentence = f"the residuals of {block.name} are not noise: they look like the meter's {suspect}"
     elif size is not None and size < level:
         ratio = float(np.sqrt(np.mean(unequal(innovations) ** 2))) / noise.density.deviation
         sentence = f"the residuals of {block.name} are {ratio:.2f} times as large as the noise is stated to be"
@@ -120,7 +123,12 @@ def _of_block(estimate: Estimate, index: int, level: float) -> LackOfFit:
         shift = _off_as_a_whole(block, noise.scatter, errors, estimate, index)
         if 2.0 * special.stdtr(block.noise.scatter_freedom, -shift) < level:
             sentence = f"{block.name} is off as a whole by {shift:.1f} times what shots and noise scatter by"
-    return LackOfFit(block.name, score, size, suspect, bool(sentence), sentence)
+    gain = 0.0
+    if sentence and suspect:
+        change = np.zeros((1, likelihood.size))
+        change[0, block.rows] = suspects[suspect]
+        gain = relief.of_values(change)
+    return LackOfFit(block.name, score, size, suspect, bool(sentence), sentence, gain)
 
 
 def _off_as_a_whole(block: Block, scatter: float, errors: Floats, estimate: Estimate, index: int) -> float:
@@ -175,7 +183,7 @@ def fixed_changes(study: Study, estimate: Estimate, threads: int | None = None) 
     }
 
 
-def _of_fixed(estimate: Estimate, fixed: Mapping[str, Floats], level: float) -> LackOfFit:
+def _of_fixed(estimate: Estimate, fixed: Mapping[str, Floats], level: float, relief: Relief) -> LackOfFit:
     """Test of fixed values, each by itself: the least probability times their number (Bonferroni)."""
     likelihood = estimate.likelihood
     innovations = likelihood.whiten(estimate.errors)
@@ -195,7 +203,8 @@ def _of_fixed(estimate: Estimate, fixed: Mapping[str, Floats], level: float) -> 
     order = sorted(shares, key=shares.__getitem__)[:NAMED]
     likely = [name for name in order if shares[name] < 10.0 * shares[order[0]] + 1e-300]
     words = f"the residuals look like another {' or '.join(likely)}, which is fixed" if alarm else ""
-    return LackOfFit(FIXED, probability, None, suspect, alarm, words)
+    gain = relief.of_values(fixed[suspect][None]) if alarm else 0.0
+    return LackOfFit(FIXED, probability, None, suspect, alarm, words, gain)
 
 
 def _score(
