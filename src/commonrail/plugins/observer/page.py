@@ -52,7 +52,8 @@ def observer_html(record: Record, folder: Path = Path("DIR")) -> str:
         folder,
         _facts(record),
         kind="Observer",
-        lines=[*observer_lines(record), *observer_notes(record)],
+        lines=observer_lines(record),
+        notes=observer_notes(record),
         warnings=warning_lines(record),
         alarms=alarm_lines(record),
         tiles=_tiles(record),
@@ -299,7 +300,6 @@ def _quantities(record: Record) -> Figure:
     """Quantities by shot, and their deviation from the model without the pressure."""
     number = max(len(shot["injections"]) for shot in record["shots"])
     upper, lower = [], []
-    bands = []
     for j in range(number):
         rows = [(k, s["injections"][j]) for k, s in enumerate(record["shots"], 1) if j < len(s["injections"])]
         x = points(k for k, _ in rows)
@@ -311,15 +311,15 @@ def _quantities(record: Record) -> Figure:
         upper.append(Series(f"observer{name}", "best", x, points(quantities), MARKERS, j))
         with np.errstate(invalid="ignore", divide="ignore"):
             share, spread = 100.0 * (quantities / model - 1.0), 100.0 * TWO * deviation / model
-        lower.append(Series("", "best", x, points(share), MARKERS, j))
-        bands.append(Band("best", x, points(share - spread), points(share + spread), j))
+        edges = points(share - spread), points(share + spread)
+        lower.append(Series("", "best", x, points(share), MARKERS, j, 0, *edges))
     panels = (
         Panel("quantity, mm³", tuple(upper)),
-        Panel("to model alone, %", tuple(lower), zero_line=True, bands=tuple(bands)),
+        Panel("to model alone, %", tuple(lower), zero_line=True),
     )
     return Figure(
         "Quantity shot by shot",
-        "Bands: 95 % from the stated deviation; below, deviation from the model without the pressure.",
+        "Below, deviation from the model without the pressure, with 95 % by the stated deviation.",
         "shot",
         panels,
     )
