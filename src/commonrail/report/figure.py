@@ -489,14 +489,14 @@ def _text(text: str, x: float, y: float, anchor: str = "start") -> str:
 
 def _series_named_at_ends(figure: Figure, width: int) -> list[Series]:
     """Lines of the first panel of a wide figure that are steps of a quantity: their names are at their ends."""
-    named = [s for s in figure.panels[0].series if s.ordered > 1 and s.label and "lines" in s.mode]
-    named = [s for s in named if any(v is not None for v in s.y)]
-    return named if width > NARROW and 1 < len(named) <= MOST_AT_ENDS and figure.panels[0].has_legend else []
+    lines = [s for s in figure.panels[0].series if s.ordered > 1 and s.label and "lines" in s.mode]
+    lines = [s for s in lines if any(v is not None for v in s.y)]
+    return lines if width > NARROW and 1 < len(lines) <= MOST_AT_ENDS and figure.panels[0].has_legend else []
 
 
-def _names_at_ends(named: Sequence[Series], y: Axis, x: float, top: float) -> Iterator[str]:
+def _names_at_ends(lines: Sequence[Series], y: Axis, x: float, top: float) -> Iterator[str]:
     """Entries next to the ends of lines, apart from one another, right of a panel whose frame ends before x [px]."""
-    ends = [(y.at([v for v in series.y if v is not None][-1]), series) for series in named]
+    ends = [(y.at([v for v in series.y if v is not None][-1]), series) for series in lines]
     ends.sort(key=lambda end: end[0])
     places = [min(max(place, 0.0), y.start) for place, _ in ends]
     for i in range(1, len(places)):
