@@ -31,6 +31,8 @@ class Series:
     mode: str = LINES  # or `MARKERS`, `BOTH`
     family: int | None = None  # series of one family share a colour, a marker and an entry of the legend
     ordered: int = 0  # number of the families where they are steps of a quantity, such as rail pressures; else 0
+    low: Points = ()  # ends of error bars about y, or none
+    high: Points = ()
 
 
 @dataclass(frozen=True)

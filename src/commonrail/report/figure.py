@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -132,8 +132,23 @@ def _series(series: Series, x: Axis, y: Axis) -> Iterator[str]:
             f'<path class="curve"{name} d="{path}" fill="none" stroke="{colour}" stroke-width="{width}"{dashed} '
             f'stroke-linejoin="round" {_KEEPS_ITS_WIDTH}/>'
         )
+    if bars := "".join(_error_bars(series, x, y)):
+        key, colour = _key(series.look, series.family), line_of(series)[0]
+        yield f'<path {key} d="{bars}" fill="none" stroke="{colour}" stroke-width="1.2" {_KEEPS_ITS_WIDTH}/>'
     if "markers" in series.mode and len(points := places[np.isfinite(places).all(axis=1)]):
         yield from marker_path(series, "".join(f"M{i} {j}h1" for i, j in points.astype(int).tolist()), name)
+
+
+CAP = 3.0  # half width of the ends of an error bar [px]
+
+
+def _error_bars(series: Series, x: Axis, y: Axis) -> Iterator[str]:
+    """Paths of the error bars of a series."""
+    for place, low, high in zip(series.x, series.low, series.high, strict=False):
+        if place is not None and low is not None and high is not None:
+            across, bottom, top = x.at(place), y.at(low), y.at(high)
+            yield _move(across, bottom, across, top)
+            yield from (_move(across - CAP, end, across + CAP, end) for end in (bottom, top))
 
 
 def marker_style(series: Series) -> tuple[str, str, float, bool]:
@@ -262,6 +277,7 @@ TITLE = 30.0  # of the vertical axis, with the spaces about it [px]
 LARGEST_NAME = 0.45  # of a row, of the width of the figure
 SAMPLE = 26.0  # length of a legend's line, with the space after it [px]
 APART = 14.0  # entries of a legend [px]
+NAME, MOST_AT_ENDS = 14.0, 10  # distance of names at the ends of lines [px], and their number; more are in the legend
 
 
 @dataclass(frozen=True)
@@ -271,11 +287,12 @@ class _Sheet:
     width: float
     height: float
     left: float
+    right: float
 
     @property
     def inner(self) -> float:
         """Width of the panels."""
-        return self.width - self.left - RIGHT
+        return self.width - self.left - self.right
 
 
 def svg(figure: Chart, width: int = WIDE, height: int = 0, name: str = "") -> Markup:
@@ -315,15 +332,18 @@ def figure_svg(figure: Figure, width: int = WIDE, height: int = 0, name: str = "
 
     Width and height are in px, the height by default what its panels need.
     """
-    legend, top = _legend(figure, width)
+    at_ends = _series_named_at_ends(figure, width)
+    legend, top = _legend(figure, width, {series.label for series in at_ends})
     xs = _horizontals(figure.panels)
     height = height or _usual_height(figure, width, top)
     panes = _panes(figure, height, top)
     ys = [replace(_vertical(panel), start=pane, end=0.0) for panel, (_, pane) in zip(figure.panels, panes, strict=True)]
     left = _left_margin(figure, ys, width)
-    turned = _upright_room(figure.panels[-1], width - left - RIGHT)
-    sheet = _Sheet(float(width), height + turned, left)
-    parts = [legend]
+    names_room = max((SAMPLE + text_width(series.label) for series in at_ends), default=0.0)
+    right = RIGHT + names_room
+    turned = _upright_room(figure.panels[-1], width - left - right)
+    sheet = _Sheet(float(width), height + turned, left, right)
+    parts = [legend, *_names_at_ends(at_ends, ys[0], sheet.left + sheet.inner + 6.0, panes[0][0])]
     for i, panel in enumerate(figure.panels):
         axis_x = replace(xs[i], start=0.0, end=sheet.inner)
         last = i == len(figure.panels) - 1
@@ -402,7 +422,7 @@ def _vertical(panel: Panel) -> Axis:
     if panel.rows:
         return Axis(len(panel.rows) - 0.4, -0.6, 0.0, 1.0)
     scaling = [series for series in panel.series if series.look == panel.scaled_by] or panel.series
-    values = [v for series in scaling for v in series.y if v is not None]
+    values = [v for series in scaling for v in chain(series.y, series.low, series.high) if v is not None]
     if not panel.scaled_by:
         values += [v for band in panel.bands for v in chain(band.low, band.high) if v is not None]
     values += [v for boxes in panel.boxes for box in boxes.boxes for v in box]
@@ -467,11 +487,35 @@ def _text(text: str, x: float, y: float, anchor: str = "start") -> str:
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(text)}</text>'
 
 
-def _legend(figure: Figure, width: int) -> tuple[str, float]:
-    """Entries in rows above the panels, and where the panels begin [px]."""
+def _series_named_at_ends(figure: Figure, width: int) -> list[Series]:
+    """Lines of the first panel of a wide figure that are steps of a quantity: their names are at their ends."""
+    lines = [s for s in figure.panels[0].series if s.ordered > 1 and s.label and "lines" in s.mode]
+    lines = [s for s in lines if any(v is not None for v in s.y)]
+    return lines if width > NARROW and 1 < len(lines) <= MOST_AT_ENDS and figure.panels[0].has_legend else []
+
+
+def _names_at_ends(lines: Sequence[Series], y: Axis, x: float, top: float) -> Iterator[str]:
+    """Entries next to the ends of lines, apart from one another, right of a panel whose frame ends before x [px]."""
+    ends = [(y.at([v for v in series.y if v is not None][-1]), series) for series in lines]
+    ends.sort(key=lambda end: end[0])
+    places = [min(max(place, 0.0), y.start) for place, _ in ends]
+    for i in range(1, len(places)):
+        places[i] = max(places[i], places[i - 1] + NAME)
+    places[-1:] = [min(place, y.start) for place in places[-1:]]
+    for i in reversed(range(len(places) - 1)):
+        places[i] = min(places[i], places[i + 1] - NAME)
+    for place, (_, series) in zip(places, ends, strict=True):
+        entry = f"{_sample(series)}{_text(series.label, SAMPLE, 0.0)}"
+        moved = f'transform="translate({x:.1f} {top + place + 4.0:.1f})"'
+        yield f'<g class="entry" {_key(series.look, series.family)} {moved}>{entry}</g>'
+
+
+def _legend(figure: Figure, width: int, elsewhere: Collection[str] = ()) -> tuple[str, float]:
+    """Entries in rows above the panels, but for those elsewhere, and where the panels begin [px]."""
     x, y = 8.0, LINE
     parts = []
-    for (key, text), sample in _entries(figure).items():
+    entries = {(key, text): sample for (key, text), sample in _entries(figure).items() if text not in elsewhere}
+    for (key, text), sample in entries.items():
         text = shorten(text, width - SAMPLE - 16.0)
         entry_width = SAMPLE + text_width(text)
         if x > 8.0 and x + entry_width > width - 8.0:
@@ -486,7 +530,7 @@ def _entries(figure: Figure) -> dict[tuple[str, str], str]:
     """Sample of each entry by its key and text, each text once."""
     samples: dict[str, tuple[str, str]] = {}
     for panel in figure.panels:
-        solid: list[Boxes | Bars] = [*panel.boxes, *panel.bars]
+        solid: list[Boxes | Bars] = [*panel.boxes, *panel.bars] if panel.has_legend else []
         for boxes in solid:
             colour = colour_of(boxes.look, None)
             square = f'<rect x="4" y="-10" width="12" height="11" fill="{colour}" fill-opacity=".3" stroke="{colour}"/>'

@@ -104,6 +104,10 @@ def _series(axes: Axes, series: Series, scale: float) -> None:
         style |= {"marker": "o" if cap == "round" else "s", "markersize": scale * SIZES[series.mode]}
         style |= {"markerfacecolor": "white" if hollow else colour, "zorder": 4}
     axes.plot(_numbers(series.x), _numbers(series.y), **style)
+    if series.low and series.high:
+        reach = np.stack([_numbers(series.y) - _numbers(series.low), _numbers(series.high) - _numbers(series.y)])
+        x, y = _numbers(series.x), _numbers(series.y)
+        axes.errorbar(x, y, yerr=reach, fmt="none", ecolor=colour, elinewidth=0.9, capsize=2.0)
 
 
 def _band(axes: Axes, band: Band) -> None:

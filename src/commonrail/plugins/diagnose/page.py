@@ -192,8 +192,12 @@ def _tiles(diagnosis: Diagnosis) -> list[Tile]:
     best, verdict = diagnosis.diagnoses[0], diagnosis.verdict
     level = CARE if verdict in (UNDECIDED, UNEXPLAINED, FAILS) else GOOD if verdict == "sound" else BAD
     tiles = [Tile("diagnosis", verdict, join_words(diagnosis.leading) if verdict == UNDECIDED else "", level)]
-    if verdict != UNEXPLAINED:
-        tiles.append(Tile("probability", _share(best.probability), f"of {best.name}"))
+    if verdict == UNEXPLAINED and best.name == "sound":
+        return tiles
+    if verdict == UNEXPLAINED:
+        words = f"only {percent(best.fit, 1)} % of such parts lie as far away"
+        return [*tiles, Tile("nearest", best.name, words)]
+    tiles.append(Tile("probability", _share(best.probability), f"of {best.name}"))
     if best.size:
         tiles.append(Tile("size", best.size[0], best.parameter))
     return tiles
@@ -314,7 +318,7 @@ def judgement_html(judgement: PartJudgement, command: str) -> str:
     """Page of a judgement, with the command that repeats it."""
     diagnosis = judgement.diagnosis
     cause, *more = _tiles(diagnosis)
-    tiles = [cause._replace(head="likely cause"), *more[: diagnosis.verdict != UNEXPLAINED]]
+    tiles = [cause._replace(head="likely cause"), *more[:1]]
     if diagnosis.next:
         item = diagnosis.next[0]
         tiles.append(Tile("next test", _place(item), "decides" if item.decides else "decides little"))

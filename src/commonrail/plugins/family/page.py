@@ -34,7 +34,7 @@ def _page(record: Record, folder: Path) -> str:
         for d in part_record["data"]
     ]
     figures = figures_of(data, TEXTS, read_traces(folder / TRACES))
-    type_figures = list(drawings(family_figures(record), 330))
+    type_figures = list(drawings(family_figures(record)))
     fit = read_as(FitRecord, record)
     return render(
         "family.html",
@@ -127,16 +127,11 @@ def family_figures(record: Record) -> list[Figure]:
     series = []
     for i, part_record in enumerate(record["parts"]):
         pulls = [_pulls(p).get(part_record["name"]) for p in scattering]
-        x = tuple(float(n) for n in range(len(scattering)))
-        series.append(Series(f"part {part_record['name']}", "solid", x, tuple(pulls), MARKERS, family=i))
-    panel = Panel(
-        "distance from the type, spreads",
-        tuple(series),
-        zero_line=True,
-        categories=tuple(short_names([p["name"] for p in scattering]).values()),
-    )
+        places = tuple(float(n) for n in range(len(scattering)))
+        series.append(Series(f"part {part_record['name']}", "solid", tuple(pulls), places, MARKERS, family=i))
+    panel = Panel("", tuple(series), rows=tuple(short_names([p["name"] for p in scattering]).values()))
     caption = "Value of the part minus value of the type, in spreads of the next part. Common parameters are left out."
-    return [Figure("Differences between the parts", caption, "parameter", (panel,))]
+    return [Figure("Differences between the parts", caption, "distance from the type, spreads", (panel,))]
 
 
 def _commands(record: Record, run: str) -> list[tuple[str, str]]:

@@ -213,7 +213,8 @@ def _print_family(outcome: Outcome, json: bool, out: Path) -> None:
         print_json(_type_record(injector_type, out) | figures)
     else:
         print_synthetic(injector_type.synthetic)
-        print_text(family_lines(record))
+        verdict, *notes = family_lines(record)
+        print_text([verdict], notes=notes)
         _print_type(injector_type)
         for part_record in record["parts"]:
             for table in tables_of(part_record["data"], TEXTS):

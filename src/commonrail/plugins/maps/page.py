@@ -44,7 +44,7 @@ def map_html(maps: Mapping[str, InjectionMap], compared: Comparison | None = Non
     return page(
         f"Quantity map: {' and '.join(maps)}",
         [m.injector for m in maps.values()],
-        [*map_lines(maps, compared), *map_notes(maps)],
+        map_lines(maps, compared),
         curves,
         map_tables(maps, compared),
         facts=[("Conditions", "; ".join(describe_conditions(first)))],
@@ -52,6 +52,7 @@ def map_html(maps: Mapping[str, InjectionMap], compared: Comparison | None = Non
         heats=heats,
         model=next(iter(maps)),
         kind="Map",
+        notes=map_notes(maps),
     )
 
 
@@ -67,6 +68,7 @@ def page(
     tiles: Sequence[Tile] = (),
     kind: str = "Sweep",
     model: str = "",
+    notes: Sequence[str] = (),
 ) -> str:
     """Page of maps or of a sweep; its first map is at the top, or its first curve where it has no map.
 
@@ -81,6 +83,7 @@ def page(
         kind=kind,
         synthetic=[injector.synthetic for injector in injectors if injector.synthetic],
         lines=lines,
+        notes=notes,
         heats=drawn_maps[1:],
         tiles=tiles,
         first=first,

@@ -59,7 +59,8 @@ def observer_html(record: Record, folder: Path = Path("DIR")) -> str:
         folder,
         _facts(summary),
         kind="Observer",
-        lines=[*observer_lines(summary), *observer_notes(summary)],
+        lines=observer_lines(summary),
+        notes=observer_notes(summary),
         warnings=warning_lines(summary),
         alarms=alarm_lines(summary),
         tiles=_tiles(summary),
@@ -313,7 +314,6 @@ def _quantities(summary: ObservationSummary) -> Figure:
     """Quantities by shot, and their deviation from the model without the pressure."""
     number = max(len(shot.injections) for shot in summary.shots)
     upper, lower = [], []
-    bands = []
     for j in range(number):
         rows = [(k, shot.injections[j]) for k, shot in enumerate(summary.shots, 1) if j < len(shot.injections)]
         x = points(k for k, _ in rows)
@@ -323,15 +323,15 @@ def _quantities(summary: ObservationSummary) -> Figure:
         upper.append(Series(f"observer{name}", "best", x, points(quantities), MARKERS, j))
         with np.errstate(invalid="ignore", divide="ignore"):
             share, spread = 100.0 * (quantities / model - 1.0), 100.0 * TWO * deviation / model
-        lower.append(Series("", "best", x, points(share), MARKERS, j))
-        bands.append(Band("best", x, points(share - spread), points(share + spread), j))
+        edges = points(share - spread), points(share + spread)
+        lower.append(Series("", "best", x, points(share), MARKERS, j, 0, *edges))
     panels = (
         Panel("quantity, mm³", tuple(upper)),
-        Panel("to model alone, %", tuple(lower), zero_line=True, bands=tuple(bands)),
+        Panel("to model alone, %", tuple(lower), zero_line=True),
     )
     return Figure(
         "Quantity shot by shot",
-        "Bands: 95 % from the stated deviation; below, deviation from the model without the pressure.",
+        "Below, deviation from the model without the pressure, with 95 % by the stated deviation.",
         "shot",
         panels,
     )

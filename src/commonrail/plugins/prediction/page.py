@@ -112,7 +112,8 @@ def _figure(band: Band, level: float) -> Figure | None:
             measured = np.asarray(data.measured, float)[rows]
             series.append(Series("", "measured", colour_group, points(unit.factor * measured), mode, *step))
         label = pressure(rails[rows[0]]) if mode == MARKERS else "predicted"
-        series.append(Series(label, "best", colour_group, points(unit.factor * band.values[rows]), LINES, *step))
+        drawn = BOTH if mode == MARKERS and not band.measured else LINES  # a grid has kinks at its points
+        series.append(Series(label, "best", colour_group, points(unit.factor * band.values[rows]), drawn, *step))
     look = "dotted" if widths else "shaded"
     caption = f"Lines: predicted; {look}: {to_fixed(level, 0, 100.0)} % band of measured values."
     if widths:
