@@ -184,9 +184,9 @@ class ShortForm:
     def take_sentences(self, sentences: Sequence[str], reserved: int) -> list[str]:
         """The first sentences that fit above so many lines."""
         self.lines -= reserved
-        kept = self.take("sentence", [[sentence] for sentence in sentences], [len(wrap_line(s)) for s in sentences])
+        shown = self.take("sentence", [[sentence] for sentence in sentences], [len(wrap_line(s)) for s in sentences])
         self.lines += reserved
-        return [sentence for (sentence,) in kept]
+        return [sentence for (sentence,) in shown]
 
     def take_rows(self, title: str, heads: int, sizes: Sequence[int]) -> int:
         """Number of rows, of `sizes` lines each below `heads` lines, that a table prints: of a later table all or none.

@@ -106,7 +106,10 @@ def _warnings(comparison: Comparison, models: Sequence[NamedModel]) -> list[dict
 
 
 def _print(record: dict[str, Any]) -> None:
+    from commonrail.base.record import from_record
+    from commonrail.plugins.compare.file import ComparisonRecord
     from commonrail.plugins.compare.page import comparison_lines, comparison_tables
 
-    print_synthetic(record["synthetic"])
-    print_text(comparison_lines(record), comparison_tables(record))
+    comparison = from_record(ComparisonRecord, record)
+    print_synthetic(comparison.synthetic)
+    print_text(comparison_lines(comparison), comparison_tables(comparison))

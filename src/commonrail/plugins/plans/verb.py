@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 StrokeRate = Annotated[
     str | None, Option(help="Stroke rate of tests that state none, e.g. 1000/min; a return needs it. [default: none]")
 ]
-Page = Callable[[dict[str, Any], str], str]  # from a record and the command that repeats it
+Page = Callable[[Any, str], str]  # from a result and the command that repeats it
 Report = Annotated[Path | None, Option(metavar="FILE.html", help="Report on one page.")]
 
 
@@ -80,13 +80,13 @@ class BenchOptions:
     def show(
         self, result: Any, settings: Mapping[str, Any], report: Path | None, page: Page, *files: Path | None
     ) -> None:
-        """Print a result, write its page, and name these and other files."""
+        """Print a result, write its page, and name this and other files."""
         from commonrail.report.presenter import presenter_of
 
-        record, content = result.record(), presenter_of(result)
+        content, record = presenter_of(result), result.record()
         if report is not None:
             pressures = {name: to_text(settings[name], "Pa") for name in ("cylinder_pressure", "return_pressure")}
-            write_text(report, page(record, command_again(**pressures)))
+            write_text(report, page(result, command_again(**pressures)))
 
         def shown() -> None:
             print_synthetic(record["synthetic"])
