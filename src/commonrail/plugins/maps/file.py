@@ -13,7 +13,8 @@ import numpy as np
 from commonrail.base.csv_output import neutralise, write_csv
 from commonrail.base.errors import InputError
 from commonrail.base.output import replacing, write_text
-from commonrail.base.text import number, numbers
+from commonrail.base.record import to_record
+from commonrail.base.text import numbers
 from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.dcm import number_text, write_dcm, write_into_dcm
 from commonrail.plugins.maps.difference import Comparison
@@ -76,17 +77,8 @@ def _cell(value: float) -> str:
 
 
 def _write_json(path: Path, tables: Sequence[MapTable]) -> None:
-    maps = [
-        vars(table)
-        | {name: _describe_column(axis) for name, axis in (("x", table.x), ("y", table.y))}
-        | {"values": numbers(table.values), "layers": list(map(_describe_column, table.layers))}
-        for table in tables
-    ]
-    write_text(path, json.dumps({"kind": "maps", "schema": 1, "maps": maps}, indent=1, allow_nan=False) + "\n")
-
-
-def _describe_column(column: Axis | Layer) -> dict[str, Any]:
-    return column._asdict() | {"values": numbers(column.values)}
+    record = {"kind": "maps", "schema": 1, "maps": to_record(tables)}
+    write_text(path, json.dumps(record, indent=1, allow_nan=False) + "\n")
 
 
 def _write_mat(path: Path, tables: Sequence[MapTable]) -> None:
@@ -201,21 +193,18 @@ ENDINGS = tuple(_FORMS)
 
 def map_record(maps: Mapping[str, InjectionMap], compared: Comparison | None = None) -> dict[str, Any]:
     """Record [SI] of maps by label, the first compared with measured data; null if a number is missing."""
-    record: dict[str, Any] = {
-        "schema": 1,
-        "kind": "map",
-        "maps": [_one_map_record(label, m) for label, m in maps.items()],
-    }
+    parts: dict[str, Any] = {"maps": [_one_map_record(label, m) for label, m in maps.items()]}
     if compared is not None:
-        record["measured"] = {
+        parts["measured"] = {
             "source": compared.source,
-            "rail_pressure": compared.measured.rail_pressure.tolist(),
-            "energising_time": compared.measured.energising_time.tolist(),
-            "measured": compared.measured.volume.tolist(),
-            "simulated": numbers(compared.simulated),
-            "rms_large": number(compared.rms_large),
-            "rms_small": number(compared.rms_small),
+            "rail_pressure": compared.measured.rail_pressure,
+            "energising_time": compared.measured.energising_time,
+            "measured": compared.measured.volume,
+            "simulated": compared.simulated,
+            "rms_large": compared.rms_large,
+            "rms_small": compared.rms_small,
         }
+    record: dict[str, Any] = to_record({"schema": 1, "kind": "map", **parts})
     return record
 
 
@@ -225,7 +214,7 @@ def conditions_record(conditions: Conditions) -> dict[str, float]:
 
 
 def _one_map_record(label: str, m: InjectionMap) -> dict[str, Any]:
-    inverse = m.inverse
+    """Content of the record of a map."""
     return {
         "label": label,
         "injector": m.injector.name,
@@ -233,21 +222,21 @@ def _one_map_record(label: str, m: InjectionMap) -> dict[str, Any]:
         "synthetic": m.injector.synthetic,
         "conditions": conditions_record(m.conditions),
         "reference_density": m.density,
-        "rules": {"several": m.rules.several.value, "unreachable": m.rules.beyond.value},
+        "rules": {"several": m.rules.several, "unreachable": m.rules.beyond},
         "adjustment": m.adjustment._asdict(),
-        "costs": [cost._asdict() for cost in m.costs],
+        "costs": m.costs,
         "simulations": m.simulations,
-        **{name: axis.tolist() for name, axis in vars(m.axes).items()},
-        "injected_volume": numbers(m.volume),
-        "ballistic": m.ballistic.tolist(),
-        "falls_with_pressure": m.falls_with_pressure.tolist(),
+        **vars(m.axes),
+        "injected_volume": m.volume,
+        "ballistic": m.ballistic,
+        "falls_with_pressure": m.falls_with_pressure,
         "inverse": {
-            "energising_time": numbers(inverse.energising_time),
-            "delivered": numbers(inverse.delivered),
-            "state": [[CellState(state).name for state in row] for row in inverse.state.tolist()],
-            "ballistic": m.inverse_ballistic.tolist(),
+            "energising_time": m.inverse.energising_time,
+            "delivered": m.inverse.delivered,
+            "state": [[CellState(state).name for state in row] for row in m.inverse.state.tolist()],
+            "ballistic": m.inverse_ballistic,
         },
-        "falls": [fall._asdict() for fall in m.falls],
+        "falls": m.falls,
         "bands": None if m.bands is None else _bands(m.bands),
     }
 
@@ -255,7 +244,7 @@ def _one_map_record(label: str, m: InjectionMap) -> dict[str, Any]:
 def _bands(bands: MapBands) -> dict[str, Any]:
     """Edges of the bands by level, over the cells of the quantity map and of the inverse."""
     edges = {
-        name: [{"lower": numbers(low), "upper": numbers(high)} for low, high in pairs.values()]
+        name: [{"lower": low, "upper": high} for low, high in pairs.values()]
         for name, pairs in (("injected_volume", bands.quantity), ("delivered", bands.delivered))
     }
     return {"estimator": bands.estimator, "levels": list(bands.quantity), **edges}

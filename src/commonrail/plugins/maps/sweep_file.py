@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from commonrail.base.csv_output import write_csv
-from commonrail.base.text import number, numbers
+from commonrail.base.record import to_record
 from commonrail.base.units import convert
 from commonrail.plugins.maps.choices import CellState
 from commonrail.plugins.maps.compensation import Compensation
@@ -64,42 +64,48 @@ def write_compensation(path: Path, compensated: Compensation) -> None:
 def sweep_record(swept: Sweep) -> dict[str, Any]:
     """Record of a sweep [SI]; null if a number is missing."""
     base = {name: value for name, value in swept.base._asdict().items() if name != "conditions"}
-    return {
-        "schema": 1,
-        "kind": "sweep",
-        "injector": swept.injector.name,
-        "synthetic": swept.injector.synthetic,
-        "base": base | conditions_record(swept.base.conditions),
-        "variables": [{"name": v.name, "unit": v.unit, "values": v.values.tolist()} for v in swept.variables],
-        "injected_volume": numbers(swept.volume),
-        "second_volume": numbers(swept.second) if swept.two else None,
-        "fused": swept.fused.tolist() if swept.two else None,
-        "opening": numbers(swept.opening),
-        "without_number": [
-            {**g._asdict(), "status": g.status.name, "sentence": g.sentence} for g in without_number(swept)
-        ],
-        "fusion": [{"rail_pressure": p, "dwell": number(d)} for p, d in swept.fusion],
-    }
+    record: dict[str, Any] = to_record(
+        {
+            "schema": 1,
+            "kind": "sweep",
+            "injector": swept.injector.name,
+            "synthetic": swept.injector.synthetic,
+            "base": base | conditions_record(swept.base.conditions),
+            "variables": swept.variables,
+            "injected_volume": swept.volume,
+            "second_volume": swept.second if swept.two else None,
+            "fused": swept.fused if swept.two else None,
+            "opening": swept.opening,
+            "without_number": [
+                {**g._asdict(), "status": g.status.name, "sentence": g.sentence} for g in without_number(swept)
+            ],
+            "fusion": [{"rail_pressure": p, "dwell": d} for p, d in swept.fusion],
+        }
+    )
+    return record
 
 
 def compensation_record(compensated: Compensation) -> dict[str, Any]:
     """Record of compensated energising times [SI]."""
     axes = compensated.alone.axes
-    return {
-        "schema": 1,
-        "kind": "compensation",
-        "injector": compensated.alone.injector.name,
-        "synthetic": compensated.alone.injector.synthetic,
-        "first_energising_time": compensated.first_energising_time,
-        "condition": {**compensated.condition._asdict(), "values": compensated.condition.values.tolist()},
-        "rail_pressure": axes.rail_pressure.tolist(),
-        "quantity": axes.quantity.tolist(),
-        "energising_time": numbers(compensated.energising_time),
-        "alone": numbers(compensated.alone.inverse.energising_time),
-        "state": [
-            [[CellState(s).name for s in row] for row in inverse.state.tolist()] for inverse in compensated.inverses
-        ],
-    }
+    record: dict[str, Any] = to_record(
+        {
+            "schema": 1,
+            "kind": "compensation",
+            "injector": compensated.alone.injector.name,
+            "synthetic": compensated.alone.injector.synthetic,
+            "first_energising_time": compensated.first_energising_time,
+            "condition": compensated.condition,
+            "rail_pressure": axes.rail_pressure,
+            "quantity": axes.quantity,
+            "energising_time": compensated.energising_time,
+            "alone": compensated.alone.inverse.energising_time,
+            "state": [
+                [[CellState(s).name for s in row] for row in inverse.state.tolist()] for inverse in compensated.inverses
+            ],
+        }
+    )
+    return record
 
 
 def _text(value: float) -> str:
