@@ -11,9 +11,9 @@ import click
 
 from commonrail.base.errors import InputError
 from commonrail.base.output import writing
-from commonrail.cli.console import print_lines, print_table, say
-from commonrail.cli.fit import Outcome, make_live, run_study
-from commonrail.cli.grammar import Option, verb
+from commonrail.cli.console import begin_result, say
+from commonrail.cli.fit import Outcome, make_live, print_fit, run_study
+from commonrail.cli.grammar import Option, table_verb
 from commonrail.cli.guard import INTERRUPTED, end_on_errors
 from commonrail.cli.options import Threads
 from commonrail.plugins.paper import TRUTH
@@ -26,7 +26,7 @@ BENCH_SEED = 1  # of the paper's case as its study file states it
 MARKER = ".commonrail-demo"
 
 
-@verb
+@table_verb
 @end_on_errors()
 def demo(
     *,
@@ -81,17 +81,11 @@ def _calibrate(case: Path, folder: Path, threads: int | None) -> Outcome:
 
 
 def _print(outcome: Outcome) -> None:
-    from commonrail.calibration.record import CalibrationRecord, read_as
-    from commonrail.report.fit.tables import tables_of
-    from commonrail.report.fit.verdict import headline
-
+    """Print the verdict of a calibration, in full its tables too."""
+    begin_result()
     click.echo(outcome.record["title"])
-    if outcome.record["synthetic"]:
-        click.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
-    record = read_as(CalibrationRecord, outcome.record)
-    print_lines(headline(record))
-    for table in tables_of(record.data):
-        print_table(table)
+    print_fit(outcome)
+    click.echo("")
 
 
 if __name__ == "__main__":

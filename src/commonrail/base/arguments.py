@@ -31,27 +31,29 @@ LARGEST_WHOLE = 2**63 - 1  # what a study file and the journal can hold
 _Kind = TypeVar("_Kind")
 _Choice = TypeVar("_Choice", bound=Enum)
 
-# Cure for an argument of the wrong kind, by the name of the kind that is expected.
+
+class Cure(NamedTuple):
+    """Way to get an object of a class, for the error if a value of another kind is given.
+
+    A class has its own as the class attribute `cure`. `text` may have {} for the path or name that was given in place
+    of the object, or else for `example`.
+    """
+
+    text: str
+    example: str = ""
+
+
+# Of the classes that know nothing of arguments, by name.
 _CURES = {
-    "Study": "read it with commonrail.load_study({})",
-    "Injector": "read it with commonrail.load_injector({})",
-    "Truth": "read it with commonrail.lab.load_truth({})",
-    "Fuel": "read it with commonrail.load_fuel({})",
-    "OperatingPoint": 'write commonrail.OperatingPoint("160 MPa", "700 us")',
-    "Parameter": "commonrail.design.parameters_within(injector, [{}]) makes them",
-    "Trace": "write commonrail.Trace(times, values) with times [s] and SI values",
-    "DataSet": "write commonrail.RateData(…), QuantityData(…), ReturnData(…) or FeatureData(…)",
-    "Calibration": "take what commonrail.calibrate returns",
-    "Solution": "take what commonrail.simulate returns",
-    "Bench": "write commonrail.lab.Bench(truth, injector, time_step)",
-    "Variant": "write commonrail.Variant(body, boundary, drive)",
-}
-_EXAMPLES = {
-    "Study": "study.toml",
-    "Injector": "virtual-lino-2016",
-    "Truth": "virtual-lino-2016",
-    "Fuel": "iso4113",
-    "Parameter": "valve.lift",
+    "Study": Cure("read it with commonrail.load_study({})", "study.toml"),
+    "Injector": Cure("read it with commonrail.load_injector({})", "virtual-lino-2016"),
+    "Fuel": Cure("read it with commonrail.load_fuel({})", "iso4113"),
+    "OperatingPoint": Cure('write commonrail.OperatingPoint("160 MPa", "700 us")'),
+    "Parameter": Cure("commonrail.design.parameters_within(injector, [{}]) makes them", "valve.lift"),
+    "Trace": Cure("write commonrail.Trace(times, values) with times [s] and SI values"),
+    "Calibration": Cure("take what commonrail.calibrate returns"),
+    "Solution": Cure("take what commonrail.simulate returns"),
+    "Variant": Cure("write commonrail.Variant(body, boundary, drive)"),
 }
 
 
@@ -284,12 +286,14 @@ def instance(value: object, kind: Any, what: str) -> Any:
     """
     if isinstance(value, kind):
         return value
-    names = [accepted.__name__ for accepted in get_args(kind) or (kind,)]
-    name = names[0]
-    source = f"{value}" if isinstance(value, str | os.PathLike) else _EXAMPLES.get(name, "")
-    cure = f"; {_CURES[name].format(_quote(source))}" if name in _CURES else ""
-    article = "an" if name[0] in "AEIOU" else "a"
-    raise ConfigurationError(f"The {what} must be {article} {' or '.join(names)}, not {shown(value)}{cure}.")
+    kinds = get_args(kind) or (kind,)
+    names = [accepted.__name__ for accepted in kinds]
+    cure, words = getattr(kinds[0], "cure", None) or _CURES.get(names[0]), ""
+    if isinstance(cure, Cure):
+        source = f"{value}" if isinstance(value, str | os.PathLike) else cure.example
+        words = f"; {cure.text.format(_quote(source))}"
+    article = "an" if names[0][0] in "AEIOU" else "a"
+    raise ConfigurationError(f"The {what} must be {article} {' or '.join(names)}, not {shown(value)}{words}.")
 
 
 def sequence(value: object, what: str, of: str) -> Sequence[Any]:

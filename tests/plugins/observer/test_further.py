@@ -20,7 +20,7 @@ from commonrail.plugins.observer.file import LogColumns, read_log
 from commonrail.plugins.observer.further import join_covariances
 from commonrail.plugins.observer.kalman import Belief, update
 from commonrail.plugins.observer.online import Online, observer_texts
-from commonrail.plugins.observer.page import observer_html, observer_lines, warning_lines
+from commonrail.plugins.observer.page import observer_html, observer_notes, warning_lines
 from commonrail.plugins.observer.response import Response, Simulator
 from commonrail.plugins.observer.run import observe
 from commonrail.plugins.observer.study import CURRENT_DELAY, METER_GAIN, ObserverSettings, ShotRecord, resolve_states
@@ -144,7 +144,7 @@ def test_a_sensor_that_does_not_fit_the_pressure_is_left_out_and_named(rigid_vol
             assert figures[name] == pytest.approx(figures["plain"], rel=1e-3)  # peak and hold current are states
             assert "--current" in lines
             assert "4 of 4" in lines
-            assert "current" not in " ".join(observer_lines(record))
+            assert "current" not in " ".join(observer_notes(record))
         if name == "wrong return flow":
             assert counts == [[True], [False], [False], []]
             assert "--return-flow" in lines
@@ -277,7 +277,7 @@ def test_the_verb_reads_further_columns(command: Command, tmp_path: Path, log: L
     assert {"peak current", METER_GAIN} < {state["name"] for state in said[0]["states"]}
     one, other = ([shot["injections"][0]["quantity"] for shot in record["shots"]] for record in said)
     assert one == pytest.approx(other, rel=1e-3)  # roundings grow from shot to shot
-    assert all(word in " ".join(observer_lines(said[0])) for word in ("current", "return flow"))
+    assert all(word in " ".join(observer_notes(said[0])) for word in ("current", "return flow"))
     assert "Return flow" in observer_html(said[0])
     for options, words in (
         (("--current", "pressure"), "Pa"),

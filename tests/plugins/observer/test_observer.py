@@ -349,7 +349,7 @@ def test_an_injection_that_does_not_open_has_no_deviation(rigid_volume: Injector
     assert {pilot[f"{key}_deviation"] for key in ("quantity", "opening", "closing")} == {None}
     assert min(main[f"{key}_deviation"] for key in ("quantity", "opening", "closing")) > 0.0
     (share,) = re.findall(
-        r"Median standard deviation of a quantity (\S+) mm³", " ".join(observer_lines(found.record()))
+        r"median standard deviation of a quantity (\S+) mm³", " ".join(observer_lines(found.record()))
     )
     assert float(share) == pytest.approx(main["quantity_deviation"] / MM3, rel=0.05)  # of the main injection alone
     page = observer_html(found.record())

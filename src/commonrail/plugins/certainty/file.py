@@ -47,6 +47,8 @@ class Certainty(Shown):
     verdicts : list of Assessment
     combinations : mapping of str to (float, float, float)
         Value and ends of the interval [SI] of each stated combination.
+    widening : float
+        Share of the error that wider bounds are expected to take away, where bounds were met.
     """
 
     presenter = "commonrail.plugins.certainty.notebook:CERTAINTY"
@@ -63,6 +65,7 @@ class Certainty(Shown):
     withdrawn: str
     verdicts: list[Assessment]
     combinations: Mapping[str, tuple[float, float, float]]
+    widening: float = 0.0
 
     def plot(self, ax: Any = None, kind: str = "corner") -> Any:  # type: ignore[override]
         """Draw the draws of the posterior with matplotlib.
@@ -145,6 +148,7 @@ class Certainty(Shown):
                 ],
                 "noise": self._noise(),
                 "discrepancy": max(noise.share for noise in estimate.likelihood.noises),
+                "widening": self.widening,
                 "tests": self.tests,
             }
         )

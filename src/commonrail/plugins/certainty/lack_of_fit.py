@@ -26,6 +26,7 @@ from commonrail.physics.variants import unread_parameters
 from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.likelihood import prior_slopes_at
 from commonrail.plugins.certainty.noise_fit import SHARE_GAIN, Block, as_normal, count_exact, row_weights, samples_of
+from commonrail.plugins.certainty.relief import Relief
 from commonrail.plugins.certainty.uncertain import ASSUMED
 
 LEVEL = 0.01  # false alarms of all tests of a fit together
@@ -44,6 +45,7 @@ class LackOfFit(NamedTuple):
     suspect: str  # the one that by itself explains most
     detected: Annotated[bool, Key("found")]  # the residuals are not noise, at a level shared by all tests of the fit
     sentence: str  # what the residuals look like; empty if nothing is detected
+    relief: float = 0.0  # share of the error that freeing the suspect is expected to take away
 
 
 def lack_of_fit(estimate: Estimate, first: int, fixed: Mapping[str, Floats] | None = None) -> list[LackOfFit]:
@@ -51,20 +53,20 @@ def lack_of_fit(estimate: Estimate, first: int, fixed: Mapping[str, Floats] | No
 
     `first`: number of the study's own parameters, which the uncertain quantities follow; `fixed`: of `fixed_changes`.
     """
-    likelihood = estimate.likelihood
+    likelihood, relief = estimate.likelihood, Relief(estimate)
     many = sum(1 + noise.stated + bool(noise.scatter) for noise in likelihood.noises) + len(estimate.unit) - first + 1
     level = LEVEL / many
-    tests = [_of_block(estimate, i, level) for i in range(len(likelihood.blocks))]
-    tests += _beyond_stated(estimate, first, level)
+    tests = [_of_block(estimate, i, level, relief) for i in range(len(likelihood.blocks))]
+    tests += _beyond_stated(estimate, first, level, relief)
     if share := max(noise.share for noise in likelihood.noises):
         # its gain of 2 ln L is at least this: the largest probability by chi-squared of one degree of freedom
         size = significant(100.0 * share, 2)
         words = f"the model is off by about {size} % of the values in a way that no free parameter mends"
         tests.append(LackOfFit(DISCREPANCY, float(special.chdtrc(1, SHARE_GAIN)), None, DISCREPANCY, True, words))
-    return tests + ([_of_fixed(estimate, fixed, level)] if fixed else [])
+    return tests + ([_of_fixed(estimate, fixed, level, relief)] if fixed else [])
 
 
-def _beyond_stated(estimate: Estimate, first: int, level: float) -> list[LackOfFit]:
+def _beyond_stated(estimate: Estimate, first: int, level: float, relief: Relief) -> list[LackOfFit]:
     """Tests of the parameters from the column `first` on: is each where it is stated, or usually is?
 
     The probability of a value as far from the stated one, by its normal law. Data that say little raise fewer alarms.
@@ -74,7 +76,7 @@ def _beyond_stated(estimate: Estimate, first: int, level: float) -> list[LackOfF
     for column, distance in zip(likelihood.priors.columns, distances, strict=True):
         if column < first:
             continue
-        parameter, words = likelihood.space.parameters[column], ""
+        parameter, words, gain = likelihood.space.parameters[column], "", 0.0
         probability = math.erfc(distance / math.sqrt(2.0))
         if probability < level:
             size = quantity(float(estimate.point[column]), parameter.unit, 2)
@@ -82,17 +84,17 @@ def _beyond_stated(estimate: Estimate, first: int, level: float) -> list[LackOfF
             words = (
                 f"the data look like {parameter.name} of about {size}, {distance:.1f} standard deviations from what "
             )
-            words += whose
-        tests.append(LackOfFit(parameter.name, probability, None, BEYOND, bool(words), words))
+            words, gain = words + whose, relief.of_prior(column)
+        tests.append(LackOfFit(parameter.name, probability, None, BEYOND, bool(words), words, gain))
     return tests
 
 
-def _of_block(estimate: Estimate, index: int, level: float) -> LackOfFit:
+def _of_block(estimate: Estimate, index: int, level: float, relief: Relief) -> LackOfFit:
     """Tests of a data set: quantities of its meter, its size, and its common error."""
     block, noise = estimate.likelihood.pairs[index]
-    errors, sentence = estimate.errors[block.rows], ""
-    innovations = noise.whiten(errors)
-    score, suspect, _ = _score(estimate, [block], meter_changes(block, errors))
+    errors, sentence, gain = estimate.errors[block.rows], "", 0.0
+    innovations, suspects = noise.whiten(errors), meter_changes(block, errors)
+    score, suspect, _ = _score(estimate, [block], suspects)
     judged = noise.stated and block.shots is None
     used = count_exact(errors) + estimate.covariance.used[index]
     size = _size(as_normal(noise.law, innovations), used, noise.freedom) if judged else None
@@ -107,7 +109,11 @@ def _of_block(estimate: Estimate, index: int, level: float) -> LackOfFit:
         shift = abs(float(common @ innovations)) / length if length else 0.0
         if 2.0 * special.stdtr(block.noise.scatter_freedom, -shift) < level:
             sentence = f"{block.name} is off as a whole by {shift:.1f} times what shots and noise scatter by"
-    return LackOfFit(block.name, score, size, suspect, bool(sentence), sentence)
+    if sentence and suspect:
+        change = np.zeros((1, estimate.likelihood.size))
+        change[0, block.rows] = suspects[suspect]
+        gain = relief.of_values(change)
+    return LackOfFit(block.name, score, size, suspect, bool(sentence), sentence, gain)
 
 
 def meter_changes(block: Block, errors: Floats) -> dict[str, Floats]:
@@ -148,17 +154,19 @@ def fixed_changes(study: Study, estimate: Estimate, threads: int | None = None) 
     }
 
 
-def _of_fixed(estimate: Estimate, fixed: Mapping[str, Floats], level: float) -> LackOfFit:
+def _of_fixed(estimate: Estimate, fixed: Mapping[str, Floats], level: float, relief: Relief) -> LackOfFit:
     """Test of fixed values, each by itself: the least probability times their number (Bonferroni)."""
     _, suspect, shares = _score(estimate, estimate.likelihood.blocks, fixed)
     if not shares:
         return LackOfFit(FIXED, 1.0, None, "", False, "")
     probability, words = min(1.0, len(shares) * min(shares.values())), ""
+    gain = 0.0
     if probability < level:
         order = sorted(shares, key=shares.__getitem__)[:NAMED]
         likely = [name for name in order if shares[name] < 10.0 * shares[order[0]] + 1e-300]
         words = f"the residuals look like another {' or '.join(likely)}, which is fixed"
-    return LackOfFit(FIXED, probability, None, suspect, bool(words), words)
+        gain = relief.of_values(fixed[suspect][None])
+    return LackOfFit(FIXED, probability, None, suspect, bool(words), words, gain)
 
 
 def _score(

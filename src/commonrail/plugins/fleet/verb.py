@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from commonrail.base.errors import SimulationError
-from commonrail.cli.console import Bar, Stage, print_json, print_lines, print_table, say
+from commonrail.cli.console import Bar, Stage, print_json, print_synthetic, print_text, say
 from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import ClusterAddress, Json, check_workers
@@ -78,18 +78,13 @@ def _show(bar: Bar, p: FleetProgress) -> None:
 def _print(run: FleetRun, report: Path) -> None:
     from commonrail.plugins.fleet.page import fleet_lines, fleet_tables, fleet_warnings
 
-    if run.record["synthetic"]:
-        print_lines([f"SYNTHETIC: {run.record['synthetic']}"])
-    print_lines(fleet_lines(run.record))
-    for line in fleet_warnings(run.record):
-        click.echo(f"warning: {line}")
+    print_synthetic(run.record["synthetic"])
+    lines = [*fleet_lines(run.record), *(f"warning: {line}" for line in fleet_warnings(run.record))]
     clock: dict[str, Any] = run.record["clock"]
     if clock["calibrated_now"]:
         speed = clock["injectors_per_second"]
         steady = clock["after_the_first"]
         after = f", {steady:.2f} injectors/s once the workers were up" if steady else ""
-        click.echo(f"{clock['calibrated_now']} injectors in {clock['seconds']:.1f} s: {speed:.2f} injectors/s{after}.")
-    click.echo("")
-    for table in fleet_tables(run.record):
-        print_table(table)
+        say(f"{clock['calibrated_now']} injectors in {clock['seconds']:.1f} s: {speed:.2f} injectors/s{after}.")
+    print_text(lines, fleet_tables(run.record))
     click.echo(f"report: {report}")

@@ -19,6 +19,7 @@ from commonrail.plugins.next.settings import Criterion
 from commonrail.plugins.next.study import locate
 from commonrail.report.analysis import result_html
 from commonrail.report.fit.rules import Tile
+from commonrail.report.parameter_names import describe_parameters
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 
 TILES = 5  # measurements on the first screen
@@ -66,7 +67,8 @@ def plan_headline(plan: MeasurementPlan) -> str:
     texts = [f"{count_noun(len(plan.measurements), 'measurement')} at cost {plan.cost:g}"]
     for last in plan.measurements[-1:]:
         aims = "predictions" if plan.settings.criterion is Criterion.V else "the parameters"
-        texts.append(f"the widest interval, of {plan.widest}, becomes {_fall(last.ratio)} narrower")
+        widest = describe_parameters(plan.before).get(plan.widest, plan.widest)
+        texts.append(f"the widest interval, of {widest}, becomes {_fall(last.ratio)} narrower")
         texts.append(f"{aims} become {_fall(last.factor)} less uncertain")
         texts += [] if plan.is_worth_measuring else ["not worth measuring"]
     for measurement in plan.alternatives:
@@ -74,7 +76,7 @@ def plan_headline(plan: MeasurementPlan) -> str:
             f"{_KINDS[measurement.candidate.kind]} at {_where(measurement)} "
             f"would narrow the interval by {_fall(measurement.ratio)}"
         )
-    return "; ".join(texts)
+    return f"{'; '.join(texts)}."
 
 
 def _fall(ratio: float) -> str:
@@ -87,8 +89,8 @@ def _where(measurement: Measurement) -> str:
 
 
 def plan_lines(plan: MeasurementPlan) -> list[str]:
-    """Sentences on gain and cost, number of candidates, and assumptions."""
-    lines = [plan_headline(plan), f"chosen from {plan.candidates} candidates"]
+    """Sentences on gain and cost, and on what lacks."""
+    lines = [plan_headline(plan)]
     if len(plan.measurements) < plan.settings.points:
         asked = count_noun(plan.settings.points, "measurement")
         lines.append(
@@ -97,13 +99,26 @@ def plan_lines(plan: MeasurementPlan) -> list[str]:
         )
     if plan.failed:
         lines.append(f"{plan.failed} simulations of candidates failed; they are omitted.")
-    return lines + list(plan.notes)
+    return lines
+
+
+def plan_notes(plan: MeasurementPlan) -> list[str]:
+    """Sentences on the number of candidates and on assumptions."""
+    return [f"Chosen from {plan.candidates} candidates.", *plan.notes]
 
 
 def plan_html(plan: MeasurementPlan, study: Study) -> str:
     """Page of a plan for a study."""
     fitted = [point for data in study.data if data.role is Role.FIT for point in data.points]
-    return result_html("Plan", study, plan_lines(plan), plan_tiles(plan), plan_figures(plan, fitted), plan_tables(plan))
+    return result_html(
+        "Plan",
+        study,
+        plan_lines(plan),
+        plan_tiles(plan),
+        plan_figures(plan, fitted),
+        plan_tables(plan),
+        plan_notes(plan),
+    )
 
 
 def plan_tiles(plan: MeasurementPlan) -> list[Tile]:
@@ -152,4 +167,4 @@ def _arrays(plan: MeasurementPlan) -> Arrays:
     return Arrays({"measurement": Array(axis, np.arange(1, len(rows) + 1))}, values, "Next measurements")
 
 
-PLAN = Presenter(plan_lines, plan_tables, plan_figures, _arrays)
+PLAN = Presenter(lambda plan: [*plan_lines(plan), *plan_notes(plan)], plan_tables, plan_figures, _arrays)

@@ -52,9 +52,9 @@ def observer_html(record: Record, folder: Path = Path("DIR")) -> str:
         folder,
         _facts(record),
         kind="Observer",
-        lines=observer_lines(record),
+        lines=[*observer_lines(record), *observer_notes(record)],
         warnings=warning_lines(record),
-        alarms=_alarm_lines(record),
+        alarms=alarm_lines(record),
         tiles=_tiles(record),
         first=drawn[0] if drawn else None,
         figures=drawn[1:],
@@ -66,7 +66,7 @@ RESULT = ResultKind("observer.json", "observer", "observe", observer_html, KEYS)
 
 
 def observer_lines(record: Record) -> list[str]:
-    """Sentences on the log as a whole."""
+    """Sentences: accuracy and change of the quantities, and shots and injections that are exceptions."""
     rows, further = _injections(record), _further_sensor_words(record)
     observed = [row for row in rows if row["quantity"] is not None]
     if observed and not any((row["quantity_open_loop"] or 0.0) > 0.0 for row in observed):
@@ -74,10 +74,32 @@ def observer_lines(record: Record) -> list[str]:
             f"By the model alone the {count_noun(len(rows), 'energising')} of the log do not inject, and "
             "the pressure moves no quantity; check energising times, command and pressure."
         ]
+    lines = [f"{count_noun(len(record['shots']), 'shot')} with {count_noun(len(rows), 'injection')}"]
+    if observed:
+        shift = 100.0 * np.nanmedian(_shift_by_pressure(observed))
+        lines[0] += (
+            f"; median standard deviation of a quantity {_deviation(observed)}; the pressure moved the model's "
+            f"quantities by {to_fixed(shift, 1)} % (median)"
+        )
+    lines[0] += "."
+    if strange := _strange(record):
+        lines.append(
+            f"{count_noun(strange, 'shot')} changed no state, since the pressure{further} contradicts model and "
+            "disturbance (consistency above 3)."
+        )
+    if closed := sum(row["quantity_deviation"] is None for row in observed):
+        lines.append(
+            f"{count_noun(closed, 'injection')} did not open in the model with its states and has no standard "
+            "deviation."
+        )
+    return lines
+
+
+def observer_notes(record: Record) -> list[str]:
+    """Sentences on the method and its assumptions."""
     lines = [
-        f"{count_noun(len(record['shots']), 'shot')} with {count_noun(len(rows), 'injection')}; quantity, opening and "
-        f"closing of {len(observed)} follow from the pressure at the {_place(record)}{further} and the command, "
-        f"by the model of {record['injector']['title']}.",
+        f"Quantity, opening and closing follow from the pressure at the {_place(record)}"
+        f"{_further_sensor_words(record)} and the command, by the model of {record['injector']['title']}.",
         f"Rail volume {_volume(record)}.",
     ]
     if record.get("horizon", 1) > 1 and len(record["shots"]) > 1:
@@ -85,24 +107,14 @@ def observer_lines(record: Record) -> list[str]:
             f"Estimates use a sliding window of {record['horizon']} shots, in which later shots correct earlier ones. "
             "The last shot and the alarms come from the filter."
         )
-    if strange := _strange(record):
+    if _strange(record):
         lines.append(
-            f"{count_noun(strange, 'shot')} changed no state, since the pressure{further} contradicts model and "
-            "disturbance (consistency above 3), for example if another injector injects at once; their figures follow "
-            "from the states."
+            "A shot contradicts the model for example if another injector injects at once; its figures follow from "
+            "the states."
         )
-    if observed:
-        shift = 100.0 * np.nanmedian(_shift_by_pressure(observed))
-        lines.append(
-            f"Median standard deviation of a quantity {_deviation(observed)}; the pressure moved the model's "
-            f"quantities by {to_fixed(shift, 1)} % (median). {HELD}"
-        )
-    if closed := sum(row["quantity_deviation"] is None for row in observed):
-        lines.append(
-            f"{count_noun(closed, 'injection')} did not open in the model with its states: a quantity near zero has "
-            "no standard deviation, since the slopes of the model do not show where it begins to open."
-        )
-    return lines
+    if any(row["quantity"] is not None and row["quantity_deviation"] is None for row in _injections(record)):
+        lines.append("The slopes of the model do not show where a closed injector begins to open.")
+    return [*lines, HELD]
 
 
 def _strange(record: Record) -> int:
@@ -186,7 +198,8 @@ def _alarms(record: Record) -> list[tuple[int, Record]]:
     return [(k, shot["alarm"]) for k, shot in enumerate(record["shots"], 1) if shot["alarm"]]
 
 
-def _alarm_lines(record: Record) -> list[str]:
+def alarm_lines(record: Record) -> list[str]:
+    """Sentence on each alarm."""
     units = {state["name"]: state["unit"] for state in record["states"]}
     return [
         f"{alarm['state']}: {_with_unit(alarm['size'], units[alarm['state']], True)} ± "
@@ -448,7 +461,13 @@ def _facts(record: Record) -> list[tuple[str, str]]:
 
 
 OBSERVATION = Presenter.of_record(
-    lambda record: [record["title"], *observer_lines(record), *warning_lines(record), *_alarm_lines(record)],
+    lambda record: [
+        record["title"],
+        *observer_lines(record),
+        *observer_notes(record),
+        *warning_lines(record),
+        *alarm_lines(record),
+    ],
     observer_tables,
     observer_figures,
 )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 from commonrail.base.errors import CommonrailError, InputError, nearest
 from commonrail.base.units import parse, parse_difference
 from commonrail.cli import options
-from commonrail.cli.console import Bar, Stage, print_json, print_result, print_text, say
+from commonrail.cli.console import Bar, Stage, print_json, print_result, print_synthetic, print_text, say
 from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.guard import INTERRUPTED
 
@@ -126,12 +126,18 @@ def observe(
     from commonrail.cli.model_name import read_model_name
     from commonrail.physics.injector import FUEL_TEMPERATURE
     from commonrail.plugins.observer.file import LogColumns, read_log
-    from commonrail.plugins.observer.page import observer_lines, observer_tables, warning_lines
+    from commonrail.plugins.observer.page import (
+        alarm_lines,
+        observer_lines,
+        observer_notes,
+        observer_tables,
+        warning_lines,
+    )
     from commonrail.plugins.observer.run import observe as run
     from commonrail.plugins.observer.study import CURRENT_DELAY, FURTHER, ObserverSettings, check_model
     from commonrail.readers.location import Place, locate_errors
     from commonrail.readers.toml import UNSTATED
-    from commonrail.report.analysis import run_into, synthetic_lines
+    from commonrail.report.analysis import run_into
 
     if design == (log is not None):
         raise InputError("Name a LOG, or give --design for a table without a log; give one of the two.")
@@ -236,7 +242,9 @@ def observe(
     if json:
         print_json(record)
     else:
-        print_text([*synthetic_lines(record), *observer_lines(record)], observer_tables(record))
+        print_synthetic(record["synthetic"])
+        verdict, *lines = observer_lines(record)
+        print_text([verdict, *alarm_lines(record), *lines], observer_tables(record), observer_notes(record))
     for line in warning_lines(record):
         say(f"warning: {line}")
     if out is not None and not json:

@@ -9,7 +9,7 @@ import click
 
 from commonrail.base.errors import InputError
 from commonrail.base.output import writing
-from commonrail.cli.console import Bar, Stage, print_json, print_lines, print_rows, say
+from commonrail.cli.console import Bar, Stage, print_json, print_rows, print_synthetic, print_text, say
 from commonrail.cli.fit import Outcome
 from commonrail.cli.grammar import Option, table_verb
 from commonrail.cli.guard import INTERRUPTED
@@ -63,11 +63,11 @@ def reproduce(
         places = {"run": str(outcome.folder), "report": str(outcome.report)}
         print_json({"kind": "reproduction", **places, "result": outcome.record})
     else:
-        print_lines([f"SYNTHETIC: {outcome.record['synthetic']}"])
+        print_synthetic(outcome.record["synthetic"])
+        print_text([verdicts(outcome.record)])
         claims = outcome.record["claims"]
         rows = [[c["verdict"], f"{c['true_in']} of {c['of']}", c["claim"], c["figure"]] for c in claims]
         print_rows(["verdict", "true in", "claim of the paper", "here"], rows, "The paper's claims", texts=4)
-        click.echo(verdicts(outcome.record))
         click.echo(f"report: {outcome.report}")
     if outcome.interrupted:
         done = len(outcome.record["seeds"])

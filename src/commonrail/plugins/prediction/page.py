@@ -62,7 +62,7 @@ def prediction_html(prediction: Prediction, study: Study) -> str:
     """Page of predictions for a study."""
     tiles = [_tile(band, max(prediction.levels)) for band in prediction.bands[:TILES]]
     return result_html(
-        "Predictions", study, _lines(prediction), tiles, prediction_figures(prediction), _tables(prediction)
+        "Predictions", study, prediction_lines(prediction), tiles, prediction_figures(prediction), _tables(prediction)
     )
 
 
@@ -124,13 +124,22 @@ def _figure(band: Band, level: float) -> Figure | None:
     return Figure(data.name, caption, axis, (panel, *more))
 
 
-def _lines(prediction: Prediction) -> list[str]:
-    """Number of predicted values and measured ones inside, and the estimator."""
+def prediction_lines(prediction: Prediction) -> list[str]:
+    """Measured values inside the widest bands, number of predicted values, and the estimator."""
+    level = max(prediction.levels)
+    inside = [
+        f"{band.covered(level)} of {int(band.data.judged.sum())} values of {band.data.name} ({band.data.role.value})"
+        for band in prediction.bands
+        if band.measured
+    ]
+    if len(inside) > SETS:
+        inside = [*inside[:SETS], f"{len(inside) - SETS} further data sets"]
+    verdict = [f"The {to_fixed(level, 0, 100.0)} % bands hold {join_words(inside)}."] if inside else []
     levels = " and ".join(to_fixed(level, 0, 100.0) for level in prediction.levels)
     sets = [f"{count_noun(len(band.values), 'value')} of {band.data.name}" for band in prediction.bands]
     if len(sets) > SETS:
         sets = [*sets[:SETS], f"{len(sets) - SETS} further data sets"]
-    return [f"{join_words(sets)} with bands of {levels} %.", f"Bands: {prediction.estimator}."]
+    return [*verdict, f"{join_words(sets)} with bands of {levels} %.", f"Bands: {prediction.estimator}."]
 
 
 def _tables(prediction: Prediction) -> list[Table]:
@@ -156,4 +165,4 @@ def _arrays(prediction: Prediction) -> Arrays:
     return Arrays({"value": Array(axis, np.arange(len(joined["predicted"])))}, values, "Predictions with bands")
 
 
-PREDICTION = Presenter(_lines, _tables, prediction_figures, _arrays)
+PREDICTION = Presenter(prediction_lines, _tables, prediction_figures, _arrays)
