@@ -389,3 +389,12 @@ def test_a_value_is_freed_where_that_lowers_errors_or_where_they_are_good(
 def test_a_gain_is_checked_on_the_bench_and_not_freed(name: str) -> None:
     """A free gain of 0.8 moved all quantities of a foreign bench by 25 %."""
     assert looks_like({"name": name, "suspect": "gain", "relief": 0.5}, 2.0) == []
+
+
+@pytest.mark.parametrize(("percent", "is_planned"), [(2.0, True), (40.0, False)])
+def test_measurements_are_planned_for_a_model_that_fits(percent: float, is_planned: bool) -> None:
+    record = sound()
+    record["parameters"][1]["verdict"] = "only in combination"
+    for data in record["data"]:
+        data["figures"]["best"]["rms_large_percent"] = percent
+    assert any("commonrail next" in step.command for step in verdict(record, "r").steps) is is_planned

@@ -93,7 +93,7 @@ def number(value: object, unit: str, what: str) -> float:
         try:
             return parse(value, unit, what)
         except InputError as error:
-            raise ConfigurationError(f"{error}") from error
+            raise ConfigurationError(f"{error}", code=error.code, place=what) from error
     result = _real(value)
     if result is None:
         raise _refusal(what, _describe_number(unit), value)
@@ -108,7 +108,9 @@ def fraction(value: object, what: str) -> float:
     if not 0.0 < share < 1.0:
         example = share if 1.0 <= share < 100.0 else 50.0  # a number of percent without its sign
         raise ConfigurationError(
-            f"The {what} must lie between 0 and 100 %, both excluded, such as {example:g}%, not {share:g}."
+            f"The {what} must lie between 0 and 100 %, both excluded, such as {example:g}%, not {share:g}.",
+            code="out-of-range",
+            place=what,
         )
     return share
 
@@ -127,7 +129,9 @@ def amount(value: object, unit: str, what: str, limits: Limits) -> float:
     plain = 1e-4 <= abs(quantity) < 1e6
     read = f"{quantity:.6g} {unit.removesuffix('1')}".rstrip() if plain else to_text(quantity, unit)
     raise ConfigurationError(
-        f"The {what} must lie between {low} and {high}, and {read} was read{_meant(quantity, limits)}."
+        f"The {what} must lie between {low} and {high}, and {read} was read{_meant(quantity, limits)}.",
+        code="out-of-range",
+        place=what,
     )
 
 
@@ -137,7 +141,9 @@ def positive(unit: str) -> Callable[[object, str], float]:
     def read(value: object, what: str) -> float:
         quantity = number(value, unit, what)
         if not quantity > 0.0:
-            raise ConfigurationError(f"The {what} must be greater than zero, not {quantity:g}.")
+            raise ConfigurationError(
+                f"The {what} must be greater than zero, not {quantity:g}.", code="out-of-range", place=what
+            )
         return quantity
 
     return read
@@ -163,11 +169,17 @@ def array(value: object, unit: str, what: str, dimensions: int | None = None, fi
     if dimensions is not None and values.ndim != dimensions:
         raise ConfigurationError(
             f"The {what} must have {dimensions} dimension{'s' * (dimensions > 1)}, not the {values.ndim} of shape "
-            f"{values.shape}."
+            f"{values.shape}.",
+            code="wrong-shape",
+            place=what,
         )
     if finite and not np.isfinite(values).all():
         where = int(np.flatnonzero(~np.isfinite(values.ravel()))[0]) + 1
-        raise ConfigurationError(f"The {what} must be finite, and number {where} of them is not; correct or remove it.")
+        raise ConfigurationError(
+            f"The {what} must be finite, and number {where} of them is not; correct or remove it.",
+            code="not-finite",
+            place=what,
+        )
     return values
 
 
@@ -181,7 +193,9 @@ def _numeric(value: object, unit: str, what: str) -> Floats:
         if raw.dtype.kind not in "iuf":
             raw = np.asarray(value, dtype=object)
     except Exception as error:  # rows of different lengths; whatever an object answers when asked for its array
-        raise ConfigurationError(f"The {what} must be numbers in rows of one length ({error}).") from error
+        raise ConfigurationError(
+            f"The {what} must be numbers in rows of one length ({error}).", code="wrong-shape", place=what
+        ) from error
     if raw.dtype.kind in "iuf":
         return np.asarray(raw, dtype=np.float64)
     return np.reshape([_element(item, unit, what) for item in raw.ravel()], raw.shape).astype(np.float64)
@@ -205,7 +219,11 @@ def integer(value: object, what: str, low: int = 0, high: int = LARGEST_WHOLE) -
             return exact
     if high == LARGEST_WHOLE:
         raise _refusal(what, f"a whole number, {low} or greater", value)
-    raise ConfigurationError(f"The {what} must lie between {low} and {high} as a whole number, not {shown(value)}.")
+    raise ConfigurationError(
+        f"The {what} must lie between {low} and {high} as a whole number, not {shown(value)}.",
+        code="out-of-range",
+        place=what,
+    )
 
 
 def not_whole(name: str, value: float) -> str:
@@ -240,7 +258,9 @@ def enum_member(value: object, kind: type[_Choice], what: str) -> _Choice:
         return members[value]
     meant = nearest(value, members) if isinstance(value, str) else ""
     *others, last = (f'"{name}"' for name in members)
-    raise ConfigurationError(f"The {what} must be {', '.join(others)} or {last}, not {shown(value)}{meant}.")
+    raise ConfigurationError(
+        f"The {what} must be {', '.join(others)} or {last}, not {shown(value)}{meant}.", code="unknown-name", place=what
+    )
 
 
 def plain_text(value: object, what: str) -> str:
@@ -293,7 +313,9 @@ def instance(value: object, kind: Any, what: str) -> Any:
         source = f"{value}" if isinstance(value, str | os.PathLike) else cure.example
         words = f"; {cure.text.format(_quote(source))}"
     article = "an" if names[0][0] in "AEIOU" else "a"
-    raise ConfigurationError(f"The {what} must be {article} {' or '.join(names)}, not {shown(value)}{words}.")
+    raise ConfigurationError(
+        f"The {what} must be {article} {' or '.join(names)}, not {shown(value)}{words}.", code="wrong-type", place=what
+    )
 
 
 def sequence(value: object, what: str, of: str) -> Sequence[Any]:
@@ -330,7 +352,9 @@ def mapping(value: object, what: str, example: str) -> Mapping[str, Any]:
     for key in value:
         if not isinstance(key, str):
             raise ConfigurationError(
-                f"The {what} must have texts as keys, such as {example}, and {shown(key)} is none."
+                f"The {what} must have texts as keys, such as {example}, and {shown(key)} is none.",
+                code="wrong-type",
+                place=what,
             )
     return value
 
@@ -344,9 +368,13 @@ def known_names(value: object, accepted: Collection[str], what: str, example: st
     for i, name in enumerate(names):
         if not isinstance(name, str) or name not in accepted:
             meant = nearest(name, accepted) if isinstance(name, str) else f", such as {example}"
-            raise ConfigurationError(f"The {what} must be known ones, and {shown(name)} is none{meant}.")
+            raise ConfigurationError(
+                f"The {what} must be known ones, and {shown(name)} is none{meant}.", code="unknown-name", place=what
+            )
         if name in names[:i]:
-            raise ConfigurationError(f"The {what} have {name} more than once; keep one of them.")
+            raise ConfigurationError(
+                f"The {what} have {name} more than once; keep one of them.", code="repeated", place=what
+            )
     return tuple(map(str, names))
 
 
@@ -423,4 +451,4 @@ def _quote(text: str) -> str:
 
 
 def _refusal(what: str, expected: str, value: object) -> ConfigurationError:
-    return ConfigurationError(f"The {what} must be {expected}, not {shown(value)}.")
+    return ConfigurationError(f"The {what} must be {expected}, not {shown(value)}.", code="wrong-type", place=what)

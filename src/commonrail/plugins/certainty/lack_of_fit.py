@@ -76,7 +76,7 @@ def _beyond_stated(estimate: Estimate, first: int, level: float, relief: Relief)
     for column, distance in zip(likelihood.priors.columns, distances, strict=True):
         if column < first:
             continue
-        parameter, words, gain = likelihood.space.parameters[column], "", 0.0
+        parameter, words = likelihood.space.parameters[column], ""
         probability = math.erfc(distance / math.sqrt(2.0))
         if probability < level:
             size = quantity(float(estimate.point[column]), parameter.unit, 2)
@@ -84,7 +84,8 @@ def _beyond_stated(estimate: Estimate, first: int, level: float, relief: Relief)
             words = (
                 f"the data look like {parameter.name} of about {size}, {distance:.1f} standard deviations from what "
             )
-            words, gain = words + whose, relief.of_prior(column)
+            words += whose
+        gain = relief.of_prior(column) if words else 0.0
         tests.append(LackOfFit(parameter.name, probability, None, BEYOND, bool(words), words, gain))
     return tests
 
@@ -92,14 +93,15 @@ def _beyond_stated(estimate: Estimate, first: int, level: float, relief: Relief)
 def _of_block(estimate: Estimate, index: int, level: float, relief: Relief) -> LackOfFit:
     """Tests of a data set: quantities of its meter, its size, and its common error."""
     block, noise = estimate.likelihood.pairs[index]
-    errors, sentence, gain = estimate.errors[block.rows], "", 0.0
-    innovations, suspects = noise.whiten(errors), meter_changes(block, errors)
+    errors, sentence = estimate.errors[block.rows], ""
+    innovations = noise.whiten(errors)
+    suspects = meter_changes(block, errors)
     score, suspect, _ = _score(estimate, [block], suspects)
     judged = noise.stated and block.shots is None
     used = count_exact(errors) + estimate.covariance.used[index]
     size = _size(as_normal(noise.law, innovations), used, noise.freedom) if judged else None
     if score < level:
-        sentence = f"the residuals of {block.name} are no noise: they look like a {suspect} of the meter"
+        sentence = f"the residuals of {block.name} are not noise: they look like the meter's {suspect}"
     elif size is not None and size < level:
         ratio = float(np.sqrt(np.mean(samples_of(innovations) ** 2))) / noise.density.deviation
         sentence = f"the residuals of {block.name} are {ratio:.2f} times as large as the noise is stated to be"
@@ -109,6 +111,7 @@ def _of_block(estimate: Estimate, index: int, level: float, relief: Relief) -> L
         shift = abs(float(common @ innovations)) / length if length else 0.0
         if 2.0 * special.stdtr(block.noise.scatter_freedom, -shift) < level:
             sentence = f"{block.name} is off as a whole by {shift:.1f} times what shots and noise scatter by"
+    gain = 0.0
     if sentence and suspect:
         change = np.zeros((1, estimate.likelihood.size))
         change[0, block.rows] = suspects[suspect]
@@ -160,12 +163,11 @@ def _of_fixed(estimate: Estimate, fixed: Mapping[str, Floats], level: float, rel
     if not shares:
         return LackOfFit(FIXED, 1.0, None, "", False, "")
     probability, words = min(1.0, len(shares) * min(shares.values())), ""
-    gain = 0.0
     if probability < level:
         order = sorted(shares, key=shares.__getitem__)[:NAMED]
         likely = [name for name in order if shares[name] < 10.0 * shares[order[0]] + 1e-300]
         words = f"the residuals look like another {' or '.join(likely)}, which is fixed"
-        gain = relief.of_values(fixed[suspect][None])
+    gain = relief.of_values(fixed[suspect][None]) if words else 0.0
     return LackOfFit(FIXED, probability, None, suspect, bool(words), words, gain)
 
 

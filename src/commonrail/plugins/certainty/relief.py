@@ -20,11 +20,8 @@ class Relief:
         at = zip(likelihood.space.parameters, estimate.point.tolist(), strict=True)
         self._moving = np.array([not parameter.is_at_bound(value) for parameter, value in at])
         innovations = likelihood.whiten(estimate.errors)
-        self._weights = np.ones_like(innovations)
-        for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True):
-            self._weights[block.rows] = np.sqrt(noise.density.weight(innovations[block.rows]))
-        distances = likelihood.priors.residuals(likelihood.space.from_unit(estimate.unit[None]))[0]
-        self._values = np.append(self._weights * innovations, distances)
+        self._weights = np.sqrt(likelihood.weights(innovations))
+        self._values = np.append(self._weights * innovations, likelihood.prior_residuals(estimate.unit))
         self._slopes = self._whiten(estimate.slopes)
         self._slopes[:, likelihood.size :] = prior_slopes_at(likelihood, estimate.unit).T
         self._before = self._misfits(self._slopes[self._moving], estimate.slopes[self._moving])

@@ -125,7 +125,7 @@ def observe(
     from commonrail.base.text import quantity
     from commonrail.cli.model_name import read_model_name
     from commonrail.physics.injector import FUEL_TEMPERATURE
-    from commonrail.plugins.observer.file import LogColumns, read_log
+    from commonrail.plugins.observer.file import LogColumns, Origin, read_log
     from commonrail.plugins.observer.page import (
         alarm_lines,
         observer_lines,
@@ -210,12 +210,12 @@ def observe(
         density = float(injector.fuel.density(back, injector.values[FUEL_TEMPERATURE]))
         read = read._replace(further={**read.further, "return": density * read.further["return"]})
     source = injector.sources.get("rail.volume", UNSTATED)
-    origin = {
-        "log": log.name,
-        "command": options.command_again("online", out="again"),
-        "volume_source": "--set" if "rail.volume" in " ".join(set_) else f"{model}: {source.mark}, {source.text}",
-        "errors": [error if error < float("inf") else None for error in read.errors],
-    }
+    origin = Origin(
+        log.name,
+        options.command_again("online", out="again"),
+        "--set" if "rail.volume" in " ".join(set_) else f"{model}: {source.mark}, {source.text}",
+        tuple(read.errors),
+    )
     refused: list[str] = []
 
     def run_and_compensate() -> Observation:
@@ -238,14 +238,14 @@ def observe(
 
     with hold_interrupts():  # finish writing despite further Ctrl-C
         observation = run_into(out, "observer.csv", run_and_compensate)
-    record = observation.record()
+    record, summary = observation.record(), observation.summary
     if json:
         print_json(record)
     else:
-        print_synthetic(record["synthetic"])
-        verdict, *lines = observer_lines(record)
-        print_text([verdict, *alarm_lines(record), *lines], observer_tables(record), observer_notes(record))
-    for line in warning_lines(record):
+        print_synthetic(summary.synthetic)
+        verdict, *lines = observer_lines(summary)
+        print_text([verdict, *alarm_lines(summary), *lines], observer_tables(summary), observer_notes(summary))
+    for line in warning_lines(summary):
         say(f"warning: {line}")
     if out is not None and not json:
         print_text([f"report: {out / 'report.html'}"])
@@ -255,7 +255,7 @@ def observe(
         sampling = float(f"{(read.time[-1] - read.time[0]) / (len(read.time) - 1):.9g}")
         write_online(Online.after(observation, sampling), online)
         say(f"{online}: observer for one sample every {quantity(sampling, 's', 4)}, with the disturbance of the log")
-    if record["status"] == "interrupted" or refused == [""]:
+    if summary.status == "interrupted" or refused == [""]:
         then = " Energising times were not computed." if refused else ""
         say(f"commonrail: interrupted after {len(observation.shots)} of {observation.asked} shots.{then}")
         raise SystemExit(INTERRUPTED)

@@ -49,6 +49,8 @@ def reproduce(
       commonrail lab reproduce --quick
       commonrail lab reproduce --seeds 20 --out runs/paper-study
     """
+    from commonrail.base.record import from_record
+    from commonrail.plugins.paper.file import ReproductionSummary
     from commonrail.plugins.paper.page import verdicts
 
     if quick and seeds is not None:
@@ -63,10 +65,10 @@ def reproduce(
         places = {"run": str(outcome.folder), "report": str(outcome.report)}
         print_json({"kind": "reproduction", **places, "result": outcome.record})
     else:
-        print_synthetic(outcome.record["synthetic"])
-        print_text([verdicts(outcome.record)])
-        claims = outcome.record["claims"]
-        rows = [[c["verdict"], f"{c['true_in']} of {c['of']}", c["claim"], c["figure"]] for c in claims]
+        summary = from_record(ReproductionSummary, outcome.record)
+        print_synthetic(summary.synthetic)
+        print_text([verdicts(summary)])
+        rows = [[c.verdict, f"{c.true_in} of {c.of}", c.claim, c.figure] for c in summary.claims]
         print_rows(["verdict", "true in", "claim of the paper", "here"], rows, "The paper's claims", texts=4)
         click.echo(f"report: {outcome.report}")
     if outcome.interrupted:

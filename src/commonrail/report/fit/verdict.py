@@ -264,7 +264,8 @@ def verdict(record: CalibrationRecord, run: str) -> ReportVerdict:
     notes = [point for point in points if point.kind is Kind.NOTE]
     urgent = {point.step for point in against if point.level == BAD}
     after = [Step(*map_line(record, run), USE)] if level != BAD else []
-    steps = dict.fromkeys([*(point.step for point in (*against, *notes)), *after])
+    # what a note advises, such as further measurements, is of no use before the model fits
+    steps = dict.fromkeys([*(point.step for point in (against if level == BAD else [*against, *notes])), *after])
     order = sorted(steps, key=lambda step: (step not in urgent, not step.command, step.turn))
     return ReportVerdict(level, TITLES[level], [p.reason for p in against], [p.reason for p in notes], order)
 
@@ -335,7 +336,7 @@ def _tests(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
                 words = "Check the calibration of the meter, the unit and density of the data, and the nozzle's holes."
                 step = Step(words, turn=FREE)
             elif not _is_worth_a_fit(record, test.relief):
-                step = Step(LACKING, turn=FREE)
+                step = LACKING
             elif free := _suspect(record, test):
                 words = f"Free {free}, which the data look like, unless you can measure and state it."
                 step = Step(words, advice.calibrate(free=free), FREE)
@@ -344,7 +345,10 @@ def _tests(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
 
 
 LEAST_RELIEF = 0.1  # share of the error that a change of the study must promise, chosen: 10 % become 9 %
-LACKING = "Check the type and the drawing: no single value that the study fixes would lower the errors much."
+LACKING = Step(
+    "Check units, time zero and operating points of the data, then the type and the drawing of the injector: no single "
+    "value that the study fixes would lower the errors much."
+)
 
 
 def _is_worth_a_fit(record: CalibrationRecord, relief: float) -> bool:
@@ -384,6 +388,9 @@ def _suspect(record: CalibrationRecord, test: LackOfFitRecord) -> str:
 def _errors(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
     """Errors on each data set, fitted or not."""
     step = Step("Check units, time zero and operating points of the data, then the bounds of the parameters.")
+    certainty = record.certainty
+    reliefs = [certainty.widening, *(t.relief for t in certainty.tests if t.detected)] if certainty else [1.0]
+    step = step if any(_is_worth_a_fit(record, relief) for relief in reliefs) else LACKING
     for data in record.data:
         if (error := view_of(data["kind"]).fit_error(data)) is not None:
             name = f"{data['name']}{'' if data['role'] == 'fit' else ', which was not fitted,'}"
