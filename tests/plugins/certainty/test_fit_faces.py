@@ -45,7 +45,7 @@ def plan() -> cr.design.MeasurementPlan:
 @pytest.mark.parametrize(
     ("result", "words", "table"),
     [
-        (prediction(), "2 values of map with bands of 50 and 90 %", "Measured values inside the bands"),
+        (prediction(), "The 90 % bands hold 1 of 2 values of map", "Measured values inside the bands"),
         (prediction(measured=False), "2 values of map with bands", "28.95 to 30.95|27 to 29"),
         (plan(), "2 measurements at cost 2", "Standard errors at the best values"),
     ],
