@@ -10,9 +10,9 @@ from pathlib import Path
 from commonrail.base.errors import CommonrailError
 from commonrail.calibration.search import Progress
 from commonrail.calibration.study_file import load_study
-from commonrail.plugins.fleet.file import write_results
+from commonrail.plugins.fleet.file import RunClock, summarise_fleet, write_results
 from commonrail.plugins.fleet.journal import Journal, load_entries
-from commonrail.plugins.fleet.member import hash_shared_files, list_shared_files, write_study
+from commonrail.plugins.fleet.member import hash_common_inputs, hash_shared_files, list_shared_files, write_study
 from commonrail.plugins.fleet.page import write_fleet_report
 from commonrail.plugins.fleet.run import fleet as run_fleet
 from commonrail.plugins.fleet.study import load_fleet
@@ -86,10 +86,10 @@ def read_fleet_journal(folder: Path) -> None:
     fleet = load_fleet(folder / "fleet.toml")
     with Journal(folder / "run") as journal:
         inputs = {name: entry.inputs for name, entry in journal.entries().items()}  # the tables are not beside it
-        entries = load_entries(fleet, inputs, journal, hash_shared_files(fleet.template))
+        entries = load_entries(fleet, inputs, journal, hash_common_inputs(fleet, hash_shared_files(fleet.template)))
     known = tuple(entries[name] for name in fleet.supply.names if name in entries)
-    clock = {"seconds": 1.0, "first": 0.5, "calibrated_now": 0, "workers": 1}
-    record = write_results(folder / "run", fleet, known, "finished", clock)
+    result = summarise_fleet(fleet, known, "finished", RunClock(1.0, 0.5, 0, 1))
+    record = write_results(folder / "run", fleet, known, result)
     write_fleet_report(folder / "run", record, "commonrail fleet fleet.toml")
 
 

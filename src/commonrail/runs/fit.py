@@ -1,4 +1,4 @@
-"""A fit that survives: kept step by step in its run folder, and taken up again after whatever stopped it.
+"""A fit that survives: kept step by step in its run folder, and resumed after whatever stopped it.
 
 All kinds of fit run here: `FitKind` says what differs, `calibrate_into` and `resume` are those of an injector's study.
 """
@@ -29,12 +29,10 @@ from commonrail.calibration.study_file import load_study
 from commonrail.runs.copies import copy_files, copy_paths, set_in_text
 from commonrail.runs.fingerprint import check_files, hash_study, other_targets
 from commonrail.runs.folder import STUDY, Results, refuse_used, write_results
-from commonrail.runs.journal import ESTIMATED, JOURNAL, LOCK, STARTS, Input, Journal, State, read_about
+from commonrail.runs.journal import ESTIMATED, JOURNAL, STARTS, Input, Journal, RunJournal, State, read_about
 
 if TYPE_CHECKING:
     from commonrail.workers.workers import Workers
-
-_LEFT = (JOURNAL, LOCK, SUMS)  # and files that SQLite adds
 
 
 class Fitted(Protocol):
@@ -107,17 +105,17 @@ class FitKind(Generic[_Study, _Fit]):
         """
         existed = folder.is_dir()
         copies = self.copies(study)
-        _check_free(folder, copies)
+        check_free(folder, copies)
         with writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
         with Journal(folder) as journal:
-            if "content" in journal.about:
+            if journal.has_begun:
                 refuse_used(folder)
             try:
                 inputs, settings, content = self.copy(study, folder)
                 facts = {"title": study.title, "given": study.text, "study": settings.text, "content": content}
-                journal.describe(facts | {"generations": str(_generations(settings))}, inputs)
-                return _run(journal, settings, None, work)
+                journal.describe_files(facts | {"generations": str(_generations(settings))}, inputs)
+                return run_session(journal, lambda: work(settings, journal, None))
             except BaseException:
                 if journal.is_in_place and journal.checkpoint() is None:
                     _remove(folder, copies, existed)
@@ -141,7 +139,7 @@ class FitKind(Generic[_Study, _Fit]):
         if not (folder / JOURNAL).is_file():
             raise StudyError(self._nothing_to_resume(folder))
         with Journal(folder) as journal:
-            if "content" not in journal.about or not all(item.name == self.file for item in journal.inputs[:1]):
+            if not journal.has_begun or not all(item.name == self.file for item in journal.inputs[:1]):
                 raise StudyError(self._nothing_to_resume(folder))
             check_files(journal, as_begun)
             settings = self._begun_with(journal, study)
@@ -149,7 +147,8 @@ class FitKind(Generic[_Study, _Fit]):
                 pass  # as they are in the journal, if the checksums were lost or are those of an earlier version
             if generations:
                 settings = _extend(journal, settings, generations)
-            return _run(journal, settings, journal.checkpoint(), work)
+            checkpoint = journal.checkpoint()
+            return run_session(journal, lambda: work(settings, journal, checkpoint))
 
     def copies(self, study: _Study) -> list[str]:
         """Names of the files that `copy` will write into a run folder."""
@@ -211,12 +210,12 @@ class FitKind(Generic[_Study, _Fit]):
         return study
 
 
-def _run(journal: Journal, study: _Study, checkpoint: Checkpoint | None, work: Work[_Study, _Fit]) -> _Fit:
-    """A session of a run; the journal notes what ended it too early, if that can still be done."""
+def run_session(journal: RunJournal, work: Callable[[], _Fit]) -> _Fit:
+    """Work on a run of any kind; the journal notes what ended the session too early, if that can still be done."""
     journal.start_session()
     with hold_interrupts():  # once the search has ended, its result is written whatever keys are hit
         try:
-            fit = work(study, journal, checkpoint)
+            fit = work()
             journal.end_session(fit.status, fit.reason)
             return fit
         except CheckpointError as error:
@@ -228,23 +227,31 @@ def _run(journal: Journal, study: _Study, checkpoint: Checkpoint | None, work: W
             raise
 
 
-def _check_free(folder: Path, copies: Sequence[str]) -> None:
+def check_free(folder: Path, copies: Sequence[str] = (), journal: type[RunJournal] = Journal) -> None:
     """Refuse a folder in use, but not what a run with the same copies left that was killed before it could start."""
     if not folder.is_dir():
         refuse_used(folder)
         return
+    left = _begin_of_names(journal)
     own_copies: set[Path] = set()
     with suppress(StudyError):
         own_copies = set() if "content" in read_about(folder) else {folder / name for name in copies}
     files = (path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir())
-    if any(not (path in own_copies or path.name.startswith(_LEFT) or path.suffix == PART) for path in files):
+    if any(not (path in own_copies or path.name.startswith(left) or path.suffix == PART) for path in files):
         refuse_used(folder)
+
+
+def _begin_of_names(journal: type[RunJournal]) -> tuple[str, ...]:
+    """Beginnings of the names of a run's own files: SQLite adds to them."""
+    return journal.NAME, journal.LOCK, SUMS
 
 
 def _remove(folder: Path, copies: Sequence[str], existed: bool) -> None:
     """Take away what a run has put into a folder, and nothing else."""
     with suppress(OSError):
-        for path in [folder / name for name in copies] + [p for p in folder.iterdir() if p.name.startswith(_LEFT)]:
+        for path in [folder / name for name in copies] + [
+            path for path in folder.iterdir() if path.name.startswith(_begin_of_names(Journal))
+        ]:
             path.unlink(missing_ok=True)
         for place in sorted({folder / parent for name in copies for parent in Path(name).parents[:-1]}, reverse=True):
             place.rmdir()
@@ -283,7 +290,7 @@ def _extend(journal: Journal, study: _Study, more: int) -> _Study:
         facts["before"] = inputs[0].copy
         inputs[0] = inputs[0]._replace(copy=sha256(facts["study"].encode()))
         longer = _change(longer, text=facts["study"])
-    journal.describe(facts, inputs)
+    journal.describe_files(facts, inputs)
     if inputs:
         with write_set(journal.folder):
             write_text(journal.folder / inputs[0].name, facts["study"])

@@ -279,8 +279,54 @@ class Input(NamedTuple):
     copy: str
 
 
-class Journal(JournalFile):
-    """The journal of a run folder, a `JournalFile`; it does not wait for the disk at every step of the search."""
+class RunJournal(JournalFile):
+    """The journal of a run of any kind: facts, and the sessions of the processes that worked on it.
+
+    `session`: number of this process's session, 0 before it is started.
+    """
+
+    session = 0
+
+    @property
+    def about(self) -> dict[str, str]:
+        """Facts of the run by name."""
+        return {str(name): str(text) for name, text in self._table("about")}
+
+    @property
+    def has_begun(self) -> bool:
+        """True if the journal has the fingerprint of the run's settings."""
+        return "content" in self.about
+
+    def describe(self, about: Mapping[str, str], *more: Statement) -> None:
+        """Write facts of the run, with more statements in the same transaction, and wait for the disk.
+
+        They are then in the main file, safe from damage to the log.
+        """
+        self._write(*facts(about.items()), *more, durable=True)
+        self._shorten_log()
+
+    def start_session(self) -> None:
+        """Note that this process is at work, and the target that it computes on."""
+        self.session = self._next("session")
+        row = (now(), None, os.getpid(), socket.gethostname(), json.dumps(describe().record))
+        self._write(put("session", self.session, *row), *facts([("state", State.RUNNING)]))
+
+    def end_session(self, state: str, reason: str) -> None:
+        """Note that this process's work has ended, and how."""
+        number, started, _, *rest = self._table("session")[-1]
+        ended = put("session", number, started, now(), *rest)
+        self._write(ended, *facts([("state", state), ("reason", reason)]))
+
+    @property
+    def targets(self) -> list[dict[str, str]]:
+        """Versions, and the processor that was compiled for, of each session."""
+        with check_trust(self.path):
+            targets = [json.loads(row[-1]) for row in self._table("session")]
+            return [{str(name): str(text) for name, text in target.items()} for target in targets]
+
+
+class Journal(RunJournal):
+    """The journal of a search in a run folder; it does not wait for the disk at every step."""
 
     NAME, LOCK, SCHEMA, DURABLE = JOURNAL, LOCK, RUN, False
 
@@ -289,11 +335,6 @@ class Journal(JournalFile):
         with suppress(OSError):  # what a process left of files that it was writing when it was killed
             for path in folder.rglob(f".*{PART}"):
                 path.unlink()
-
-    @property
-    def about(self) -> dict[str, str]:
-        """Facts of the run by name."""
-        return {str(name): str(text) for name, text in self._table("about")}
 
     @property
     def inputs(self) -> list[Input]:
@@ -313,35 +354,9 @@ class Journal(JournalFile):
                 raise ValueError("a count is no number")
             return count
 
-    def describe(self, about: Mapping[str, str], inputs: list[Input] | None = None) -> None:
-        """Write facts of the run, and in place of the former ones the files that the study reads; wait for the disk.
-
-        They are then in the main file, safe from damage to the log.
-        """
-        statements = facts(about.items())
-        if inputs is not None:
-            statements.append(("DELETE FROM input", ()))
-            statements += [put("input", *item) for item in inputs]
-        self._write(*statements, durable=True)
-        self._shorten_log()
-
-    def start_session(self) -> None:
-        """Note that this process is at work, and the target that it computes on."""
-        row = (now(), None, os.getpid(), socket.gethostname(), json.dumps(describe().record))
-        self._write(put("session", self._next("session"), *row), *facts([("state", State.RUNNING)]))
-
-    def end_session(self, state: str, reason: str) -> None:
-        """Note that this process's work has ended, and how."""
-        number, started, _, *rest = self._table("session")[-1]
-        ended = put("session", number, started, now(), *rest)
-        self._write(ended, *facts([("state", state), ("reason", reason)]))
-
-    @property
-    def targets(self) -> list[dict[str, str]]:
-        """Versions, and the processor that was compiled for, of each session."""
-        with check_trust(self.path):
-            targets = [json.loads(row[-1]) for row in self._table("session")]
-            return [{str(name): str(text) for name, text in target.items()} for target in targets]
+    def describe_files(self, about: Mapping[str, str], inputs: list[Input]) -> None:
+        """Write facts of the run, and in place of the former ones the files that the study reads, see `describe`."""
+        self.describe(about, ("DELETE FROM input", ()), *(put("input", *item) for item in inputs))
 
     def step(self, step: Step, reached: Generation, after: Checkpoint) -> None:
         """Keep one step of an optimiser, as a `Recorder`; what those after it have done is forgotten."""

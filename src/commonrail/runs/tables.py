@@ -78,18 +78,11 @@ _STEPS = """
     statuses BLOB NOT NULL,       -- (members,), see engine/status.py; -1: not simulated
     seal TEXT NOT NULL            -- in every table: see `seal` below
 """
-RUN = Schema(
-    f"""
+# Tables that the journals of all kinds of run have.
+SESSIONS = """
 CREATE TABLE about (
     name TEXT PRIMARY KEY,        -- created, title, study (as given, TOML), content, state, reason, holder
     text TEXT NOT NULL,
-    seal TEXT NOT NULL
-);
-CREATE TABLE input (
-    name TEXT PRIMARY KEY,        -- of the copy, relative to the run folder
-    origin TEXT NOT NULL,         -- path of the file that was copied
-    original TEXT NOT NULL,       -- SHA-256 of that file
-    copy TEXT NOT NULL,           -- SHA-256 of the copy, whose paths may be others
     seal TEXT NOT NULL
 );
 CREATE TABLE session (
@@ -99,6 +92,15 @@ CREATE TABLE session (
     process INTEGER NOT NULL,
     host TEXT NOT NULL,
     software TEXT NOT NULL,       -- JSON: versions, processor
+    seal TEXT NOT NULL
+);"""
+RUN = Schema(
+    f"""{SESSIONS}
+CREATE TABLE input (
+    name TEXT PRIMARY KEY,        -- of the copy, relative to the run folder
+    origin TEXT NOT NULL,         -- path of the file that was copied
+    original TEXT NOT NULL,       -- SHA-256 of that file
+    copy TEXT NOT NULL,           -- SHA-256 of the copy, whose paths may be others
     seal TEXT NOT NULL
 );
 CREATE TABLE generation ({_STEPS});  -- of the first optimiser; 0 is the initial population

@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from commonrail.calibration.identifiability import ParameterVerdict
+from commonrail.calibration.record import StartAndBest
+from commonrail.plugins.fleet.member import MemberParameter, MemberRecord
 from commonrail.plugins.fleet.run import FleetRun
 from commonrail.plugins.fleet.run import fleet as run_fleet
 from commonrail.plugins.fleet.study import load_fleet
@@ -32,6 +35,26 @@ def results(folder: Path) -> list[list[str]]:
         rows = list(csv.reader(line for line in stream if not line.startswith("#")))
     assert rows[0][-1] == "processor time [s]"
     return [row[:-1] for row in rows]
+
+
+def calibrated(best: float, **values: float) -> MemberRecord:
+    """Record of an injector with an objective, and values of parameters between 0 and 10."""
+    parameters = {
+        name: MemberParameter(value, 0.1, ParameterVerdict.DETERMINED, value / 10.0, False, 0.0, 10.0, None)
+        for name, value in values.items()
+    }
+    return MemberRecord(
+        seed=1,
+        synthetic="",
+        cost=StartAndBest(100.0, best),
+        slots=8,
+        simulated=8,
+        failed=0,
+        data=(),
+        fixed=(),
+        parameters=parameters,
+        warnings=(),
+    )
 
 
 @pytest.fixture

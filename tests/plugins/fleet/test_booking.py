@@ -9,15 +9,14 @@ from pathlib import Path
 import pytest
 
 from commonrail.base.errors import InputError, StudyError
-from commonrail.plugins.fleet.journal import Booking
 from commonrail.plugins.fleet.member import Attempt, hash_shared_files, write_study
-from commonrail.plugins.fleet.run import FleetProgress
+from commonrail.plugins.fleet.run import Booking, FleetProgress
 from commonrail.plugins.fleet.run import fleet as run_fleet
 from commonrail.plugins.fleet.study import load_fleet
-from tests.plugins.fleet.conftest import COUNT, edited, small_fleet
+from tests.plugins.fleet.conftest import COUNT, calibrated, edited, small_fleet
 
 LAST = f"SN{COUNT:06d}"
-RECORD = {"J": 1.0}
+RECORD = calibrated(1.0)
 
 
 def digest(path: Path) -> str:
@@ -65,7 +64,7 @@ def test_a_file_of_the_fleets_own_that_was_changed_fails_the_attempt(name: str, 
     attempt = Attempt(RECORD, "", 1.0, {study.with_name(name): "0" * 64})
     found, kept = booking.book(LAST, attempt, inputs)
     assert found.reason.startswith(f"{study.with_name(name)}: ")
-    assert (found.record, kept) == ({}, {})  # not the data's fingerprints: it is pending in the next run
+    assert (found.record, kept) == (None, {})  # not the data's fingerprints: it is pending in the next run
 
 
 def test_a_file_that_injectors_share_and_that_was_changed_fails_the_attempt(tmp_path: Path) -> None:
@@ -78,7 +77,7 @@ def test_a_file_that_injectors_share_and_that_was_changed_fails_the_attempt(tmp_
 
 def test_a_lost_attempt_keeps_the_fingerprints_of_the_beginning(tmp_path: Path) -> None:
     booking, _, inputs = handed("files", tmp_path)
-    attempt = Attempt({}, "Each of 3 attempts was lost.", 0.0)
+    attempt = Attempt(None, "Each of 3 attempts was lost.", 0.0)
     assert booking.book(LAST, attempt, inputs) == (attempt, inputs)
 
 

@@ -10,9 +10,15 @@ from typing import Any
 import pytest
 
 from commonrail.base.errors import OutputError
+from commonrail.calibration.record import read_as
+from commonrail.plugins.fleet.file import FleetRecord
 from commonrail.plugins.fleet.page import fleet_figures, fleet_html, fleet_lines, fleet_tables, write_fleet_report
 
 COMMAND = "commonrail fleet f.toml --out runs/f"
+
+
+def read(record: dict[str, Any]) -> FleetRecord:
+    return read_as(FleetRecord, record)
 
 
 def spread(*values: float) -> dict[str, float]:
@@ -30,6 +36,7 @@ def parameter(name: str, at_bound: int) -> dict[str, Any]:
         "position": spread(0.0, 0.25, 0.5, 0.75, 1.0),
         "at_bound": at_bound,
         "verdicts": {"determined": 2, "insensitive": 1},
+        "prior": None,
     }
 
 
@@ -60,6 +67,7 @@ def record() -> dict[str, Any]:
                     "injectors": 3,
                 }
             ],
+            "fixed": [],
             "parameters": [parameter("valve.spring_preload", 0), parameter("plunger_needle.spring_preload", 2)],
             "estimator": "curvature",
             "worst": [
@@ -70,9 +78,11 @@ def record() -> dict[str, Any]:
             "failures": [{"injector": "F", "reason": "f.csv, line 3: not <a> number."}],
             "clock": {
                 "seconds": 10.0,
+                "first": 1.0,
                 "calibrated_now": 4,
                 "workers": 2,
                 "injectors_per_second": 0.4,
+                "after_the_first": None,
                 "core_seconds_of_an_injector": spread(1, 2, 3, 4, 5),
                 "core_seconds": 9.0,
             },
@@ -81,7 +91,7 @@ def record() -> dict[str, Any]:
 
 
 def test_the_sentences_say_how_far_it_is(record: dict[str, Any]) -> None:
-    done, left, fell, bounds = fleet_lines(record)
+    done, left, fell, bounds = fleet_lines(read(record))
     assert re.findall(r"\d+", done) == ["3", "5", "1"]
     assert re.findall(r"\d+", left) == ["1"]
     assert re.findall(r"\d+", fell) == ["100", "10", "9", "11"]
@@ -91,14 +101,14 @@ def test_the_sentences_say_how_far_it_is(record: dict[str, Any]) -> None:
 def test_warnings_stand_on_top_of_the_page(record: dict[str, Any]) -> None:
     text = fleet_html(record, COMMAND)
     warning = "160 MPa: the rate is &lt;neg&gt;."
-    assert text.index(warning) < text.index(fleet_lines(record)[0])
+    assert text.index(warning) < text.index(fleet_lines(read(record))[0])
     assert "&lt;A&gt;" in text
     assert warning not in fleet_html(record | {"warnings": []}, COMMAND)
 
 
 def test_the_tables(record: dict[str, Any]) -> None:
     errors, parameters, verdicts, worst, failures = (
-        [[cell.text for cell in row] for row in table.rows] for table in fleet_tables(record)
+        [[cell.text for cell in row] for row in table.rows] for table in fleet_tables(read(record))
     )
     assert errors[0][3:] == ["3", "100", *"–––––"]
     assert parameters[1][1:] == [*("50 N", "60 N", "80 N", "100 N", "120 N"), *("50.0", "2")]
@@ -109,12 +119,12 @@ def test_the_tables(record: dict[str, Any]) -> None:
 
 def test_many_failures_are_cut_short_and_counted(record: dict[str, Any]) -> None:
     record["failures"] *= 130
-    table = fleet_tables(record)[-1]
+    table = fleet_tables(read(record))[-1]
     assert (len(table.rows), re.findall(r"\d+", table.note)) == (100, ["30"])
 
 
 def test_the_figures(record: dict[str, Any]) -> None:
-    cost, position = fleet_figures(record)
+    cost, position = fleet_figures(read(record))
     assert [series.look for series in cost.panels[0].series] == ["start", "best"]
     assert cost.panels[0].series[1].x == (0.0, 50.0, 100.0)
     assert cost.panels[0].series[1].y == (8.0, 10.0, 30.0)
@@ -136,7 +146,7 @@ def test_what_is_synthetic_is_said_on_top(record: dict[str, Any]) -> None:
     assert "Synthetic, not measured" not in fleet_html(record, COMMAND)
     record["synthetic"] = "All made up."
     page = fleet_html(record, COMMAND)
-    assert page.index("synthetic, not measured</span>") < page.index(fleet_lines(record)[0])
+    assert page.index("synthetic, not measured</span>") < page.index(fleet_lines(read(record))[0])
     assert "All made up." in page
 
 
@@ -145,7 +155,7 @@ def test_a_fleet_without_a_calibrated_injector_has_a_page(record: dict[str, Any]
     record["counts"] |= {"finished": 0, "failed": 4}
     record["curve"] = {"start": [], "best": []}
     record["clock"] |= {"core_seconds_of_an_injector": None, "injectors_per_second": None}
-    line, *_ = fleet_lines(record)
+    line, *_ = fleet_lines(read(record))
     assert re.findall(r"\d+", line) == ["0", "5", "4"]
     assert line in fleet_html(record, COMMAND)
 

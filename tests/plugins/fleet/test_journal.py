@@ -12,27 +12,29 @@ from pathlib import Path
 import pytest
 
 from commonrail.base.errors import OutputError, StudyError
+from commonrail.compiler.target import describe
 from commonrail.plugins.fleet.journal import FAILED, FINISHED, JOURNAL, Entry, Journal
+from tests.plugins.fleet.conftest import calibrated
 
-DONE = Entry("A", FINISHED, "", 1, {"160 MPa": "f"}, {"J": {"best": 0.1 + 0.2}}, 1.5)
-BROKEN = Entry("B", FAILED, "Because.", 3, {}, {}, 0.0)
+DONE = Entry("A", FINISHED, "", 1, {"160 MPa": "f"}, calibrated(0.1 + 0.2, a=0.7), 1.5)
+BROKEN = Entry("B", FAILED, "Because.", 3, {}, None, 0.0)
 
 
 def test_entries_are_kept_bit_by_bit(tmp_path: Path) -> None:
     with Journal(tmp_path) as journal:
-        assert journal.inputs() == {}
-        journal.write_inputs({"seed": "1"})
+        assert not journal.has_begun
+        journal.describe({"content": "{}"})
         journal.write(DONE)
         journal.write(BROKEN)
     with Journal(tmp_path) as journal:
-        assert journal.inputs() == {"seed": "1"}
+        assert journal.has_begun
         assert journal.entries() == {"A": DONE, "B": BROKEN}
 
 
 def test_an_entry_takes_the_place_of_an_older_one(tmp_path: Path) -> None:
     with Journal(tmp_path) as journal:
         journal.write(BROKEN)
-        journal.write(Entry("B", FINISHED, "", 1, {}, {}, 2.0))
+        journal.write(Entry("B", FINISHED, "", 1, {}, calibrated(1.0), 2.0))
         assert journal.entries()["B"].status == FINISHED
 
 
@@ -70,12 +72,12 @@ def test_a_second_process_is_told_who_holds_it_and_a_killed_one_holds_nothing(tm
 
 def test_a_change_of_any_value_is_found(tmp_path: Path) -> None:
     with Journal(tmp_path) as journal:
-        journal.write_inputs({"seed": "1"})
+        journal.start_session()
         journal.write(DONE)
-        journal.note_target({"cpu": "znver3"})
+        journal.end_session("finished", "")
     whole = (tmp_path / JOURNAL).read_bytes()
     count = 0
-    for table in ("about", "input", "injector"):
+    for table in ("about", "session", "injector"):
         with closing(sqlite3.connect(tmp_path / JOURNAL)) as connection:
             names = [column[0] for column in connection.execute(f"SELECT * FROM {table}").description]
         for name in names:
@@ -89,7 +91,7 @@ def test_a_change_of_any_value_is_found(tmp_path: Path) -> None:
             assert (tmp_path / JOURNAL).read_bytes() == spoilt  # who refuses a journal changes nothing
             (tmp_path / JOURNAL).write_bytes(whole)
             count += 1
-    assert count == 15  # columns of all tables, their seals included
+    assert count == 20  # columns of all tables, their seals included
     with Journal(tmp_path) as journal:
         assert journal.entries() == {"A": DONE}
 
@@ -106,13 +108,15 @@ def test_a_lost_log_is_damage(tmp_path: Path) -> None:
             Journal(copy)
 
 
-def test_targets_are_kept_in_their_order_without_repetition(tmp_path: Path) -> None:
-    one, other = {"cpu": "znver3"}, {"cpu": "generic"}
-    for target in (one, one, other, one):
+def test_targets_are_listed_by_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    usual = describe()
+    for cpu in ("znver3", "generic", "znver3"):
+        target = usual._replace(cpu=cpu)
+        monkeypatch.setattr("commonrail.runs.journal.describe", lambda target=target: target)
         with Journal(tmp_path) as journal:
-            journal.note_target(target)
+            journal.start_session()
     with Journal(tmp_path) as journal:
-        assert journal.targets == [one, other, one]
+        assert [target["cpu"] for target in journal.list_targets({1, 2})] == ["znver3", "generic"]
 
 
 def test_a_journal_of_another_version_is_refused(tmp_path: Path) -> None:
@@ -135,7 +139,7 @@ def test_a_full_disk_is_an_output_error_and_costs_nothing_that_was_kept(tmp_path
         (pages,) = journal._connection.execute("PRAGMA page_count").fetchone()
         journal._connection.execute(f"PRAGMA max_page_count = {pages}")  # as a disk with no room left
         with pytest.raises(OutputError):
-            journal.write(Entry("C", FINISHED, "", 1, {}, {"much": "x" * 100_000}, 1.0))
+            journal.write(Entry("C", FINISHED, "", 1, {}, calibrated(1.0, **{"x" * 100_000: 1.0}), 1.0))
     with Journal(tmp_path) as journal:
         assert journal.entries() == {"A": DONE}
 

@@ -10,7 +10,16 @@ import pytest
 
 import commonrail as cr
 from commonrail.base.errors import OutputError
-from commonrail.plugins.fleet.file import fleet_record, result_columns, summarise_spread, write_results
+from commonrail.plugins.fleet.file import (
+    Counts,
+    Failure,
+    RunClock,
+    Spread,
+    result_columns,
+    summarise_fleet,
+    summarise_spread,
+    write_results,
+)
 from commonrail.plugins.fleet.journal import FAILED, Entry
 from commonrail.plugins.fleet.page import fleet_warnings
 from commonrail.plugins.fleet.run import FleetRun
@@ -18,7 +27,7 @@ from commonrail.plugins.fleet.run import fleet as run_fleet
 from commonrail.plugins.fleet.study import load_fleet
 from tests.plugins.fleet.conftest import COUNT, results, small_fleet
 
-CLOCK = {"seconds": 2.0, "first": 1.0, "calibrated_now": 5, "workers": 1}
+CLOCK = RunClock(seconds=2.0, first=1.0, calibrated_now=5, workers=1)
 
 
 def test_a_row_for_each_injector_that_can_be_read_back_to_the_last_bit(whole: FleetRun) -> None:
@@ -27,11 +36,11 @@ def test_a_row_for_each_injector_that_can_be_read_back_to_the_last_bit(whole: Fl
     assert len(rows) == COUNT
     place = head.index("valve.spring_preload [N]")
     for row, entry in zip(rows, whole.entries, strict=True):
-        own = entry.record["parameters"]["valve.spring_preload"]
+        own = entry.result.parameters["valve.spring_preload"]
         assert row[0] == entry.name
-        assert float(row[4]) == entry.record["J"]["best"]
-        assert float(row[place]) == own["best"]
-        assert row[place + 2] == own["verdict"]
+        assert float(row[4]) == entry.result.cost.best
+        assert float(row[place]) == own.best
+        assert row[place + 2] == own.verdict.value
 
 
 def test_what_is_synthetic_is_said_in_each_file(whole: FleetRun) -> None:
@@ -55,20 +64,21 @@ def test_parquet_says_the_same(whole: FleetRun) -> None:
 
 def test_without_pyarrow_there_is_csv(fleet_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "pyarrow", None)
-    write_results(tmp_path, load_fleet(fleet_file), [], "interrupted", CLOCK)
+    fleet = load_fleet(fleet_file)
+    write_results(tmp_path, fleet, [], summarise_fleet(fleet, [], "interrupted", CLOCK))
     assert [row[1] for row in results(tmp_path)[1:]] == ["pending"] * COUNT
     assert not (tmp_path / "results.parquet").exists()
 
 
 def test_a_failure_has_its_reason_and_no_numbers(fleet_file: Path, whole: FleetRun) -> None:
-    entries = [Entry("SN000001", FAILED, "Because.", 1, {}, {}, 0.1), *whole.entries[1:]]
+    entries = [Entry("SN000001", FAILED, "Because.", 1, {}, None, 0.1), *whole.entries[1:]]
     columns = result_columns(load_fleet(fleet_file), entries)
     assert columns["reason"][:2] == ["Because.", ""]
     assert columns["J best"][0] is None
     assert columns["valve.spring_preload [N]"][0] is None
-    record = fleet_record(load_fleet(fleet_file), entries, "finished", CLOCK)
-    assert record["failures"] == [{"injector": "SN000001", "reason": "Because."}]
-    assert record["counts"] == {"injectors": COUNT, "finished": COUNT - 1, "failed": 1, "pending": 0}
+    result = summarise_fleet(load_fleet(fleet_file), entries, "finished", CLOCK)
+    assert result.failures == (Failure("SN000001", "Because."),)
+    assert result.counts == Counts(injectors=COUNT, finished=COUNT - 1, failed=1, pending=0)
 
 
 def test_the_record_on_disk_is_the_one_returned_and_all_time_is_under_one_key(whole: FleetRun) -> None:
@@ -79,20 +89,20 @@ def test_the_record_on_disk_is_the_one_returned_and_all_time_is_under_one_key(wh
 
 
 def test_the_spread_counts_only_numbers() -> None:
-    expected = {"minimum": 1.0, "q1": 2.0, "median": 3.0, "q3": 4.0, "maximum": 5.0, "count": 5}
+    expected = Spread(minimum=1.0, q1=2.0, median=3.0, q3=4.0, maximum=5.0, count=5)
     assert summarise_spread([5.0, None, 1.0, 2.0, 3.0, 4.0]) == expected
     assert summarise_spread([None]) is None
 
 
 def test_the_worst_come_first(whole: FleetRun) -> None:
     costs = [w["J"]["best"] for w in whole.record["worst"]]
-    assert costs == sorted((e.record["J"]["best"] for e in whole.entries), reverse=True)
+    assert costs == sorted((e.result.best_cost for e in whole.entries), reverse=True)
 
 
 def test_the_speed_is_that_of_this_run(fleet_file: Path, whole: FleetRun) -> None:
-    clock = fleet_record(load_fleet(fleet_file), whole.entries, "finished", CLOCK)["clock"]
-    assert clock["injectors_per_second"] == 2.5
-    assert clock["core_seconds"] == pytest.approx(sum(e.seconds for e in whole.entries), rel=1e-12)  # order of a sum
+    clock = summarise_fleet(load_fleet(fleet_file), whole.entries, "finished", CLOCK).clock
+    assert clock.speed == 2.5
+    assert clock.core_seconds == pytest.approx(sum(e.seconds for e in whole.entries), rel=1e-12)  # order of a sum
 
 
 def test_a_file_that_cannot_be_written_leaves_the_old_one(
@@ -104,7 +114,7 @@ def test_a_file_that_cannot_be_written_leaves_the_old_one(
     (tmp_path / "results.csv").write_text("old", encoding="utf-8")
     monkeypatch.setattr("os.fsync", full)
     with pytest.raises(OutputError, match=r"results\.csv .*\(No space left on device\)"):
-        write_results(tmp_path, load_fleet(fleet_file), whole.entries, "finished", CLOCK)
+        write_results(tmp_path, load_fleet(fleet_file), whole.entries, whole.result)
     assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["results.csv"]
     assert (tmp_path / "results.csv").read_text(encoding="utf-8") == "old"
 
@@ -128,7 +138,7 @@ def test_an_injector_whose_data_are_upside_down_is_counted_and_told(fleet_file: 
     (told,) = (w for w in run.record["warnings"] if w["code"] == "sign")
     assert (told["injectors"], told["first"]) == (1, "SN000002")
     assert "the rate is mostly negative" in told["sentence"]
-    line = fleet_warnings(run.record)[[w["code"] for w in run.record["warnings"]].index("sign")]
+    line = fleet_warnings(run.result)[[w["code"] for w in run.record["warnings"]].index("sign")]
     assert line.startswith(f"1 of {COUNT} injectors: sign. The first, SN000002: 160 MPa: the rate")
 
 

@@ -17,10 +17,11 @@ import pytest
 
 from commonrail.base.errors import InputError, StudyError
 from commonrail.base.hooks import _ask
+from commonrail.calibration.record import StartAndBest
 from commonrail.calibration.run import calibrate
 from commonrail.calibration.study_file import load_study
 from commonrail.compiler.target import describe
-from commonrail.plugins.fleet import journal as begun_module
+from commonrail.plugins.fleet import member as begun_module
 from commonrail.plugins.fleet.journal import FAILED, JOURNAL, Journal
 from commonrail.plugins.fleet.run import FleetProgress, FleetRun
 from commonrail.plugins.fleet.run import fleet as run_fleet
@@ -63,8 +64,9 @@ def test_the_number_of_workers_and_the_order_of_the_table_are_no_matter(
 def test_an_injectors_own_study_gives_its_result(whole: FleetRun) -> None:
     found = calibrate(load_study(whole.folder / "injectors" / "SN000004" / "study.toml"))
     record = whole.entries[3].record
-    assert record["J"]["best"] == found.cost
-    assert {name: p["best"] for name, p in record["parameters"].items()} == found.best
+    assert record is not None
+    assert record.cost.best == found.cost
+    assert {name: p.best for name, p in record.parameters.items()} == found.best
 
 
 # A fleet that is killed once some injectors are done, and says before what its workers' process numbers are.
@@ -230,18 +232,19 @@ def test_another_target_or_other_bits_are_said(begun: tuple[Path, Path], monkeyp
     with Journal(folder) as journal:
         assert journal.targets == [describe().record]
         first, *_, last = journal.entries().values()
-        journal.write(replace(last, status=FAILED, reason="lost", record={}))
-        wrong = first.record["J"]["best"] * (1.0 + 2.0**-52)
-        journal.write(replace(first, record=first.record | {"J": first.record["J"] | {"best": wrong}}))
+        journal.write(last._replace(status=FAILED, reason="lost", record=None))
+        best = first.result.best_cost
+        wrong = best * (1.0 + 2.0**-52)
+        journal.write(first._replace(record=first.result._replace(cost=StartAndBest(first.result.cost.start, wrong))))
     other = describe()._replace(cpu="znver9")
-    monkeypatch.setattr("commonrail.plugins.fleet.run.describe", lambda: other)
+    monkeypatch.setattr("commonrail.runs.journal.describe", lambda: other)
     told: list[str] = []
     monkeypatch.setattr("commonrail.plugins.fleet.run.note", told.append)
     run = run_fleet(load_fleet(file), folder, workers=1, retry=True)
     (warning,) = run.record["warnings"]
     assert (warning["code"], warning["injectors"], warning["first"]) == ("target", COUNT - 1, "SN000001")
     assert warning["sentence"] in told[0]
-    for words in (describe().cpu, "znver9", "SN000001", repr(first.record["J"]["best"]), repr(wrong)):
+    for words in (describe().cpu, "znver9", "SN000001", repr(best), repr(wrong)):
         assert words in warning["sentence"]
     again = run_fleet(load_fleet(file), folder).record["warnings"]  # nothing is calibrated: the mixture stays
     assert "znver9" in again[0]["sentence"]

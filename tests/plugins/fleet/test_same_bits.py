@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from commonrail.base.choices import Body, Drive
 from commonrail.base.errors import StudyError
+from commonrail.calibration.identifiability import ParameterVerdict
 from commonrail.calibration.study_file import load_study
 from commonrail.physics.variants import Variant
-from commonrail.plugins.fleet.member import calibrate_study, write_study
+from commonrail.plugins.fleet.member import MemberRecord, calibrate_study, write_study
 from commonrail.plugins.fleet.run import fleet as run_fleet
 from commonrail.plugins.fleet.study import load_fleet
 from commonrail.readers.injector_writer import dump_injector
@@ -33,14 +33,13 @@ def rigid_fleet(folder: Path, same_bits: bool) -> Path:
     return file
 
 
-def bits(record: dict[str, Any]) -> dict[str, Any]:
-    """Record without the machine on which it was found, and without what LAPACK judges of the fit."""
-    kept = {name: value for name, value in record.items() if name != "target"}
-    kept["parameters"] = {
-        name: {key: value for key, value in one.items() if key not in ("standard_error", "verdict")}
-        for name, one in record["parameters"].items()
+def bits(record: MemberRecord) -> MemberRecord:
+    """Record without what LAPACK judges of the fit."""
+    parameters = {
+        name: p._replace(standard_error=None, verdict=ParameterVerdict.DETERMINED)
+        for name, p in record.parameters.items()
     }
-    return kept
+    return record._replace(parameters=parameters)
 
 
 def test_workers_of_another_processor_find_the_bits_of_this_one(
@@ -51,7 +50,7 @@ def test_workers_of_another_processor_find_the_bits_of_this_one(
     file = rigid_fleet(tmp_path / "fleet", same_bits=True)
     studies = [write_study(load_fleet(file), name, tmp_path / name) for name in ("SN000001", "SN000002")]
     run = run_fleet(load_fleet(file), tmp_path / "run", workers=1)
-    assert [bits(entry.record) for entry in run.entries] == [bits(calibrate_study(load_study(s))) for s in studies]
+    assert [bits(entry.result) for entry in run.entries] == [bits(calibrate_study(load_study(s))) for s in studies]
 
 
 def test_without_it_they_are_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

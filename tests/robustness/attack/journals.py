@@ -24,6 +24,7 @@ from commonrail.readers.injector_writer import injector_text
 from commonrail.runs.fit import Listener, calibrate_into, resume
 from commonrail.runs.folder import read_run
 from commonrail.runs.journal import JOURNAL, LOCK, Journal, read_about
+from tests.plugins.fleet.conftest import calibrated
 from tests.robustness.attack.base import attack, command, flipped
 from tests.robustness.attack.samples import add_rollback, refusal
 
@@ -97,7 +98,7 @@ def content(run: Path) -> list[Any]:
 def entries(folder: Path) -> list[Any]:
     """All that the journal of a fleet tells."""
     with fleet_journal.Journal(folder) as journal:
-        return [journal.inputs(), journal.entries()]
+        return [journal.about.get("content"), journal.entries()]
 
 
 def told(run: Path) -> list[Any]:
@@ -190,10 +191,10 @@ def fleet_journal_bits(folder: Path, times: int) -> str:
     fleet, killed = folder / "fleet", folder / "killed-fleet"
     fleet.mkdir()
     with fleet_journal.Journal(fleet) as journal:
-        journal.write_inputs({"seed": "1", "file study.toml": "0" * 64})
+        journal.describe({"content": '{"seed": "1"}'})
         for number in range(12):
-            best = {f"parameter {i}": {"best": 0.000257 * (1 + number) / (1 + i)} for i in range(8)}
-            record = {"J": {"start": 1.0, "best": 0.1 / (1 + number)}, "parameters": best}
+            values = {f"parameter {i}": 0.000257 * (1 + number) / (1 + i) for i in range(8)}
+            record = calibrated(0.1 / (1 + number), **values)
             own = {"160 MPa": f"{number:064x}"}
             journal.write(fleet_journal.Entry(f"I{number}", fleet_journal.FINISHED, "", 1, own, record, 0.25))
         shutil.copytree(fleet, killed)

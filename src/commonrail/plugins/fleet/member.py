@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from commonrail.base.errors import CommonrailError
 from commonrail.base.input import noting_files, read_plain, sha256
 from commonrail.base.output import write_text, writing
-from commonrail.base.record import to_record
+from commonrail.base.record import Key, to_record
 from commonrail.base.text import number
+from commonrail.calibration.identifiability import ParameterVerdict
+from commonrail.calibration.plausibility import Finding
+from commonrail.calibration.record import StartAndBest
 from commonrail.calibration.run import Calibration, calibrate
 from commonrail.calibration.scoring import scores_of
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file import load_study
-from commonrail.data.base import DataSet, Score
-from commonrail.physics.injector import Injector
-from commonrail.plugins.certainty.linear import Near, certify_near
+from commonrail.compiler.target import package_versions
+from commonrail.data.base import DataSet, Role, Score
+from commonrail.plugins.certainty.linear import certify_near
 from commonrail.plugins.family.injector_type import load_type
 from commonrail.plugins.fleet.study import DEAD_TIMES, Fleet, Template
 from commonrail.readers.injector import load_injector
@@ -123,6 +127,19 @@ def hash_shared_files(template: Template) -> dict[Path, str]:
     return noted
 
 
+def hash_common_inputs(fleet: Fleet, shared: Mapping[Path, str]) -> dict[str, str]:
+    """Return the inputs common to all injectors, by name: readable texts, or fingerprints of files.
+
+    `shared`: SHA-256 of the shared files.
+    """
+    template = fleet.template
+    inputs = {"seed": str(fleet.seed), "leave_out": ", ".join(template.left_out)}
+    inputs |= {f"version of {name}": version for name, version in package_versions().items()}
+    inputs[f"file {template.path.name}"] = sha256(template.text.encode())
+    names = {Path(os.path.abspath(path)): name for name, path in list_shared_files(template).items()}
+    return inputs | {f"file {names.get(path, path.name)}": digest for path, digest in shared.items()}
+
+
 def _is_file(injector: str) -> bool:
     return injector.endswith(".toml")
 
@@ -134,13 +151,82 @@ def _absolute(base: Path, file: str) -> str:
 # Calibration of one injector on a worker, and its record.
 
 
+class MemberData(NamedTuple):
+    """Errors of a data set with the start and the best values; None if they could not be simulated."""
+
+    name: str
+    role: Role
+    measure: str
+    unit: str
+    start: float | None
+    best: float | None
+
+
+class FixedRecord(NamedTuple):
+    """Value [SI] that the study of an injector fixes."""
+
+    name: str
+    value: float
+    mark: str
+    source: str
+
+
+class PriorRecord(NamedTuple):
+    """Prior of a parameter [SI]."""
+
+    value: float
+    sigma: float
+
+
+class MemberParameter(NamedTuple):
+    """Calibrated parameter of an injector [SI]; `position`: between the bounds, 0 to 1."""
+
+    best: float
+    standard_error: float | None
+    verdict: ParameterVerdict
+    position: float
+    at_bound: bool
+    lower: float
+    upper: float
+    prior: PriorRecord | None
+
+
+class MemberRecord(NamedTuple):
+    """Calibration of an injector, as the journal keeps it.
+
+    `slots`, `simulated`, `failed`: numbers of candidates; `cost`: objective of the fitted data.
+    """
+
+    seed: int
+    synthetic: str
+    cost: Annotated[StartAndBest, Key("J")]
+    slots: int
+    simulated: int
+    failed: int
+    data: tuple[MemberData, ...]
+    fixed: tuple[FixedRecord, ...]
+    parameters: Mapping[str, MemberParameter]
+    warnings: tuple[Finding, ...]
+
+    @property
+    def best_cost(self) -> float:
+        """Objective of the best values."""
+        assert self.cost.best is not None  # a search without a simulated candidate fails
+        return self.cost.best
+
+    @property
+    def bounded(self) -> tuple[str, ...]:
+        """Names of the parameters at a bound."""
+        return tuple(name for name, parameter in self.parameters.items() if parameter.at_bound)
+
+
 class Attempt(NamedTuple):
     """Outcome of an injector on its worker: its record, or the sentence of an error; processor time [s].
 
     `files`: SHA-256 of each file as it was read.
     """
 
-    record: Mapping[str, Any]
+    record: MemberRecord | None
     reason: str
     seconds: float
     files: Mapping[Path, str] = {}
@@ -148,7 +234,7 @@ class Attempt(NamedTuple):
 
 def record_failure(error: CommonrailError, seconds: float = 0.0) -> Attempt:
     """Return the attempt that ended with an error."""
-    return Attempt({}, " ".join(str(error).split()), seconds)
+    return Attempt(None, " ".join(str(error).split()), seconds)
 
 
 class Calibrations:
@@ -177,10 +263,11 @@ class Calibrations:
         if self.first is None:
             return b""
         scores = scores_of(self.first, self.first.injector, 1)["best"]
-        return json.dumps([_data_record(d, s, s) for d, s in zip(self.first.data, scores, strict=True)]).encode()
+        errors = [_measure_errors(d, s, s) for d, s in zip(self.first.data, scores, strict=True)]
+        return json.dumps(to_record(errors)).encode()
 
 
-def calibrate_study(study: Study) -> dict[str, Any]:
+def calibrate_study(study: Study) -> MemberRecord:
     """Calibrate the study of an injector on one thread, and return its record for the fleet.
 
     Raises `CommonrailError` if the study cannot be run, or no candidate can be simulated.
@@ -188,48 +275,40 @@ def calibrate_study(study: Study) -> dict[str, Any]:
     calibration = calibrate(study, threads=1)
     if calibration.status != "finished":
         raise KeyboardInterrupt
-    counts = calibration.counts
-    return {
-        "seed": study.seed,
-        "synthetic": study.synthetic,
-        "J": {"start": number(calibration.start_cost), "best": number(calibration.cost)},
-        "slots": counts.slots,
-        "simulated": counts.simulated,
-        "failed": counts.failed,
-        "data": [
-            _data_record(d, calibration.scores["start"][i], calibration.scores["best"][i])
-            for i, d in enumerate(study.data)
-        ],
-        "fixed": [_fixed_record(study.injector, name) for name in study.fixed],
-        "parameters": _parameters(calibration, certify_near(study, calibration.best, 1)),
-        "warnings": to_record(calibration.warnings),
-    }
+    counts, scores = calibration.counts, calibration.scores
+    return MemberRecord(
+        seed=study.seed,
+        synthetic=study.synthetic,
+        cost=StartAndBest(number(calibration.start_cost), number(calibration.cost)),
+        slots=counts.slots,
+        simulated=counts.simulated,
+        failed=counts.failed,
+        data=tuple(map(_measure_errors, study.data, scores["start"], scores["best"])),
+        fixed=tuple(
+            FixedRecord(name, study.injector.values[name], *study.injector.sources[name]) for name in study.fixed
+        ),
+        parameters=_parameters(calibration),
+        warnings=calibration.warnings,
+    )
 
 
-def _fixed_record(injector: Injector, name: str) -> dict[str, Any]:
-    mark, source = injector.sources[name]
-    return {"name": name, "value": injector.values[name], "mark": mark, "source": source}
+def _measure_errors(data: DataSet, start: Score, best: Score) -> MemberData:
+    return MemberData(data.name, data.role, *data.error_head, number(start.error), number(best.error))
 
 
-def _data_record(data: DataSet, start: Score, best: Score) -> dict[str, Any]:
-    measure, unit = data.error_head
-    scores = {"name": data.name, "role": data.role.value, "measure": measure, "unit": unit}
-    return scores | {"start": number(start.error), "best": number(best.error)}
-
-
-def _parameters(calibration: Calibration, certain: Mapping[str, Near]) -> dict[str, dict[str, Any]]:
-    space = calibration.study.space
+def _parameters(calibration: Calibration) -> dict[str, MemberParameter]:
+    certain = certify_near(calibration.study, calibration.best, 1)
     records = {}
-    for p in space.parameters:
+    for p in calibration.study.space.parameters:
         best = calibration.best[p.name]
-        records[p.name] = {
-            "best": best,
-            "standard_error": certain[p.name].standard_error,
-            "verdict": certain[p.name].verdict.value,
-            "position": p.position(best),
-            "at_bound": p.is_at_bound(best),
-            "lower": p.lower,
-            "upper": p.upper,
-            "prior": None if p.prior is None else {"value": p.prior.value, "sigma": p.prior.sigma},
-        }
+        records[p.name] = MemberParameter(
+            best=best,
+            standard_error=certain[p.name].standard_error,
+            verdict=certain[p.name].verdict,
+            position=p.position(best),
+            at_bound=p.is_at_bound(best),
+            lower=p.lower,
+            upper=p.upper,
+            prior=None if p.prior is None else PriorRecord(p.prior.value, p.prior.sigma),
+        )
     return records

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import Figure, HeatMap, Panel, Series, points
+from commonrail.base.record import Key
 from commonrail.base.table import Table, table_from_columns
-from commonrail.base.text import quantity, shown_unit, significant, to_signed
-from commonrail.data.records import Record
+from commonrail.base.text import quantity, significant, to_signed
 from commonrail.plugins.fleet.journal import Entry
 
 BINS = 20  # classes of a histogram
@@ -22,102 +22,137 @@ FEWEST = 4  # injectors needed for a correlation or an outlier
 _TO_SIGMA = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 
 
-def population_record(finished: Sequence[Entry], names: Sequence[str]) -> dict[str, Any]:
-    """Return histograms, correlations, outliers and values of the calibrated injectors; `names`: free parameters.
+class Histogram(NamedTuple):
+    """Numbers of injectors by position between the bounds: edges (n + 1,) and counts (n,)."""
 
-    "histograms": "edges" and "counts" of the positions between the bounds; "correlations": Pearson's, of the parameters
-    and J, None without variation; "outliers": the farthest first; "each": injectors with J and values; "more": number
-    of injectors left out of "each".
+    edges: tuple[float, ...]
+    counts: tuple[int, ...]
+
+
+class Outlier(NamedTuple):
+    """Value far from the median of the fleet, in robust standard deviations; `name`: a parameter [SI] or "J"."""
+
+    injector: str
+    name: str
+    value: float
+    median: float
+    deviations: float
+
+
+class InjectorValues(NamedTuple):
+    """Start and best objective of an injector, and its calibrated values."""
+
+    injector: str
+    cost: Annotated[tuple[float | None, float], Key("J")]
+    values: tuple[float, ...]
+
+
+class Population(NamedTuple):
+    """Distribution of the calibrated injectors.
+
+    Attributes
+    ----------
+    histograms : mapping of str to Histogram
+    correlations : tuple of tuple of float or None
+        Pearson's, of the parameters and J; None without variation.
+    outliers : tuple of Outlier
+        The farthest first.
+    each : tuple of InjectorValues
+    more : int
+        Number of injectors left out of `each`.
     """
-    values = np.array([[e.record["parameters"][name]["best"] for name in names] for e in finished], float)
-    places = np.array([[e.record["parameters"][name]["position"] for name in names] for e in finished], float)
-    costs = np.array([e.record["J"]["best"] for e in finished], float)
+
+    histograms: Mapping[str, Histogram]
+    correlations: tuple[tuple[float | None, ...], ...]
+    outliers: tuple[Outlier, ...]
+    each: tuple[InjectorValues, ...]
+    more: int
+
+
+def describe_population(finished: Sequence[Entry], names: Sequence[str]) -> Population:
+    """Return the distribution of the calibrated injectors; `names`: free parameters."""
+    parameters = [[entry.result.parameters[name] for name in names] for entry in finished]
     shape = len(finished), len(names)
-    values, places = values.reshape(shape), places.reshape(shape)
-    return {
-        "histograms": {name: _histogram(places[:, i]) for i, name in enumerate(names)},
-        "correlations": _correlations(np.column_stack([places, costs])),
-        "outliers": _outliers(finished, ["J", *names], np.column_stack([costs, values])),
-        **_list_injectors(finished, values, costs),
-    }
+    values = np.array([[p.best for p in row] for row in parameters], float).reshape(shape)
+    places = np.array([[p.position for p in row] for row in parameters], float).reshape(shape)
+    costs = np.array([entry.result.best_cost for entry in finished], float)
+    each = _list_injectors(finished, values, costs)
+    return Population(
+        {name: _count(places[:, i]) for i, name in enumerate(names)},
+        _correlations(np.column_stack([places, costs])),
+        _outliers(finished, ["J", *names], np.column_stack([costs, values])),
+        each,
+        len(finished) - len(each),
+    )
 
 
-def _histogram(places: Floats) -> Mapping[str, Any]:
+def _count(places: Floats) -> Histogram:
     counts, edges = np.histogram(np.clip(places, 0.0, 1.0), BINS, (0.0, 1.0))
-    return {"edges": edges.tolist(), "counts": counts.tolist()}
+    return Histogram(tuple(edges.tolist()), tuple(counts.tolist()))
 
 
-def _correlations(columns: Floats) -> list[list[float | None]]:
+def _correlations(columns: Floats) -> tuple[tuple[float | None, ...], ...]:
     """Correlation matrix (d, d) of the columns of (n, d)."""
     if len(columns) < FEWEST:
-        return []
+        return ()
     deviations = columns - columns.mean(axis=0)
     sizes = np.sqrt((deviations**2).sum(axis=0))
     varies = sizes > 1e-9 * np.maximum(np.abs(columns).max(axis=0), 1e-300) * np.sqrt(len(columns))
     matrix = np.full((columns.shape[1],) * 2, np.nan)
     unit = deviations[:, varies] / sizes[varies]
     matrix[np.ix_(varies, varies)] = np.clip(unit.T @ unit, -1.0, 1.0)
-    return [[None if np.isnan(v) else round(float(v), 4) for v in row] for row in matrix]
+    return tuple(tuple(None if np.isnan(v) else round(float(v), 4) for v in row) for row in matrix)
 
 
-def _outliers(finished: Sequence[Entry], names: Sequence[str], columns: Floats) -> list[dict[str, Any]]:
+def _outliers(finished: Sequence[Entry], names: Sequence[str], columns: Floats) -> tuple[Outlier, ...]:
     """Values far from the median of the fleet, in units of the scaled median absolute deviation."""
     if len(finished) < FEWEST:
-        return []
+        return ()
     median = np.median(columns, axis=0)
     scatter = _TO_SIGMA * np.median(np.abs(columns - median), axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         far = np.where(scatter > 0.0, (columns - median) / scatter, 0.0)
     rows, columns_far = np.nonzero(np.abs(far) > FAR)
     order = np.argsort(-np.abs(far[rows, columns_far]), kind="stable")[:MOST_OUTLIERS]
-    return [
-        {
-            "injector": finished[i].name,
-            "name": names[j],
-            "value": float(columns[i, j]),
-            "median": float(median[j]),
-            "deviations": round(float(far[i, j]), 2),
-        }
+    return tuple(
+        Outlier(finished[i].name, names[j], float(columns[i, j]), float(median[j]), round(float(far[i, j]), 2))
         for i, j in zip(rows[order].tolist(), columns_far[order].tolist(), strict=True)
-    ]
+    )
 
 
-def _list_injectors(finished: Sequence[Entry], values: Floats, costs: Floats) -> dict[str, Any]:
+def _list_injectors(finished: Sequence[Entry], values: Floats, costs: Floats) -> tuple[InjectorValues, ...]:
     """Values of single injectors; only the worst if there are many."""
     most = max(MOST_NUMBERS // max(values.shape[1] + 2, 1), 1)
-    shown = np.sort(np.argsort(-costs, kind="stable")[:most])
-    each = [
-        {
-            "injector": finished[i].name,
-            "J": [finished[i].record["J"]["start"], float(costs[i])],
-            "values": [float(f"{v:.5g}") for v in values[i].tolist()],
-        }
-        for i in shown.tolist()
-    ]
-    return {"each": each, "more": len(finished) - len(each)}
+    shown = np.sort(np.argsort(-costs, kind="stable")[:most]).tolist()
+    return tuple(
+        InjectorValues(
+            finished[i].name,
+            (finished[i].result.cost.start, float(costs[i])),
+            tuple(float(f"{v:.5g}") for v in values[i].tolist()),
+        )
+        for i in shown
+    )
 
 
 # Figures and tables of the distribution.
 
 
-def histograms(record: Record, names: dict[str, str]) -> list[Figure]:
+def histograms(population: Population | None, names: Mapping[str, str]) -> list[Figure]:
     """Histogram of each parameter between its bounds; `names`: short names of the parameters."""
-    histogram_records = record.get("population", {}).get("histograms", {})
-    return [_population_histogram(names.get(name, name), histogram) for name, histogram in histogram_records.items()]
+    counted = population.histograms if population else {}
+    return [_draw_histogram(names.get(name, name), histogram) for name, histogram in counted.items()]
 
 
-def _population_histogram(name: str, histogram: Record) -> Figure:
-    edges, counts = histogram["edges"], histogram["counts"]
-    x = points(100.0 * edge for edge in edges for _ in (0, 1))
-    y = (0.0, *(float(count) for count in counts for _ in (0, 1)), 0.0)
+def _draw_histogram(name: str, histogram: Histogram) -> Figure:
+    x = points(100.0 * edge for edge in histogram.edges for _ in (0, 1))
+    y = (0.0, *(float(count) for count in histogram.counts for _ in (0, 1)), 0.0)
     panel = Panel("injectors", (Series("", "solid", x, y, family=0),))
     return Figure(name, "Number of injectors in each 5 % of the range.", "position between the bounds, %", (panel,))
 
 
-def correlation_map(record: Record, names: dict[str, str]) -> HeatMap | None:
-    """Correlations of the parameters and J; None if the record has no correlations."""
-    matrix = record.get("population", {}).get("correlations", [])
-    if not matrix:
+def correlation_map(population: Population | None, names: Mapping[str, str]) -> HeatMap | None:
+    """Correlations of the parameters and J; None without any."""
+    if not population or not population.correlations:
         return None
     labels = (*names.values(), "J")
     return HeatMap(
@@ -128,54 +163,30 @@ def correlation_map(record: Record, names: dict[str, str]) -> HeatMap | None:
         "",
         labels,
         labels,
-        tuple(tuple(row) for row in matrix),
-        tuple(tuple("" if value is None else to_signed(value, 2) for value in row) for row in matrix),
+        population.correlations,
+        tuple(tuple("" if value is None else to_signed(value, 2) for value in row) for row in population.correlations),
         "",
         True,
         1.0,
     )
 
 
-def outlier_table(record: Record) -> Table:
-    """Table of the values far from the median of the fleet."""
-    units = {p["name"]: p["unit"] for p in record["parameters"]} | {"J": ""}
+def outlier_table(population: Population | None, units: Mapping[str, str]) -> Table:
+    """Table of the values far from the median of the fleet; `units`: of the parameters."""
 
-    def amount(row: Record, key: str) -> str:
-        unit = units.get(row["name"], "")
-        return quantity(row[key], unit) if unit else significant(row[key])
+    def amount(name: str, value: float) -> str:
+        return quantity(value, units[name]) if units.get(name) else significant(value)
 
     return table_from_columns(
         "Outliers",
-        record.get("population", {}).get("outliers", []),
+        population.outliers if population else (),
         [
-            ("injector", "injector"),
-            ("quantity", "name"),
-            ("value", lambda row: amount(row, "value")),
-            ("median of the fleet", lambda row: amount(row, "median")),
-            ("standard deviations", lambda row: to_signed(row["deviations"], 1)),
+            ("injector", lambda row: row.injector),
+            ("quantity", lambda row: row.name),
+            ("value", lambda row: amount(row.name, row.value)),
+            ("median of the fleet", lambda row: amount(row.name, row.median)),
+            ("standard deviations", lambda row: to_signed(row.deviations, 1)),
         ],
         "Values beyond 3.5 standard deviations from the median, estimated from the median absolute deviation.",
         2,
     )
-
-
-def injector_values(record: Record) -> dict[str, Any]:
-    """Names, units and values of the injectors that the page shows on demand; empty if no injector is calibrated."""
-    population = record.get("population")
-    if not population or not population["each"]:
-        return {}
-    units = [shown_unit(p["upper"] or p["best"]["median"], p["unit"]) for p in record["parameters"]]
-    parameters = [
-        {
-            "name": p["name"],
-            "unit": unit,
-            "median": factor * p["best"]["median"],
-            **{end: None if p[end] is None else factor * p[end] for end in ("lower", "upper")},
-        }
-        for p, (unit, factor) in zip(record["parameters"], units, strict=True)
-    ]
-    each = [
-        {**injector, "values": [factor * v for v, (_, factor) in zip(injector["values"], units, strict=True)]}
-        for injector in population["each"]
-    ]
-    return {"parameters": parameters, "each": each, "more": population["more"]}

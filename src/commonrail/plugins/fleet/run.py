@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,57 +14,68 @@ import numpy as np
 from commonrail.base.arguments import file_path, flag, function, instance
 from commonrail.base.errors import CommonrailError, StudyError
 from commonrail.base.hooks import hold_interrupts, note
-from commonrail.calibration.study import Study, objective_of
+from commonrail.base.input import fingerprint
+from commonrail.base.output import writing
+from commonrail.calibration.study import objective_of
 from commonrail.calibration.study_file import load_study
-from commonrail.compiler.target import describe
 from commonrail.engine.threads import usable_threads
-from commonrail.plugins.fleet.file import write_results
-from commonrail.plugins.fleet.journal import FAILED, FINISHED, JOURNAL, LOCK, Booking, Entry, Journal, load_entries
+from commonrail.plugins.fleet.file import FleetRecord, FleetWarning, RunClock, summarise_fleet, write_results
+from commonrail.plugins.fleet.journal import FAILED, FINISHED, Entry, Journal, load_entries
 from commonrail.plugins.fleet.member import (
     Attempt,
     Calibrations,
+    hash_common_inputs,
     hash_shared_files,
     name_folders,
     record_failure,
     write_study,
 )
-from commonrail.plugins.fleet.study import Fleet
+from commonrail.plugins.fleet.study import Fleet, Supply
 from commonrail.runs.fingerprint import TARGET, differing, other_bits
-from commonrail.runs.folder import create_run_folder
+from commonrail.runs.fit import check_free, run_session
+from commonrail.runs.journal import State
 from commonrail.workers.pool import Limits, check_count
 from commonrail.workers.task import Lost, Outcome, Package, Task, pack
 from commonrail.workers.workers import Workers
 
-# Processors and versions that computed a fleet: mixed targets may change the table.
-
-Warnings = list[dict[str, Any]]
+Inputs = Mapping[str, str]  # fingerprints of the files that a worker read for an injector's result
 
 
-def target_warnings(journal: Journal, entries: Sequence[Entry], study_of: Callable[[str], Study] | None) -> Warnings:
-    """Warn, in the form of a fleet's record, that injectors were calibrated on different targets.
+class Booking:
+    """Checks that the workers of a fleet read unchanged files.
 
-    The first finished injector is simulated again and compared bit for bit. `study_of`: returns the study of an
-    injector; None if this process calibrates nothing.
+    `shared`: SHA-256 of the files common to all injectors, at the start of the fleet.
     """
-    finished = [entry for entry in entries if entry.status == FINISHED]
-    if not finished:
-        return []
-    first = finished[0]
-    again = (0.0, 0.0) if study_of is None else _again(first, study_of)
-    text = other_bits(differing(journal.targets), f"the best values of {first.name}", *again)
-    if not text:
-        return []
-    sentence = f"{text}: the table may differ from an uninterrupted fleet's; use a new folder to have a single target."
-    return [{"code": TARGET, "injectors": len(finished), "first": first.name, "sentence": sentence}]
 
+    def __init__(self, supply: Supply, shared: Mapping[Path, str]) -> None:
+        self.supply = supply
+        self._seen = dict(shared)
+        self._written: dict[str, Mapping[Path, str]] = {}
 
-def _again(entry: Entry, study_of: Callable[[str], Study]) -> tuple[float, float]:
-    """Objective of an injector's best values in the journal and on this machine; (0, 0) if it cannot be simulated."""
-    with suppress(CommonrailError):
-        study = study_of(entry.name)
-        best = np.array([[entry.record["parameters"][name]["best"] for name in study.space.names]])
-        return entry.record["J"]["best"], float(objective_of(study, 1).costs(best).costs[0])
-    return 0.0, 0.0
+    def hand_out(self, name: str, study: Path) -> Path:
+        """Note the files written for an injector in the folder of `study`; return `study`."""
+        folder = study.absolute().parent
+        self._written[name] = {path: fingerprint(path) for path in folder.iterdir() if path.is_file()}
+        return study
+
+    def book(self, name: str, attempt: Attempt, before: Inputs) -> tuple[Attempt, Inputs]:
+        """Return the attempt and the fingerprints of its data; `before`: fingerprints at the start of the fleet.
+
+        Data changed during the fleet get the fingerprint of the version that was read. If another file has changed,
+        the attempt has failed without fingerprints, and the next run repeats it.
+        """
+        written = self._written.pop(name, {})
+        if not attempt.files:
+            return attempt, before
+        inputs = self.supply.fingerprints_read(name, attempt.files)
+        data = set(inputs.values())
+        for path, digest in attempt.files.items():
+            if path in written or digest not in data:
+                expected = written.get(path) or self._seen.setdefault(path, digest)
+                if expected != digest:
+                    reason = f"{path}: the file has changed during the fleet; run the fleet again."
+                    return Attempt(None, reason, attempt.seconds), {}
+        return attempt, inputs
 
 
 INJECTORS = "injectors"  # folder with a study for each
@@ -87,16 +98,34 @@ class FleetProgress(NamedTuple):
 
 @dataclass(frozen=True)
 class FleetRun:
-    """A run of a fleet: its folder, the record in ``fleet.json``, and the injectors that are done, in table order."""
+    """A run of a fleet.
+
+    Attributes
+    ----------
+    folder : Path
+    record : dict
+        Content of ``fleet.json``.
+    result : FleetRecord
+        The record as an object.
+    entries : tuple of Entry
+        Injectors that are done, in the order of the table.
+    """
 
     folder: Path
     record: dict[str, Any]
+    result: FleetRecord
     entries: tuple[Entry, ...]
+    reason = ""  # a run that ends for another reason than the user's raises an error
+
+    @property
+    def status(self) -> str:
+        """ "finished" or "interrupted"."""
+        return self.result.status
 
     @property
     def interrupted(self) -> bool:
         """True if the user stopped the run."""
-        return bool(self.record["status"] == "interrupted")
+        return self.status == State.INTERRUPTED
 
 
 def fleet(
@@ -145,49 +174,29 @@ def fleet(
         check_count(workers)
     flag(retry, "retry")
     function(progress, "progress")
-    existing = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
-    if not (folder / JOURNAL).is_file() and existing not in ({LOCK}, {LOCK, f"{LOCK}-journal"}):
-        create_run_folder(folder)  # not if a killed fleet left its lock without a journal
+    if not (folder / Journal.NAME).is_file():
+        check_free(folder, journal=Journal)
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
     with Journal(folder) as journal, hold_interrupts() as stop:
-        run = _Run(fleet, folder, journal, retry, progress)
-        warnings = run.check_target()
-        status, fault = FINISHED, None
-        try:
-            run.calibrate(usable_threads() if workers is None else workers, cluster, stop.check)
-        except KeyboardInterrupt:
-            status = "interrupted"
-        except StudyError as error:  # workers do not start, or the cluster is lost
-            if not run.begun:
-                raise
-            status, fault = FAILED, error
-        journal.check_place()
-        entries = run.in_order()
-        clock = {"seconds": run.seconds, "first": run.first, "calibrated_now": run.now, "workers": run.workers}
-        why = "" if fault is None else str(fault)
-        record = write_results(folder, fleet, entries, status, clock, warnings=warnings, why=why)
-        if fault is not None:
-            raise fault
-        return FleetRun(folder, record, entries)
+        run = _Run(fleet, journal, retry, progress)
+        count = usable_threads() if workers is None else workers
+        return run_session(journal, lambda: run.run(count, cluster, stop.check))
 
 
 class _Run:
     """A fleet at work."""
 
     def __init__(
-        self,
-        fleet: Fleet,
-        folder: Path,
-        journal: Journal,
-        retry: bool,
-        progress: Callable[[FleetProgress], None] | None,
+        self, fleet: Fleet, journal: Journal, retry: bool, progress: Callable[[FleetProgress], None] | None
     ) -> None:
-        self.fleet, self.folder = fleet, folder
+        self.fleet, self.folder = fleet, journal.folder
         self.journal, self.progress = journal, progress
         self.folders = name_folders(fleet.supply.names)
         self.inputs = {name: fleet.supply.fingerprints(name) for name in fleet.supply.names}
         shared = hash_shared_files(fleet.template)
         self.booking = Booking(fleet.supply, shared)
-        self.entries = load_entries(fleet, self.inputs, journal, shared)
+        self.entries = load_entries(fleet, self.inputs, journal, hash_common_inputs(fleet, shared))
         self.pending = [name for name in fleet.supply.names if self._is_pending(name, retry)]
         for name in self.pending:
             self.entries.pop(name, None)
@@ -196,14 +205,31 @@ class _Run:
         self.begun = False
         self.start = time.perf_counter()
 
+    def run(self, count: int, cluster: str | None, check_stop: Callable[[], None]) -> FleetRun:
+        """Calibrate the pending injectors, and write the results of all that are done."""
+        warnings = self._compare_targets()
+        status, fault = State.FINISHED, None
+        try:
+            self.calibrate(count, cluster, check_stop)
+        except KeyboardInterrupt:
+            status = State.INTERRUPTED
+        except StudyError as error:  # workers do not start, or the cluster is lost
+            if not self.begun:
+                raise
+            status, fault = State.FAILED, error
+        self.journal.check_place()
+        entries = tuple(self.entries[name] for name in self.fleet.supply.names if name in self.entries)
+        clock = RunClock(self.seconds, self.first, self.now, self.workers)
+        result = summarise_fleet(self.fleet, entries, status, clock, warnings)
+        record = write_results(self.folder, self.fleet, entries, result, "" if fault is None else str(fault))
+        if fault is not None:
+            raise fault
+        return FleetRun(self.folder, record, result, entries)
+
     @property
     def seconds(self) -> float:
         """Time since the start of the workers."""
         return time.perf_counter() - self.start
-
-    def in_order(self) -> tuple[Entry, ...]:
-        """Injectors that are done, in the table's order."""
-        return tuple(self.entries[name] for name in self.fleet.supply.names if name in self.entries)
 
     def calibrate(self, count: int, cluster: str | None, check_stop: Callable[[], None]) -> None:
         """Calibrate the pending injectors."""
@@ -237,7 +263,8 @@ class _Run:
     def _keep(self, name: str, attempt: Attempt, attempts: int) -> None:
         attempt, inputs = self.booking.book(name, attempt, self.inputs[name])
         status = FAILED if attempt.reason else FINISHED
-        entry = Entry(name, status, attempt.reason, attempts, inputs, attempt.record, attempt.seconds)
+        session = self.journal.session
+        entry = Entry(name, status, attempt.reason, attempts, inputs, attempt.record, attempt.seconds, session)
         self.journal.write(entry)
         self.now += name not in self.entries
         self.entries[name] = entry
@@ -258,15 +285,38 @@ class _Run:
             return True
         return entry.status == FAILED and (retry or entry.inputs != self.inputs[name])
 
-    def check_target(self) -> list[dict[str, Any]]:
-        """Note the target of this process if it will calibrate; warn if injectors have another target."""
+    def _compare_targets(self) -> list[FleetWarning]:
+        """Warn if injectors were calibrated on several targets, which may change the table.
+
+        The first finished injector is simulated again and compared bit for bit, if this process will calibrate.
+        """
+        finished = [self.entries[name] for name in self.fleet.supply.names if self._is_finished(name)]
+        if not finished:
+            return []
+        sessions, recomputed = {entry.session for entry in finished}, (0.0, 0.0)
         if self.pending:
-            self.journal.note_target(describe().record)
-        study_of = (lambda name: load_study(self._study(name))) if self.pending else None
-        warnings = target_warnings(self.journal, self.in_order(), study_of)
-        for warning in warnings:
-            note(f"{self.folder}: {warning['sentence']}")
-        return warnings
+            sessions.add(self.journal.session)
+            recomputed = self._recompute(finished[0])
+        first = finished[0].name
+        text = other_bits(differing(self.journal.list_targets(sessions)), f"the best values of {first}", *recomputed)
+        if not text:
+            return []
+        sentence = (
+            f"{text}: the table may differ from an uninterrupted fleet's; use a new folder to have a single target."
+        )
+        note(f"{self.folder}: {sentence}")
+        return [FleetWarning(TARGET, len(finished), first, sentence)]
+
+    def _is_finished(self, name: str) -> bool:
+        return name in self.entries and self.entries[name].status == FINISHED
+
+    def _recompute(self, entry: Entry) -> tuple[float, float]:
+        """Objective of an injector's best values in the journal and here; (0, 0) if it cannot be simulated."""
+        with suppress(CommonrailError):
+            study = load_study(self._study(entry.name))
+            best = np.array([[entry.result.parameters[name].best for name in study.space.names]])
+            return entry.result.best_cost, float(objective_of(study, 1).costs(best).costs[0])
+        return 0.0, 0.0
 
     def _package(self) -> Package:
         """Load the first studies to report a common fault at once, and compile the kernels for the workers."""
@@ -285,5 +335,5 @@ def _attempt(task: Task, outcome: Outcome) -> tuple[Attempt, int]:
     """Return the attempt for the journal, and the number of attempts."""
     if isinstance(outcome, Lost):
         reason = f"Each of {task.losses} attempts was lost; the last time the worker {outcome.reason}."
-        return Attempt({}, reason, 0.0), task.losses
+        return Attempt(None, reason, 0.0), task.losses
     return outcome.result, task.losses + 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
@@ -64,7 +64,7 @@ def fleet(
     if run.interrupted:
         say(f"commonrail: interrupted; run the same command again to resume the fleet in {folder}.")
         raise SystemExit(INTERRUPTED)
-    if run.record["counts"]["failed"]:
+    if run.result.counts.failed:
         raise SystemExit(SimulationError.exit_code)
 
 
@@ -78,13 +78,12 @@ def _show(bar: Bar, p: FleetProgress) -> None:
 def _print(run: FleetRun, report: Path) -> None:
     from commonrail.plugins.fleet.page import fleet_lines, fleet_tables, fleet_warnings
 
-    print_synthetic(run.record["synthetic"])
-    lines = [*fleet_lines(run.record), *(f"warning: {line}" for line in fleet_warnings(run.record))]
-    clock: dict[str, Any] = run.record["clock"]
-    if clock["calibrated_now"]:
-        speed = clock["injectors_per_second"]
-        steady = clock["after_the_first"]
-        after = f", {steady:.2f} injectors/s once the workers were up" if steady else ""
-        say(f"{clock['calibrated_now']} injectors in {clock['seconds']:.1f} s: {speed:.2f} injectors/s{after}.")
-    print_text(lines, fleet_tables(run.record))
+    result, clock = run.result, run.result.clock
+    print_synthetic(result.synthetic)
+    lines = [*fleet_lines(result), *(f"warning: {line}" for line in fleet_warnings(result))]
+    if clock.run.calibrated_now:
+        after = f", {clock.later_speed:.2f} injectors/s once the workers were up" if clock.later_speed else ""
+        speed = f"{clock.speed:.2f} injectors/s{after}"
+        say(f"{clock.run.calibrated_now} injectors in {clock.run.seconds:.1f} s: {speed}.")
+    print_text(lines, fleet_tables(result))
     click.echo(f"report: {report}")
