@@ -198,4 +198,4 @@ def test_the_howtos_example_is_accepted(tmp_path: Path) -> None:
     path.write_text(example, encoding="utf-8")
     truth = load_truth(path)
     assert truth.rate_meter.noise == 0.5e-6
-    assert truth.sources["rail.volume"].mark == "M"
+    assert truth.sources["plunger_needle.k1"].mark == "E"
