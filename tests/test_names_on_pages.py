@@ -45,7 +45,7 @@ OWN = """
     IDEAL LABEL INJECTOR VARIANT VERB START DURATION N NAME FILE copy.sqlite measurements.parquet data/evi.csv
     data/rail.csv p_rail seeds dead_times.csv points.csv part.toml member-2.toml member-3.toml
     shots.mf4 FILE.fmu NAME_observer.h NAME_observer_size found.disturbance run.rate units.rate us_ rate.foam
-    rate_lower rate_upper
+    rate_lower rate_upper map.dcm
 """
 TOKEN = re.compile(
     r"""

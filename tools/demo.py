@@ -11,9 +11,9 @@ import click
 
 from commonrail.base.errors import InputError
 from commonrail.base.output import writing
-from commonrail.cli.console import print_lines, print_table, say
-from commonrail.cli.fit import Outcome, make_live, run_study
-from commonrail.cli.grammar import Option, verb
+from commonrail.cli.console import begin_result, say
+from commonrail.cli.fit import Outcome, make_live, print_fit, run_study
+from commonrail.cli.grammar import Option, table_verb
 from commonrail.cli.guard import INTERRUPTED, end_on_errors
 from commonrail.cli.options import Threads
 from commonrail.plugins.paper import TRUTH
@@ -26,7 +26,7 @@ BENCH_SEED = 1  # of the paper's case as its study file states it
 MARKER = ".commonrail-demo"
 
 
-@verb
+@table_verb
 @end_on_errors()
 def demo(
     *,
@@ -34,6 +34,8 @@ def demo(
     threads: Threads = None,
 ) -> None:
     """Calibrate the paper's case and a real injector, repeat the paper's study, and print the results."""
+    from commonrail.base.record import from_record
+    from commonrail.plugins.paper.file import ReproductionSummary
     from commonrail.plugins.paper.page import verdicts
 
     begin = time.perf_counter()
@@ -47,7 +49,8 @@ def demo(
     for outcome in outcomes:
         _print(outcome)
         make_live(outcome)
-    click.echo(f"The paper's whole study, {QUICK_SEEDS} repetitions: {verdicts(study.record)}\n")
+    counted = verdicts(from_record(ReproductionSummary, study.record))
+    click.echo(f"The paper's whole study, {QUICK_SEEDS} repetitions: {counted}\n")
     click.echo(f"all took {time.perf_counter() - begin:.0f} s; open in a browser:")
     for outcome in (*outcomes, study):
         click.echo(f"  {outcome.report}")
@@ -81,17 +84,11 @@ def _calibrate(case: Path, folder: Path, threads: int | None) -> Outcome:
 
 
 def _print(outcome: Outcome) -> None:
-    from commonrail.calibration.record import CalibrationRecord, read_as
-    from commonrail.report.fit.tables import tables_of
-    from commonrail.report.fit.verdict import headline
-
+    """Print the verdict of a calibration, in full its tables too."""
+    begin_result()
     click.echo(outcome.record["title"])
-    if outcome.record["synthetic"]:
-        click.echo(f"SYNTHETIC: {outcome.record['synthetic']}")
-    record = read_as(CalibrationRecord, outcome.record)
-    print_lines(headline(record))
-    for table in tables_of(record.data):
-        print_table(table)
+    print_fit(outcome)
+    click.echo("")
 
 
 if __name__ == "__main__":

@@ -12,26 +12,27 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from commonrail.base.record import from_record
 from commonrail.base.table import Table
 from commonrail.base.text import duration, percent, to_fixed, to_signed
+from commonrail.data.records import Record
 from commonrail.plugins.paper import page as tables
 from commonrail.plugins.paper import study
 from commonrail.plugins.paper.bench import Bench, Friction, Scatter, Sensor, Truth
 from commonrail.plugins.paper.bench_file import load_truth
+from commonrail.plugins.paper.file import ReproductionSummary
 from commonrail.plugins.paper.page import RESULT, SIGNS, verdicts
 from commonrail.plugins.paper.run import measure, search
 from commonrail.readers.injector import load_injector
 
 Floats = NDArray[np.float64]
-Record = dict[str, Any]
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "reproduction.md"
 TRUTH, TIME_STEP = "virtual-lino-2016", 1e-6
@@ -58,35 +59,35 @@ def format_table(table: Table, without: Sequence[str] = (), medians_only: bool =
     return format_grid([table.columns[i] for i in shown], rows)
 
 
-def list_claims(record: Record) -> str:
+def list_claims(summary: ReproductionSummary) -> str:
     """Claims by verdict, each with the seeds in which it is true."""
-    parts = [verdicts(record)]
+    parts = [verdicts(summary)]
     for verdict in SIGNS:
-        claims = [c for c in record["claims"] if c["verdict"] == verdict]
+        claims = [claim for claim in summary.claims if claim.verdict == verdict]
         if claims:
             parts.append(f"**{verdict[0].upper()}{verdict[1:]}**")
-            parts.append("\n".join(f"- {c['claim']} ({c['true_in']} of {c['of']})" for c in claims))
+            parts.append("\n".join(f"- {claim.claim} ({claim.true_in} of {claim.of})" for claim in claims))
     return "\n\n".join(parts)
 
 
-def describe_run(record: Record) -> str:
-    """Source of the figures."""
-    software = ", ".join(f"{name} {number}" for name, number in record["software"].items())
+def describe_run(summary: ReproductionSummary, versions: Mapping[str, str]) -> str:
+    """Source of the figures; `versions`: of the software."""
+    software = ", ".join(f"{name} {number}" for name, number in versions.items())
     return (
-        f"{len(record['seeds'])} seeds, {record['simulations']:,} injections in {duration(record['seconds'])} on the "
+        f"{len(summary.seeds)} seeds, {summary.simulations:,} injections in {duration(summary.seconds)} on the "
         f"machine that wrote this page; {software}."
     )
 
 
-def describe_ideal(record: Record) -> str:
+def describe_ideal(summary: ReproductionSummary) -> str:
     """Median J relative to the theoretical model's at 160 MPa, and k6, if the model contains the truth."""
-    j = record["J_spread"]["160 MPa"]
-    share = j["optimised"]["median"] / j["theoretical"]["median"]
-    k6 = record["table1"][5]
+    j = summary.j_spread["160 MPa"]
+    share = j["optimised"].median / j["theoretical"].median
+    k6 = summary.table1[5]
     return (
         f"Median J after the search is {percent(share, 2)} % of the theoretical model's at 160 MPa; k6 ends "
-        f"{to_signed(100.0 * k6['change']['median'], 0)} % from theory (median), and the truth is "
-        f"{to_signed(100.0 * k6['paper_change'], 0)} %."
+        f"{to_signed(100.0 * k6.change.median, 0)} % from theory (median), and the truth is "
+        f"{to_signed(100.0 * k6.paper_change, 0)} %."
     )
 
 
@@ -127,14 +128,15 @@ def make_blocks(record: Record, ideal: Record) -> dict[str, str]:
 
     `record`: of the study; `ideal`: of the study without friction, noise, scatter and meter.
     """
+    summary = from_record(ReproductionSummary, record)
     return {
-        "run": describe_run(record),
-        "claims": list_claims(record),
-        "table1": format_table(tables.table1(record), IN_THE_REPORT),
-        "table3": format_table(tables.table3(record), medians_only=True),
-        "models": format_table(tables.j_table(record), medians_only=True),
-        "meter": format_table(tables.meter_table(record), medians_only=True),
-        "ideal": describe_ideal(ideal),
+        "run": describe_run(summary, record["software"]),
+        "claims": list_claims(summary),
+        "table1": format_table(tables.table1(summary), IN_THE_REPORT),
+        "table3": format_table(tables.table3(summary), medians_only=True),
+        "models": format_table(tables.j_table(summary), medians_only=True),
+        "meter": format_table(tables.meter_table(summary), medians_only=True),
+        "ideal": describe_ideal(from_record(ReproductionSummary, ideal)),
         "friction": tabulate_friction(),
     }
 
@@ -158,9 +160,7 @@ def main() -> None:
     parser.add_argument("run", type=Path, help="folder of commonrail lab reproduce")
     parser.add_argument("ideal", type=Path, help="folder of the same with --truth virtual-lino-2016-ideal")
     args = parser.parse_args()
-    records = [RESULT.read(folder) for folder in (args.run, args.ideal)]
-    study_record, ideal_record = map(dict, records)
-    blocks = make_blocks(study_record, ideal_record)
+    blocks = make_blocks(*(RESULT.read(folder) for folder in (args.run, args.ideal)))
     PAGE.write_text(fill_page(PAGE.read_text(encoding="utf-8"), blocks), encoding="utf-8")
     print(PAGE)
 

@@ -26,5 +26,5 @@ from commonrail.plugins.certainty.file import Certainty as Certainty
 from commonrail.plugins.certainty.likelihood import Likelihood as Likelihood
 from commonrail.plugins.compare.run import Comparison as Comparison
 from commonrail.plugins.prediction.run import Prediction as Prediction
-from commonrail.plugins.update.run import Agreement as Agreement
+from commonrail.plugins.update.record import Agreement as Agreement
 from commonrail.plugins.update.run import Update as Update

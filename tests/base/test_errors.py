@@ -25,10 +25,11 @@ def test_every_error_is_listed_with_its_exit_code() -> None:
 
 @pytest.mark.parametrize("name", EXIT_CODES)
 def test_an_error_crosses_a_process_boundary(name: str) -> None:
-    error = getattr(errors, name)("rail.pressure: a pressure is expected.")
+    error = getattr(errors, name)("a.toml, p: a pressure is expected.", code="wrong-unit", file="a.toml", place="p")
     copy = pickle.loads(pickle.dumps(error))
     assert type(copy) is type(error)
-    assert str(copy) == "rail.pressure: a pressure is expected."
+    assert str(copy) == "a.toml, p: a pressure is expected."
+    assert (copy.code, copy.file, copy.place) == ("wrong-unit", "a.toml", "p")
 
 
 def test_one_handler_catches_every_leaf_and_no_programming_error() -> None:

@@ -27,6 +27,7 @@ from commonrail.base.input import (
     read_plain,
     sha256,
 )
+from tests.refused import refused
 
 SRC = Path(__file__).resolve().parents[2] / "src" / "commonrail"
 
@@ -137,7 +138,7 @@ def test_a_sparse_file_is_refused_by_its_size_and_not_read(tmp_path: Path, monke
         stream.truncate(20_000_000_000)
     monkeypatch.setattr(os, "open", None)  # to open it is a fault
     assert fingerprint(path) == UNREADABLE
-    with pytest.raises(InputError, match=r"20000 MB.*100 MB"):
+    with refused(InputError, "too-large"):
         read_plain(path)
 
 
@@ -159,7 +160,7 @@ def test_a_pipe_that_takes_the_place_of_a_file_is_not_waited_for(
     (tmp_path / "file").write_text("x")
     plain = (tmp_path / "file").stat()
     monkeypatch.setattr(Path, "stat", lambda *_, **__: plain)  # a file when it was examined
-    with pytest.raises(InputError, match=r"pipe: .*a pipe"), open_plain(tmp_path / "pipe"):
+    with refused(InputError, "not-a-file", "pipe"), open_plain(tmp_path / "pipe"):
         pass
 
 
@@ -170,7 +171,7 @@ def test_a_file_that_differs_at_its_second_reading_is_refused(tmp_path: Path) ->
         read_plain(path)
         read_plain(path)
         path.write_bytes(b"abd")
-        with pytest.raises(InputError, match="the file was changed while it was read; start again"):
+        with refused(InputError, "changed", "a"):
             read_plain(path)
     assert noted == {path: sha256(b"abc")}
 

@@ -19,6 +19,7 @@ from commonrail.readers.injector import load_injector
 from commonrail.readers.injector_writer import dump_injector
 from commonrail.runs.folder import read_record, read_run, write_record
 from commonrail.runs.traces import write_traces
+from tests.refused import refused
 
 FILES = ("result.json", "calibrated.toml", "traces.csv")
 
@@ -61,7 +62,7 @@ def test_a_digit_that_has_changed_is_refused(run: Path, name: str, read: Callabl
     text = path.read_text(encoding="utf-8")
     digit = max(text.rfind(c) for c in "0123456789") if name != "traces.csv" else len(text) - 1
     path.write_text(text[:digit] + chr(ord(text[digit]) ^ 1) + text[digit + 1 :], encoding="utf-8")
-    with pytest.raises(InputError, match=rf"{name}: .*SHA-256"):
+    with refused(InputError, "changed", name):
         read(run)
 
 
@@ -97,7 +98,7 @@ def test_checksums_that_were_cut_are_refused(run: Path) -> None:
     """A file that is not listed any more may have been changed too."""
     sums = run / SUMS
     sums.write_bytes(sums.read_bytes()[:60])
-    with pytest.raises(InputError, match="line 1: "):
+    with refused(InputError, "damaged line 1"):
         check_sum(run / FILES[0])
 
 
@@ -148,5 +149,5 @@ def test_files_of_the_former_set_are_removed_with_their_checksums(run: Path) -> 
 def test_a_link_in_place_of_the_checksums_is_not_followed(run: Path, tmp_path: Path) -> None:
     (run / SUMS).unlink()
     (run / SUMS).symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(OutputError, match="symbolic link"), write_set(run):
+    with refused(OutputError, "symbolic-link"), write_set(run):
         raise AssertionError

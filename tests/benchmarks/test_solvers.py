@@ -39,7 +39,10 @@ def judge(model: PeerModel, truth: Solution) -> Counted:
     return found
 
 
-@pytest.mark.parametrize("method", get_args(ScipyMethod))
+FIRST, *OTHERS = get_args(ScipyMethod)
+
+
+@pytest.mark.parametrize("method", [FIRST, *(pytest.param(other, marks=pytest.mark.slow) for other in OTHERS)])
 def test_scipy_finds_the_same_injection(method: ScipyMethod, truth: Solution) -> None:
     found = judge(ScipyModel(injector(), SHORT, COARSE._replace(relative=1e-5), method), truth)
     assert found.evaluations > 1000  # 1.2 ms with waves in sixty cells

@@ -21,6 +21,7 @@ from commonrail.calibration.optimisers.evolution import (
 )
 from commonrail.calibration.parameter import Parameter
 from commonrail.calibration.space import Space
+from tests.refused import refused
 
 ORDER = [6, 1, 2, 4, 3, 0, 5]
 Cost = Callable[[np.ndarray], np.ndarray]
@@ -92,7 +93,7 @@ def test_generations_and_slots_are_the_papers(paper_space) -> None:
         optimiser.tell(sphere(trials.x))
     assert asked == optimiser.counts.slots == optimiser.settings.slots == 3550  # 50 x 71
     assert "70 generations" in optimiser.reason
-    with pytest.raises(StudyError, match="finished"):
+    with refused(StudyError, "finished"):
         optimiser.ask()
 
 
@@ -272,7 +273,7 @@ def test_a_search_from_the_reference_is_never_worse_than_it(paper_space, optimal
 
 def test_a_reference_that_breaks_a_constraint_cannot_start() -> None:
     space = Space([Parameter(f"a{i}", 2.0 - i, 0.0, 4.0, "1", mark="E", source="test") for i in range(2)], ("a0 < a1",))
-    with pytest.raises(ConfigurationError, match=r'break .* a constraint; .* initial = "feasible"'):
+    with refused(ConfigurationError, "infeasible-start"):
         reference_search(space, InitialSampling.REFERENCE)
     reference_search(space, InitialSampling.FEASIBLE)
 
@@ -350,18 +351,18 @@ def test_given_points_open_the_initial_population(paper_space, optimal) -> None:
     optimiser = DifferentialEvolution(space, np.random.default_rng(0), start=optimal)
     # Through unit coordinates and back: a rounding.
     np.testing.assert_allclose(optimiser.ask().x[0], optimal, rtol=1e-14)
-    with pytest.raises(ConfigurationError, match="row 1 breaks"):
+    with refused(ConfigurationError, "infeasible-start"):
         DifferentialEvolution(space, np.random.default_rng(0), start=optimal[::-1])
-    with pytest.raises(ConfigurationError, match="at most 50 rows of 7"):
+    with refused(ConfigurationError, "wrong-shape"):
         DifferentialEvolution(space, np.random.default_rng(0), start=np.ones((2, 6)))
 
 
 def test_costs_of_the_wrong_shape_or_unasked_are_refused() -> None:
     optimiser = DifferentialEvolution(box(2), np.random.default_rng(0), EvolutionSettings(6, 2))
-    with pytest.raises(StudyError, match="ask first"):
+    with refused(StudyError, "not-asked"):
         optimiser.tell(np.zeros(6))
     optimiser.ask()
-    with pytest.raises(StudyError, match=r"shape \(5,\)"):
+    with refused(StudyError, "wrong-shape"):
         optimiser.tell(np.zeros(5))
 
 

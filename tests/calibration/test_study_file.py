@@ -13,6 +13,7 @@ from commonrail.base.errors import CommonrailError, ConfigurationError, InputErr
 from commonrail.calibration.optimisers.evolution import InitialSampling, Treatment
 from commonrail.calibration.study_file import load_study
 from commonrail.data.base import Role
+from tests.refused import refused
 
 Edit = Callable[..., Path]
 
@@ -124,209 +125,209 @@ energising_time = "1 ms"
 
 """
 FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
-    "not TOML": (InputError, "seed = 1", "seed = ", r"line 7: this is not TOML"),
-    "no format": (InputError, 'format = "commonrail-study/1"', "", "format is missing; a study file begins with"),
+    "not TOML": (InputError, "seed = 1", "seed = ", "syntax line 7"),
+    "no format": (InputError, 'format = "commonrail-study/1"', "", "wrong-format"),
     "other format": (
         InputError,
         "study/1",
         "study/2",
-        r"study\.toml: format is 'commonrail-study/2'; a study file begins with format = \"commonrail-study/1\"",
+        "wrong-format",
     ),
     "unknown key": (
         InputError,
         "seed = 1",
         "sead = 1",
-        r'study\.toml: there is no key "sead" \(did you mean "seed"\?\)',
+        "unknown-key",
     ),
     "unknown data key": (
         InputError,
         "window =",
         "windw =",
-        r'data\[1\]: there is no key "windw" \(did you mean "window"',
+        "unknown-key data[1]",
     ),
     "unknown parameter key": (
         InputError,
         "upper = ",
         "uper = ",
-        r'parameter\[3\]: there is no key "uper" \(did you mean "upper"',
+        "unknown-key parameter[3]",
     ),
     "unknown optimiser key": (
         InputError,
         "members =",
         "member =",
-        r'optimiser: there is no key "member" \(did you mean "members"',
+        "unknown-key optimiser",
     ),
     "missing key": (
         InputError,
         'cylinder_pressure = "5 MPa"',
         "",
-        r"data\[1\]\.cylinder_pressure: this key is missing; add it",
+        "missing data[1].cylinder_pressure",
     ),
     "no title": (
         InputError,
         'title = "My first calibration"',
         'title = ""',
-        "title: this must be a text that is not empty",
+        "string_too_short title",
     ),
-    "text for number": (InputError, "seed = 1", 'seed = "1"', "seed: this must be a whole number, not '1'"),
+    "text for number": (InputError, "seed = 1", 'seed = "1"', "int_type seed"),
     "number for text": (
         InputError,
         'file = "data/evi.csv"',
         "file = 3",
-        r"data\[1\]\.file: this must be a text in quotes, not 3",
+        "string_type data[1].file",
     ),
-    "negative seed": (InputError, "seed = 1", "seed = -1", "seed: this must be greater than or equal to 0, not -1"),
+    "negative seed": (InputError, "seed = 1", "seed = -1", "greater_than_equal seed"),
     "weight": (
         InputError,
         'role = "fit"',
         'role = "fit"\nweight = 0',
-        r"data\[1\]\.weight: this must be greater than 0, not 0",
+        "greater_than data[1].weight",
     ),
     "data no list": (
         InputError,
         "[[data]]",
         "[data]",
-        r"data: this must be a list, and a list of tables is written \[\[data\]\]",
+        "list_type data",
     ),
     "role": (
         InputError,
         'role = "fit"',
         'role = "fitt"',
-        r"data\[1\]\.role: this must be 'fit' or 'validation', not 'fitt'",
+        "literal_error data[1].role",
     ),
     "kind": (
         InputError,
         'kind = "rate"',
         'kind = "evi"',
-        r'data\[1\]: kind must be "rate", "quantities", .*"features".*, not "evi"',
+        "unknown-name data[1]",
     ),
     "treatment": (
         InputError,
         "members = 24",
         'treatment = "mend"',
-        r"optimiser\.treatment: this must be 'reject', 'repair'",
+        "enum optimiser.treatment",
     ),
     "reference outside the constraints": (
         ConfigurationError,
         "[optimiser]",
         '[constraints]\norder = ["control_chamber.a_hole_diameter < control_chamber.z_hole_diameter"]\n'
         '[optimiser]\ninitial = "reference"\n',
-        r'optimiser\.initial: the reference values break the bounds or a constraint; .* initial = "feasible"',
+        "infeasible-start optimiser.initial",
     ),
-    "factor": (InputError, "members = 24", "factor = [0.4]", r"optimiser\.factor: this must be a list of at least 2"),
-    "polish": (InputError, "polish = 3", "polish = -1", r"optimiser\.polish: this must be greater than or equal to 0"),
+    "factor": (InputError, "members = 24", "factor = [0.4]", "too_short optimiser.factor"),
+    "polish": (InputError, "polish = 3", "polish = -1", "greater_than_equal optimiser.polish"),
     "value no text": (
         InputError,
         'rail_pressure = "160 MPa"',
         "rail_pressure = true",
-        r"data\[1\]\.rail_pressure: .*is not a number with a unit; a pressure is expected",
+        "not-a-number data[1].rail_pressure",
     ),
     "no injector": (
         InputError,
         "injector.toml",
         "injectr.toml",
-        r'injectr\.toml: there is no such file \(did you mean "injector\.toml"',
+        "missing-file injector",
     ),
-    "no catalogue injector": (InputError, '"injector.toml"', '"cri216"', 'There is no injector "cri216"'),
+    "no catalogue injector": (InputError, '"injector.toml"', '"cri216"', "unknown-name injector"),
     "time step unit": (
         InputError,
         '"auto"',
         '"1 um"',
-        r'study\.toml, time_step: "1 um" is a length; a time is expected',
+        "wrong-unit time_step",
     ),
-    "time step": (ConfigurationError, '"auto"', '"1 s"', "time_step: The time step must lie between 1 ns and 100 us"),
+    "time step": (ConfigurationError, '"auto"', '"1 s"', "out-of-range time_step"),
     "precision": (
         InputError,
         'time_step = "auto"',
         'time_step = "auto"\nprecision = "single"',
-        r"study\.toml, precision: this must be 'f64' or 'f32', not 'single'",
+        "enum precision",
     ),
     "precision no text": (
         InputError,
         'time_step = "auto"',
         'time_step = "auto"\nprecision = 32',
-        r"study\.toml, precision: this must be 'f64' or 'f32', not 32",
+        "enum precision",
     ),
     "same name twice": (
         InputError,
         DATA,
         TWIN + DATA,
-        r'data\[2\]\.name: there are two data sets "160 MPa"',
+        "repeated data[2].name",
     ),
     "unknown parameter": (
         InputError,
         '"nozzle.discharge_maximum"',
         '"nozzle.discharge_max"',
-        r'parameter\[3\]\.name: there is no parameter "nozzle\.discharge_max" \(did you mean',
+        "unknown-name parameter[3].name",
     ),
     "parameter twice": (
         ConfigurationError,
         UPPER,
         UPPER + '[[parameter]]\nname = "nozzle.discharge_maximum"\nlower = 0.7\nupper = 0.9\n',
-        r"study\.toml: parameters: nozzle\.discharge_maximum given more than once",
+        "repeated",
     ),
-    "no bounds": (InputError, UPPER, UPPER + MASS, r"parameter\[4\]: valve\.mass needs either below and above"),
+    "no bounds": (InputError, UPPER, UPPER + MASS, "conflict parameter[4]"),
     "mixed bounds": (
         InputError,
         UPPER,
         UPPER + MASS + 'below = "5 %"\nupper = "9 g"\n',
-        r"parameter\[4\]: valve\.mass needs either",
+        "conflict parameter[4]",
     ),
     "bounds unit": (
         InputError,
         UPPER,
         UPPER + MASS + 'lower = "1 mm"\nupper = "9 g"\n',
-        r'parameter\[4\]\.lower: "1 mm" is a length; a mass',
+        "wrong-unit parameter[4].lower",
     ),
     "percent sign": (
         InputError,
         UPPER,
         UPPER + MASS + 'below = 50\nabove = "50 %"\n',
-        r'parameter\[4\]\.below: write percent with its sign, as in "50 %"',
+        "no-percent parameter[4].below",
     ),
     "percent range": (
         ConfigurationError,
         UPPER,
         UPPER + MASS + 'below = "120 %"\nabove = "50 %"\n',
-        r"parameter\[4\]: valve\.mass: a_min = 120 %",
+        "out-of-range parameter[4]",
     ),
     "zero bound": (
         ConfigurationError,
         UPPER,
         UPPER + MASS + 'below = "100 %"\nabove = "50 %"\n',
-        r"parameter\[4\]: the lower bound of valve\.mass is 0 kg, and the mass of .* must be greater than zero; narrow",
+        "bound-out-of-range parameter[4]",
     ),
     "crossed bounds": (
         ConfigurationError,
         UPPER,
         UPPER + MASS + 'lower = "9 g"\nupper = "1 g"\n',
-        r"parameter\[4\]: valve\.mass: the lower bound lies above the upper; exchange them",
+        "wrong-bounds parameter[4]",
     ),
     "reference outside": (
         ConfigurationError,
         UPPER,
         UPPER + MASS + 'lower = "1 g"\nupper = "4 g"\n',
-        r"parameter\[4\]: the start value of valve\.mass, 5 g, lies outside its bounds 1 g to 4 g",
+        "start-outside parameter[4]",
     ),
     "temperature outside": (
         ConfigurationError,
         UPPER,
         UPPER + '[[parameter]]\nname = "fuel.temperature"\nlower = "0 degC"\nupper = "90 degC"\n',
-        r"bounds of fuel\.temperature, 273.15 K to 363.15 K, leave the range of iso4113",
+        "out-of-range parameter[4]",
     ),
     "unknown in constraint": (
         InputError,
         "[optimiser]",
         '[constraints]\norder = ["valve.mass < valve.lift"]\n[optimiser]',
-        r'study\.toml: constraint "valve.mass < valve.lift" names "valve.mass", which is not a free',
+        "not-free",
     ),
     "infeasible": (
         ConfigurationError,
         "[optimiser]",
         '[constraints]\nlinear = ["nozzle.discharge_maximum > 1"]\n[optimiser]',
-        r'study\.toml: constraints: "nozzle\.discharge_maximum > 1" cannot hold',
+        "infeasible",
     ),
-    "members": (ConfigurationError, "members = 24", "members = 3", "optimiser: The members must lie between 4"),
+    "members": (ConfigurationError, "members = 24", "members = 3", "out-of-range optimiser"),
 }
 
 
@@ -334,7 +335,7 @@ FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
 def test_fault_is_named(study_file: Edit, fault: str) -> None:
     kind, old, new, message = FAULTS[fault]
     path = study_file((old, new))
-    with pytest.raises(kind, match=message) as caught:
+    with refused(kind, message) as caught:
         load_study(path)
     assert ".toml" in str(caught.value) or fault == "no catalogue injector"
     assert str(caught.value).count(str(path)) <= 1
@@ -342,7 +343,7 @@ def test_fault_is_named(study_file: Edit, fault: str) -> None:
 
 
 def test_missing_study(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"study\.toml: there is no such file"):
+    with refused(InputError, "missing-file", "study.toml"):
         load_study(tmp_path / "study.toml")
 
 
@@ -359,10 +360,10 @@ def test_author_and_logo_are_kept_for_the_report(study_file: Edit) -> None:
 
 @pytest.mark.parametrize(
     ("content", "words"),
-    [(b"GIF89a", "this is no PNG, JPEG or SVG"), (b"\xff\xd8\xff" * 70_000, "0.2 MB that are read")],
+    [(b"GIF89a", "no-picture logo"), (b"\xff\xd8\xff" * 70_000, "too-large")],
 )
 def test_a_logo_that_is_no_picture_or_too_large_is_refused(study_file: Edit, content: bytes, words: str) -> None:
     path = study_file(("seed = 1 ", 'logo = "logo.png"\nseed = 1 '))
     (path.parent / "logo.png").write_bytes(content)
-    with pytest.raises(InputError, match=words):
+    with refused(InputError, words):
         load_study(path)

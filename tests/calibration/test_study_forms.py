@@ -20,6 +20,7 @@ from commonrail.plugins.certainty.noise_fit import row_weights
 from commonrail.readers.columns import FileForm, Sheet
 from commonrail.readers.tables import open_sheet
 from tests.child_in_process import read_in_process
+from tests.refused import refused
 
 STUDY = """
 format = "commonrail-study/1"
@@ -86,13 +87,13 @@ def test_rows_with_other_names_are_found_and_a_matrix_is_asked_for(load: Load) -
     (data,) = load("map.csv", 'layout = "found"', table, "quantities")
     assert isinstance(data, QuantityData)
     assert data.quantity[1] == pytest.approx(20e-6 / np.asarray(data.mass_density)[1])
-    with pytest.raises(InputError, match="this is a table with a row for each point and no matrix; state layout"):
+    with refused(InputError, "no-matrix"):
         load("map.csv", 'layout = "matrix"', None, "quantities")
     np.testing.assert_array_equal(load("map.csv", "", None, "quantities")[0].measured, data.measured)
 
 
 def test_a_negative_quantity_of_a_matrix_has_its_line(load: Load) -> None:
-    with pytest.raises(InputError, match='line 4, column "quantity": the value must be zero or greater'):
+    with refused(InputError, 'out-of-range line 4, column "quantity"'):
         load("map.csv", 'layout = "matrix"', MATRIX.replace("5,5", "-5,5"), "quantities")
 
 
@@ -258,32 +259,32 @@ def test_a_shot_that_the_record_cuts_is_omitted(load: Load, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('"TRIG"', '"TTL"', r'there is no column "TTL"'),
+        ('"TRIG"', '"TTL"', 'missing-column column "TTL"'),
         (
             '"TRIG"',
             '"TRIG", level = "9 V"',
-            r'"TRIG" of .*r\.mf4 never rises through 9 V; its values reach from 0 to 5',
+            "no-trigger data[1].shots.trigger",
         ),
-        ('"TRIG"', '"TRIG", level = "9 A"', r'data\[1\]\.shots\.level: "9 A" is'),
-        ('"ROI"', '"p"', "a unit like"),
-        ('window = ["-50 us", "1500 us"]', "", "shots need a window, counted from the start of energising"),
-        ('"1500 us"', '"150 ms"', "no shot of .* is whole"),
-        ("window =", 'time_zero = "1 ms"\nwindow =', "shots count from their triggers"),
-        ("window =", 'rail_pressure = "80 MPa"\nwindow =', "each curve of the file has its own; remove this key"),
-        ("window =", 'columns = "{p}bar"\nwindow =', "columns and shots are different ways"),
-        (', rail_pressure = "p"', "", r"data\[1\]\.rail_pressure: this key is missing"),
-        ("window =", 'resample = "1 ms"\nwindow =', "a step of 1 ms makes 1 samples"),
+        ('"TRIG"', '"TRIG", level = "9 A"', "wrong-unit data[1].shots.level"),
+        ('"ROI"', '"p"', 'wrong-unit column "p"'),
+        ('window = ["-50 us", "1500 us"]', "", "missing-window data[1]"),
+        ('"1500 us"', '"150 ms"', "no-whole-shot data[1].window"),
+        ("window =", 'time_zero = "1 ms"\nwindow =', "idle-key data[1].time_zero"),
+        ("window =", 'rail_pressure = "80 MPa"\nwindow =', "idle-key data[1].rail_pressure"),
+        ("window =", 'columns = "{p}bar"\nwindow =', "conflict data[1]"),
+        (', rail_pressure = "p"', "", "missing data[1].rail_pressure"),
+        ("window =", 'resample = "1 ms"\nwindow =', "wrong-number data[1].resample"),
         (
             '"45 us"',
             '"10.045 ms"',
-            r"data\[1\]\.shots\.offset: 10\.045 ms leads to the shot of another trigger.* 5 ms apart",
+            "other-shot data[1].shots.offset",
         ),
     ],
 )
 def test_what_is_wrong_with_shots_is_one_sentence(load: Load, tmp_path: Path, old: str, new: str, words: str) -> None:
     record(tmp_path / "r.mf4")
     assert old in SHOTS
-    with pytest.raises(CommonrailError, match=words):
+    with refused(CommonrailError, words):
         load("r.mf4", SHOTS.replace(old, new))
 
 
@@ -294,28 +295,28 @@ def test_what_is_wrong_with_shots_is_one_sentence(load: Load, tmp_path: Path, ol
             "w.csv",
             WIDE,
             'columns = "{p}MPa_{et}us"\ndecimal = ","',
-            r'no column of .* fits "\{p\}MPa_\{et\}us"; it has',
+            "no-columns data[1].columns",
         ),
         (
             "w.csv",
             WIDE.replace("1600bar_700us", "800,0bar_300us"),
             'columns = "{p}bar_{et}us"\ndecimal = ","',
-            r'the columns "800bar_300us" and "800,0bar_300us" are at one operating point; mark what numbers repeated',
+            "repeated data[1].columns",
         ),
         (
             "w.csv",
             WIDE,
             'columns = "{p}bar_{et}us"\ndecimal = ","\nwindow = ["0 us", "20 ms"]',
-            "the window reaches from",
+            "window-outside data[1].window",
         ),
-        ("w.csv", WIDE, 'encoding = "klingon"', 'there is no encoding "klingon"; write utf-8, utf-16 or cp1252'),
-        ("h.csv", "time [us];rate [mm3/ms]\n0;1\n5;2\n", 'layout = "header rows"', "no row states operating points"),
+        ("w.csv", WIDE, 'encoding = "klingon"', "unknown-encoding data[1].encoding"),
+        ("h.csv", "time [us];rate [mm3/ms]\n0;1\n5;2\n", 'layout = "header rows"', "no-points"),
     ],
 )
 def test_what_is_wrong_with_several_curves_is_one_sentence(
     load: Load, file: str, content: str, keys: str, words: str
 ) -> None:
-    with pytest.raises(CommonrailError, match=words):
+    with refused(CommonrailError, words):
         load(file, keys, content)
 
 
@@ -339,5 +340,5 @@ def test_pressures_of_many_curves_are_read_from_their_file_once(load: Load, monk
 
 def test_a_drive_cannot_belong_to_several_curves(load: Load) -> None:
     keys = 'columns = "{p}bar_{et}us"\ndecimal = ","\ndrive = { column = "T" }'
-    with pytest.raises((ConfigurationError, InputError), match="one measured drive cannot belong to several curves"):
+    with refused((ConfigurationError, InputError), "shared-drive data[1].drive"):
         load("w.csv", keys, WIDE)

@@ -12,6 +12,7 @@ from commonrail.base.errors import CommonrailError, ConfigurationError, InputErr
 from commonrail.calibration.study_file import load_study
 from commonrail.data.quantities.data import QuantityData
 from tests.map_study import map_study
+from tests.refused import refused
 
 MAP = """# bench
 rail_pressure [MPa],energising_time [us],quantity [mm3]
@@ -120,87 +121,87 @@ FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
         ConfigurationError,
         'rail_pressure = ["40 MPa", "120 MPa"]',
         MAP,
-        r"data\[1\]\.rail_pressure: .*map\.csv has no row at 120 MPa; it has 40 MPa, 80 MPa",
+        "missing-row data[1].rail_pressure",
     ),
     "filters share no row": (
         ConfigurationError,
         'rail_pressure = ["40 MPa"]\nenergising_time = ["700 us"]',
         MAP.replace("40,700", "40,600"),
-        r"data\[1\]: no row of .*map\.csv is at a rail pressure and an energising time",
+        "no-row data[1]",
     ),
     "dead times elsewhere": (
         ConfigurationError,
         'rail_pressure = ["100 MPa"]\ndead_times = { file = "dead.csv", quantity = "0.5 mm3" }',
         MAP.replace("80,", "100,"),
-        r"data\[1\]\.dead_times\.rail_pressure: .*dead\.csv has no row at 100 MPa",
+        "missing-row data[1].dead_times.rail_pressure",
     ),
-    "filter unit": (InputError, 'rail_pressure = ["40"]', MAP, r'data\[1\]\.rail_pressure\[1\]: "40" has no unit'),
+    "filter unit": (InputError, 'rail_pressure = ["40"]', MAP, "no-unit data[1].rail_pressure[1]"),
     "dead quantity unit": (
         InputError,
         'dead_times = { file = "dead.csv", quantity = "0.5 mm" }',
         MAP,
-        r'data\[1\]\.dead_times\.quantity: "0.5 mm" is a length; a volume is expected',
+        "wrong-unit data[1].dead_times.quantity",
     ),
     "dead quantity zero": (
         InputError,
         'dead_times = { file = "dead.csv", quantity = "0 mm3" }',
         MAP,
-        r"data\[1\]\.dead_times\.quantity: the quantity must be greater than zero",
+        "out-of-range data[1].dead_times.quantity",
     ),
     "dead times file": (
         InputError,
         'dead_times = { file = "deed.csv", quantity = "0.5 mm3" }',
         MAP,
-        r'deed\.csv: there is no such file \(did you mean "dead\.csv"\?\)',
+        "missing-file data[1].dead_times.file",
     ),
     "negative quantity": (
         InputError,
         "",
         MAP.replace(",1.5", ",-1.5"),
-        r'map\.csv, line 3, column "quantity": the value must be zero',
+        'out-of-range line 3, column "quantity"',
     ),
     "energising of zero": (
         InputError,
         "",
         MAP.replace("80,700", "80,0"),
-        r'map\.csv, line 6, column "energising_time": the value must be greater than zero',
+        'out-of-range line 6, column "energising_time"',
     ),
     "pressure of zero": (
         InputError,
         "",
         MAP.replace("40,300", "0,300"),
-        r'map\.csv, line 3, column "rail_pressure": the value must be greater than zero',
+        'out-of-range line 3, column "rail_pressure"',
     ),
     "pressure beyond": (
         ConfigurationError,
         "",
         MAP.replace("80,700", "8000,700"),
-        r"map\.csv, line 6: The rail pressure must lie",
+        "out-of-range line 6",
     ),
-    "tolerance": (InputError, 'absolute = "0 mm3"', MAP, r"data\[1\]: absolute must be greater than zero"),
+    "tolerance": (InputError, 'absolute = "0 mm3"', MAP, "out-of-range data[1]"),
     "tolerance beyond": (
         ConfigurationError,
         'absolute = "4e+24 m3"',
         MAP,
-        r"data\[1\]: The absolute tolerance must",
+        "out-of-range data[1]",
     ),
     "missing column": (
         InputError,
         "",
         MAP.replace("quantity [mm3]", "Flow"),
-        r'map\.csv: there is no column "quantity"',
+        'missing-column column "quantity"',
     ),
     "no rows": (
         InputError,
         "",
         MAP[: MAP.index("40,300")],
-        r"map\.csv: the file has 0 rows of numbers, and at least 1",
+        "too-few",
     ),
     "rate key": (
         InputError,
         'window = ["0 us", "1 us"]',
         MAP,
-        r'data\[1\]: kind = "quantities" has no key "window", but kind = "rate" or "features" has it',
+        "key-of-other-form data[1]",
     ),
 }
 
@@ -208,7 +209,7 @@ FAULTS: dict[str, tuple[type[CommonrailError], str, str, str]] = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_fault_is_named(load: Load, fault: str) -> None:
     kind, keys, table, message = FAULTS[fault]
-    with pytest.raises(kind, match=message):
+    with refused(kind, message):
         load(keys, table)
 
 
@@ -216,5 +217,5 @@ def test_an_injector_that_needs_a_measured_drive(
     load: Load, tmp_path: Path, injector_file: Callable[..., Path]
 ) -> None:
     injector_file(('"regulated"', '"voltage trace"'))
-    with pytest.raises(ConfigurationError, match=r'data\[1\]: the injector my-injector has drive_kind "voltage trace"'):
+    with refused(ConfigurationError, "drive-kind data[1]"):
         load(injector="mine.toml")

@@ -12,6 +12,7 @@ from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.calibration.study_file import load_study
 from commonrail.data.curves.data import RateData
 from commonrail.engine.operating_point import Energising, Trace
+from tests.refused import refused
 
 Edit = Callable[..., Path]
 
@@ -143,7 +144,7 @@ def test_a_courses_time_unit_is_that_of_the_data_set_only_within_its_file(study_
     assert isinstance(data.point.rail_pressure, Trace)
     assert data.point.rail_pressure.time[0] == 1e-3
     path = study_file(*parts, (RAIL, 'rail_pressure = { file = "other.csv", column = "rail" }\n'))
-    with pytest.raises(InputError, match=r'other\.csv, column "time": there is no unit'):
+    with refused(InputError, 'no-unit column "time"', "other.csv"):
         load_study(path)
 
 
@@ -153,18 +154,18 @@ def test_a_courses_time_unit_is_that_of_the_data_set_only_within_its_file(study_
         (
             OWN,
             OWN + 'sheet = "rates"\n',
-            r"data\[1\]\.sheet: it is for workbooks \(\.xlsx\), and does nothing for .*own\.csv",
+            "idle-key data[1].sheet",
         ),
         (
             RAIL,
             'rail_pressure = { file = "own.csv", sheet = "p", column = "p" }\n',
-            r"rail_pressure\.sheet: .* does nothing",
+            "idle-key data[1].rail_pressure.sheet",
         ),
-        (RAIL, 'rail_pressure = { encoding = "utf-8", column = "p" }\n', r"rail_pressure: .* a file of its own"),
+        (RAIL, 'rail_pressure = { encoding = "utf-8", column = "p" }\n', "missing-file-key data[1].rail_pressure"),
     ],
 )
 def test_a_form_that_is_not_read_is_refused(curve: Callable[..., RateData], old: str, new: str, words: str) -> None:
-    with pytest.raises(InputError, match=words):
+    with refused(InputError, words):
         curve((old, new))
 
 
@@ -180,7 +181,7 @@ def test_measured_drive(study_file: Edit, tmp_path: Path) -> None:
     assert data.point.drive is not None
     assert data.point.drive.value == tuple(2.0 * k for k in range(1, 11))
     injector.write_text(text.replace('"regulated"', '"voltage trace"'), encoding="utf-8")
-    with pytest.raises(InputError, match=r'own\.csv, column "current": a unit like V is expected, not "A"'):
+    with refused(InputError, 'wrong-unit column "current"', "own.csv"):
         load_study(path)
 
 
@@ -267,10 +268,10 @@ def test_fault_is_named(
 
 
 def test_course_without_its_column(curve: Callable[..., RateData]) -> None:
-    with pytest.raises(InputError, match=r'own\.csv: there is no column "rail"'):
+    with refused(InputError, 'missing-column column "rail"', "own.csv"):
         curve((RAIL, 'rail_pressure = { column = "rail" }\n'))
 
 
 def test_missing_data_file(study_file: Edit) -> None:
-    with pytest.raises(InputError, match=r'data/evi\.cvs: there is no such file \(did you mean "evi\.csv"\?\)'):
+    with refused(InputError, "missing-file data[1].file"):
         load_study(study_file((FILE, 'file = "data/evi.cvs"\n')))

@@ -16,6 +16,7 @@ from commonrail.data.curves.data import RateData
 from commonrail.physics.injector import parameter_quantities
 from commonrail.readers.injector import load_injector
 from commonrail.readers.injector_writer import dump_injector
+from tests.refused import refused
 
 TEXT = Catalogue("commonrail.physics", "catalogue/injectors", "{}").text("direct-acting-kr", "")
 
@@ -74,19 +75,19 @@ def test_an_injector_that_is_written_is_the_same_when_it_is_read(tmp_path: Path)
 def test_a_part_that_it_does_not_have_is_refused(tmp_path: Path, room: str) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(f"{TEXT}\n[{room}]\n", encoding="utf-8")
-    with pytest.raises(InputError, match=rf'{room}: .*actuation = "direct"'):
+    with refused(InputError, f"unknown-part {room}"):
         load_injector(path)
 
 
 def test_a_servo_injector_has_no_armature_of_its_own(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(TEXT.replace('actuation = "direct"\n', ""), encoding="utf-8")
-    with pytest.raises(InputError, match=r'actuation = "servo" has no such part|there is no value for'):
+    with refused(InputError, "unknown-part flux_decay"):
         load_injector(path)
 
 
 def test_a_parameter_of_the_other_kind_of_injector_is_refused(study: Callable[..., Path]) -> None:
-    with pytest.raises(InputError, match=r"parameter\[1\]\.name: direct-acting-kr "):
+    with refused(InputError, "unknown-name parameter[1].name"):
         load_study(study(('name = "armature.mass"', 'name = "valve.mass"')))
 
 
@@ -103,7 +104,7 @@ def test_a_current_may_take_its_zero_from_before_energising(study: Callable[...,
 
 
 def test_a_current_without_samples_before_energising_has_no_zero(study: Callable[..., Path]) -> None:
-    with pytest.raises(InputError, match=r"zero_at_rest: "):
+    with refused(InputError, "no-zero data[1].drive.zero_at_rest"):
         load_study(study(first=0))
 
 

@@ -23,6 +23,7 @@ from commonrail.readers.toml import (
     choice,
     read_model,
 )
+from tests.refused import refused
 
 MASS = Q("kg", "mass of the part", Domain.POSITIVE)
 
@@ -60,19 +61,19 @@ def test_numbers_become_si_with_their_sources() -> None:
 @pytest.mark.parametrize(
     ("tables", "words"),
     [
-        ({"pressure": 5}, 'part.toml, pressure: "5.0" has no unit; a pressure is expected'),
-        ({"pressure": ["1 Pa"]}, "part.toml, pressure: .* is not a number with a unit"),
-        ({"presure": "1 Pa"}, r'part.toml: there is no key "presure" \(did you mean "pressure"\?\)'),
-        ({"mass": "-5 g"}, "part.toml, mass: the mass of the part must be greater than zero, not -5 g"),
-        ({"mass": {"mark": "M"}}, "part.toml, mass: the inline table has no value"),
-        ({"room": {"mass": {"value": "5 g", "mark": "X"}}}, 'part.toml, room.mass.mark: "X" is no mark'),
-        ({"room": {"mark": "M", "mas": "5 g"}}, 'part.toml, room: there is no key "mas"'),
-        ({"room": 3}, r"part.toml, room: this must be a table, written \[room\]"),
-        ({"body": ["rigid"]}, "part.toml, body: .* is not known.*; write one of flexible, rigid"),
-        ({"holes": [{"form": "oval"}]}, r'part.toml, holes\[1\]: form must be "round" or "square"'),
-        ({"holes": [{"form": "round"}]}, r"part.toml, holes\[1\].diameter: this key is missing; add it"),
+        ({"pressure": 5}, "no-unit pressure"),
+        ({"pressure": ["1 Pa"]}, "not-a-number pressure"),
+        ({"presure": "1 Pa"}, "unknown-key"),
+        ({"mass": "-5 g"}, "out-of-range mass"),
+        ({"mass": {"mark": "M"}}, "missing mass"),
+        ({"room": {"mass": {"value": "5 g", "mark": "X"}}}, "unknown-mark room.mass.mark"),
+        ({"room": {"mark": "M", "mas": "5 g"}}, "unknown-key room"),
+        ({"room": 3}, "model_type room"),
+        ({"body": ["rigid"]}, "unknown-name body"),
+        ({"holes": [{"form": "oval"}]}, "unknown-name holes[1]"),
+        ({"holes": [{"form": "round"}]}, "missing holes[1].diameter"),
     ],
 )
 def test_a_fault_is_one_sentence_with_its_key(tables: dict[str, Any], words: str) -> None:
-    with pytest.raises(InputError, match=words):
+    with refused(InputError, words):
         read(**tables)

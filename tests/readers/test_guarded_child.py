@@ -21,6 +21,7 @@ from commonrail.readers.guarded import read_apart
 from commonrail.readers.tables import read_columns
 from tests.child_in_process import read_in_process
 from tests.fuzz import bombs
+from tests.refused import refused
 
 START = "import sys; sys.path.insert(0, sys.argv[1]); from commonrail.readers import guarded as child; "
 LIMIT = START + "child._limit(int(sys.argv[-2]), int(sys.argv[-1])); "
@@ -34,20 +35,20 @@ def written(path: Path, data: bytes) -> Path:
 def test_a_child_beyond_its_time_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guarded, "TIME", 0.1)
     monkeypatch.setattr(guarded, "_PROGRAM", LIMIT + "exec('while True: pass')")
-    with pytest.raises(InputError, match=r"^a/b\.mf4: .* 1 s of processor time"):
+    with refused(InputError, "too-costly", "b.mf4"):
         read_apart("commonrail.plugins.formats.mdf_child", Path("a/b.mf4"), b"no end")
 
 
 def test_a_child_that_waits_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guarded, "WAIT", 0.01)
     monkeypatch.setattr(guarded, "_PROGRAM", "import time; time.sleep(1e4)")
-    with pytest.raises(InputError, match="5 s of processor time"):
+    with refused(InputError, "too-costly"):
         read_apart("commonrail.plugins.formats.mdf_child", Path("a.mf4"), b"waits")
 
 
 def test_a_child_that_a_fault_ends_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guarded, "_PROGRAM", "import os; os.kill(os.getpid(), 11)")
-    with pytest.raises(InputError, match=r"a\.mf4: .*status -11"):
+    with refused(InputError, "reader-failed", "a.mf4"):
         read_apart("commonrail.plugins.formats.mdf_child", Path("a.mf4"), b"a fault")
 
 
@@ -77,14 +78,14 @@ def test_one_text_of_a_workbook_beyond_the_memory(tmp_path: Path, monkeypatch: p
     pytest.importorskip("openpyxl", reason="the extra excel is not installed")
     monkeypatch.setattr(guarded, "MEMORY", 200_000_000)
     path = written(tmp_path / "a.xlsx", bombs.text_cell(150_000_000))
-    with pytest.raises(InputError, match=r"a\.xlsx: .*201 MB of memory"):
+    with refused(InputError, "too-costly", "a.xlsx"):
         read_grid(path)
 
 
 def test_names_of_a_structure_beyond_the_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(guarded, "MEMORY", 250_000_000)
     path = written(tmp_path / "a.mat", bombs.mat5_names(10_000_000))
-    with pytest.raises(InputError, match=r"a\.mat: .*250 MB of memory"):
+    with refused(InputError, "too-costly", "a.mat"):
         MatFile(path)
 
 
@@ -98,7 +99,7 @@ def test_a_chunk_of_a_number_that_holds_many_is_not_unpacked(tmp_path: Path) -> 
 def test_a_record_of_huge_samples_beyond_the_memory(tmp_path: Path) -> None:
     pytest.importorskip("asammdf", reason="the extra mdf is not installed")
     path = written(tmp_path / "a.mf4", bombs.mdf_record())
-    with pytest.raises(InputError, match=r"a\.mf4: .*1000 MB of memory"):
+    with refused(InputError, "too-costly", "a.mf4"):
         MdfFile(path)
 
 
@@ -142,18 +143,18 @@ def test_cells_far_to_the_right_that_hold_a_value_are_not_omitted(
 
 def test_a_long_row_of_a_text_is_refused_by_its_columns(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", bombs.thousands(1001, 3))
-    with pytest.raises(InputError, match=r"a\.csv, line 1: .*1001.*1000"):
+    with refused(InputError, "too-many"):
         assert read_grid(path).rows
 
 
 def test_a_rectangle_that_short_rows_would_fill_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", bombs.thousands(900, 25_000))
-    with pytest.raises(InputError, match="20000000"):
+    with refused(InputError, "too-many"):
         assert read_grid(path).rows
 
 
 def test_too_many_channels_of_a_text_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"1001 columns.*1000"):
+    with refused(InputError, "too-many"):
         LvmFile(written(tmp_path / "a.lvm", bombs.lvm(1001)))
 
 

@@ -14,6 +14,7 @@ from commonrail.physics.injector import Source, parameter_quantities
 from commonrail.physics.variants import Variant
 from commonrail.readers.injector import injector_catalogue, load_injector
 from commonrail.readers.injector_writer import dump_injector
+from tests.refused import refused
 
 from .conftest import TEMPLATES, changed
 
@@ -164,106 +165,108 @@ def test_fuel_from_a_file_beside_the_injector(injector_file: Edit, tmp_path: Pat
 
 
 def test_unknown_catalogue_name() -> None:
-    with pytest.raises(
-        InputError, match=r'no injector "cri216" .*\(did you mean "cri2-16"\?\): choose one of cri1-0, '
-    ):
+    with refused(InputError, "unknown-name"):
         load_injector("cri216")
 
 
 def test_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"absent\.toml: .*no such file"):
+    with refused(InputError, "missing-file", "absent.toml"):
         load_injector(str(tmp_path / "absent.toml"))
 
 
 CYLINDER = '    { diameter = "2.66 mm", length = "20 mm" },\n'
 GRAMS = 'mass = "5 g"'
 FAULTS = {
-    "not TOML": ('temperature = "80 degC"', "temperature = 80 degC", r"line \d+: this is not TOML"),
-    "no format": ('format = "commonrail-injector/1"', "", "format is missing"),
+    "not TOML": ('temperature = "80 degC"', "temperature = 80 degC", "syntax line 18"),
+    "no format": ('format = "commonrail-injector/1"', "", "wrong-format"),
     "other format": (
         "commonrail-injector/1",
         "commonrail-injector/9",
-        "format is 'commonrail-injector/9'; an injector",
+        "wrong-format",
     ),
-    "unknown table": ("[sac]", "[sack]", r'there is no key "sack" \(did you mean "sac"\?\)'),
+    "unknown table": ("[sac]", "[sack]", "unknown-key"),
     "unknown key": (
         "seat_diameter",
         "seat_diametre",
-        r'valve: there is no key "seat_diametre" \(did you mean "seat_diameter"',
+        "unknown-key valve",
     ),
     "missing key": (
         'seat_diameter = "0.50 mm"',
         "",
-        r"there is no value for valve\.seat_diameter \(diameter of the valve seat\); add it, or take what is missing",
+        "missing-value",
     ),
     "missing keys": (
         'mass = "5 g"\nlift = "55 um"',
         "",
-        r"there is no value for valve\.mass \(mass of armature and shutter\) and valve\.lift \(.*\); add all of them",
+        "missing-value",
     ),
-    "no unit": (GRAMS, "mass = 5", r'valve\.mass: "5.0" has no unit; a mass is expected'),
-    "wrong unit": (GRAMS, 'mass = "5 mm"', r'valve\.mass: "5 mm" is a length; a mass is expected'),
-    "unknown unit": (GRAMS, 'mass = "5 gx"', r'valve\.mass: "gx" is not a known unit'),
-    "no number": (GRAMS, "mass = [5]", r'valve\.mass: "\[5\]" is not a number'),
-    "domain": (GRAMS, 'mass = "-5 g"', r"valve\.mass: the mass of armature and shutter must be greater than zero"),
+    "no unit": (GRAMS, "mass = 5", "no-unit valve.mass"),
+    "wrong unit": (GRAMS, 'mass = "5 mm"', "wrong-unit valve.mass"),
+    "unknown unit": (GRAMS, 'mass = "5 gx"', "unknown-unit valve.mass"),
+    "no number": (GRAMS, "mass = [5]", "not-a-number valve.mass"),
+    "domain": (GRAMS, 'mass = "-5 g"', "out-of-range valve.mass"),
     "room no table": (
         '[sac]\nvolume = { value = "0.8 mm3", mark = "E", source = "example" }',
         "[[sac]]",
-        r"sac: this must be a table, written \[sac\]",
+        "model_type sac",
     ),
-    "inline without value": (GRAMS, 'mass = { mark = "M" }', r"valve\.mass: the inline table has no value"),
-    "inline unknown key": (GRAMS, 'mass = { val = "5 g" }', r'valve\.mass: there is no key "val"'),
+    "inline without value": (GRAMS, 'mass = { mark = "M" }', "missing valve.mass"),
+    "inline unknown key": (GRAMS, 'mass = { val = "5 g" }', "unknown-key valve.mass"),
     "knots do not rise": (
         "holes = 7",
         'holes = 7\nknot_2 = "30 um"',
-        r"nozzle\.knot_2: the knots must rise, and knot_1 is at 40 um, knot_2 at 30 um; correct them",
+        "order nozzle.knot_2",
     ),
     "first knot beyond the default of the second": (
         "holes = 7",
         'holes = 7\nknot_1 = "95 um"',
-        r"nozzle\.knot_1: the knots must rise, and knot_1 is at 95 um, knot_2 at 90 um",
+        "order nozzle.knot_1",
     ),
-    "half a hole": ("holes = 7", "holes = 7.5", r"nozzle\.holes counts pieces and must be a whole number, not 7\.5"),
-    "no such mark": (GRAMS, 'mass = { value = "5 g", mark = "X" }', r'valve\.mass\.mark: "X" is no mark; write one of'),
-    "source no text": (GRAMS, 'mass = { value = "5 g", source = 3 }', r"valve\.mass\.source: this must be a text"),
+    "half a hole": ("holes = 7", "holes = 7.5", "not-whole"),
+    "no such mark": (GRAMS, 'mass = { value = "5 g", mark = "X" }', "unknown-mark valve.mass.mark"),
+    "source no text": (GRAMS, 'mass = { value = "5 g", source = 3 }', "string_type valve.mass.source"),
     "variant": (
         'variant = "flexible"',
         'variant = "flex"',
-        'variant: "flex" is not known .*; write one of flexible, rigid',
+        "unknown-name variant",
     ),
-    "drive": ('"regulated"', '"regulatd"', r'drive_kind: "regulatd" is not known \(did you mean "regulated"\?\)'),
-    "title": ('title = "My injector"', "title = 3", "title: this must be a text in quotes"),
-    "fuel unknown": ('"iso4113"', '"iso4114"', r'fuel\.name: There is no fuel "iso4114" \(did you mean "iso4113"'),
+    "drive": ('"regulated"', '"regulatd"', "unknown-name drive_kind"),
+    "title": ('title = "My injector"', "title = 3", "string_type title"),
+    "fuel unknown": ('"iso4113"', '"iso4114"', "unknown-name fuel.name"),
     "fuel not given": (
         'name = "iso4113"',
         "",
-        r"no value for fuel\.name \(of the catalogue, such as iso4113, or fuel\.file\)",
+        "missing-value",
     ),
-    "fuel given twice": ('name = "iso4113"', 'name = "iso4113"\nfile = "a.toml"', "fuel: give either name"),
-    "fuel key": ('name = "iso4113"', 'nam = "iso4113"', r'fuel: there is no key "nam" \(did you mean "name"'),
-    "fuel file": ('name = "iso4113"', 'file = "a.toml"', r"a\.toml: there is no such file"),
-    "no temperature": ('temperature = "80 degC"', "", r"no value for fuel\.temperature \(temperature of the fuel\)"),
-    "temperature": ('"80 degC"', '"180 degC"', r"fuel\.temperature: 453\.15 K lies outside the range of iso4113"),
-    "temperature below": ('"80 degC"', '"10 degC"', r"fuel\.temperature: 283\.15 K lies outside the range of iso4113"),
+    "fuel given twice": ('name = "iso4113"', 'name = "iso4113"\nfile = "a.toml"', "conflict fuel"),
+    "fuel key": ('name = "iso4113"', 'nam = "iso4113"', "unknown-key fuel"),
+    "fuel file": ('name = "iso4113"', 'file = "a.toml"', "missing-file fuel.file"),
+    "no temperature": ('temperature = "80 degC"', "", "missing-value"),
+    "temperature": ('"80 degC"', '"180 degC"', "out-of-range fuel.temperature"),
+    "temperature below": ('"80 degC"', '"10 degC"', "out-of-range fuel.temperature"),
     "drawing no table": (
         "[plunger_needle.drawing]",
         "[[plunger_needle.drawing]]",
-        r"plunger_needle\.drawing: this must be a table",
+        "model_type plunger_needle.drawing",
     ),
-    "drawing unknown key": ('density = "7850', 'densty = "7850', r'plunger_needle\.drawing: there is no key "densty"'),
-    "drawing no modulus": ('elastic_modulus = "210 GPa"', "", r"drawing\.elastic_modulus: this key is missing; add it"),
-    "six cylinders": (CYLINDER, "", r"plunger_needle\.drawing\.cylinders: give 7 cylinders"),
-    "cylinder no table": (CYLINDER, "    3,\n", r"plunger_needle\.drawing\.cylinders\[7\]: write the cylinder as"),
-    "cylinder no length": (CYLINDER, '    { diameter = "2.66 mm" },\n', r"cylinders\[7\]\.length: this key is missing"),
-    "cylinder key": (CYLINDER, '    { radius = "1 mm" },\n', r'cylinders\[7\]: there is no key "radius"'),
-    "cylinder size": ('"4.11 mm"', '"0 mm"', r"cylinders\[6\]\.diameter: the length must be greater than zero"),
+    "drawing unknown key": ('density = "7850', 'densty = "7850', "unknown-key plunger_needle.drawing"),
+    "drawing no modulus": ('elastic_modulus = "210 GPa"', "", "missing plunger_needle.drawing.elastic_modulus"),
+    "six cylinders": (CYLINDER, "", "wrong-number plunger_needle.drawing.cylinders"),
+    "cylinder no table": (CYLINDER, "    3,\n", "wrong-type plunger_needle.drawing.cylinders[7]"),
+    "cylinder no length": (
+        CYLINDER,
+        '    { diameter = "2.66 mm" },\n',
+        "missing plunger_needle.drawing.cylinders[7].length",
+    ),
+    "cylinder key": (CYLINDER, '    { radius = "1 mm" },\n', "unknown-key plunger_needle.drawing.cylinders[7]"),
+    "cylinder size": ('"4.11 mm"', '"0 mm"', "out-of-range plunger_needle.drawing.cylinders[6].diameter"),
 }
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_fault_is_named(injector_file: Edit, fault: str) -> None:
     old, new, message = FAULTS[fault]
-    with pytest.raises(InputError, match=message) as caught:
+    with refused(InputError, message) as caught:
         load_injector(injector_file((old, new)))
     text = str(caught.value)
     assert ".toml" in text
@@ -316,20 +319,20 @@ def test_a_base_of_the_catalogue_may_have_a_base_there(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
-        (('"cri2-16"', '"cri2-166"'), r'half\.toml, base: There is no injector "cri2-166".*did you mean "cri2-16"'),
-        (('"cri2-16"', '"direct-acting-kr"'), 'valve: an injector with actuation = "direct" has no such part'),
-        (('"cri2-16"', '"cri2-16"\nactuation = "direct"'), "base: cri2-16 is a servo injector, and actuation is"),
-        (('"cri2-16"', '"half.toml"'), r'base: "half\.toml" has a base itself; name a file that states all values'),
-        (('"cri2-16"', '"other.toml"'), r"base: .*other\.toml: there is no such file"),
-        (('"cri2-16"', '"../other.toml"'), r'base: "\.\./other\.toml" lies outside the folder of half\.toml'),
+        (('"cri2-16"', '"cri2-166"'), "unknown-name base"),
+        (('"cri2-16"', '"direct-acting-kr"'), "unknown-part valve"),
+        (('"cri2-16"', '"cri2-16"\nactuation = "direct"'), "conflict base"),
+        (('"cri2-16"', '"half.toml"'), "base-of-base base"),
+        (('"cri2-16"', '"other.toml"'), "missing-file base"),
+        (('"cri2-16"', '"../other.toml"'), "outside-folder base"),
         (
             ('"cri2-16"', '"virtual-lino-2016"\nrail = { volume = "20 cm3" }'),
-            r"rail\.volume: .*does not state rail_bound",
+            "not-read rail.volume",
         ),
     ],
 )
 def test_a_base_that_does_not_serve_is_refused(tmp_path: Path, edit: tuple[str, str], message: str) -> None:
-    with pytest.raises(InputError, match=message):
+    with refused(InputError, message):
         load_injector(half(tmp_path, edit))
 
 
@@ -349,7 +352,7 @@ RAIL = '\n[rail]\nvolume = { value = "20 cm3", mark = "E", source = "drawing" }\
 def test_a_table_that_the_default_variant_does_not_read_is_refused(injector_file: Callable[..., Path]) -> None:
     """The file has to say whether its rail is a volume: a table of the rail without that word was ignored."""
     with_rail = ("[feed_pipe]", f"{RAIL.lstrip()}\n[feed_pipe]")
-    with pytest.raises(InputError, match=r"rail\.volume: .*rail_boundary"):
+    with refused(InputError, "not-read rail.volume"):
         load_injector(injector_file(with_rail, (BOUNDARY, "")))
     assert load_injector(injector_file(with_rail)).values["rail.volume"] == pytest.approx(20e-6)  # stated: "ideal"
 
@@ -359,7 +362,7 @@ def test_a_flexible_direct_acting_injector_is_refused(tmp_path: Path) -> None:
     dump_injector(load_injector("direct-acting-kr"), dumped)
     text = dumped.read_text(encoding="utf-8")
     dumped.write_text(text.replace('variant = "rigid"', 'variant = "flexible"'), encoding="utf-8")
-    with pytest.raises(InputError, match="a direct-acting injector has a rigid body"):
+    with refused(InputError, "conflict variant"):
         load_injector(dumped)
 
 

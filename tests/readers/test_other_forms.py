@@ -18,6 +18,7 @@ from commonrail.readers.grid import read_grid
 from commonrail.readers.overview import survey
 from commonrail.readers.quantity_matrix import GivenUnits, find_map
 from commonrail.readers.tables import read_columns
+from tests.refused import refused
 
 WANTED = [Column("time", "s", increasing=True), Column("rate", ("m3/s", "kg/s"))]
 GERMAN = "time [µs];rate [mm³/ms]\r\n" + "".join(f"{3 * i};{i},5\r\n" for i in range(5))
@@ -40,14 +41,14 @@ def test_an_unstated_form_is_detected(tmp_path: Path, encoding: str) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes(GERMAN.encode(encoding))
     check(read_columns(path, WANTED))
-    with pytest.raises(InputError, match="this is no text in ascii; correct the encoding"):
+    with refused(InputError, "wrong-encoding"):
         read_columns(path, WANTED, form=FileForm("ascii", ","))
 
 
 def test_a_point_among_decimal_commas_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text(GERMAN.replace("3,5", "3.5"), encoding="utf-8")
-    with pytest.raises(InputError, match=r'decimal comma.*"3\.5"'):
+    with refused(InputError, "mixed-decimals"):
         read_columns(path, WANTED, form=FileForm(decimal=","))
 
 
@@ -60,7 +61,7 @@ def test_a_point_that_may_separate_thousands_is_refused_until_the_sign_is_stated
     path = tmp_path / "a.csv"
     path.write_text(MAP_HEAD + "1.200;350;35\n1.400;350;41\n", encoding="utf-8")
     for read in (lambda: read_columns(path, MAP_COLUMNS, 1), lambda: read_grid(path)):
-        with pytest.raises(InputError, match=r'line 2: "1\.200" may be 1200'):
+        with refused(InputError, "open-decimal line 2"):
             read()
     point = FileForm(decimal=".")
     assert read_columns(path, MAP_COLUMNS, 1, form=point).columns["p"] == pytest.approx([1.2e5, 1.4e5])
@@ -85,7 +86,7 @@ def test_spaces_that_do_not_break_are_spaces(tmp_path: Path, encoding: str) -> N
     found = read_columns(path, MAP_COLUMNS, 1, form=form).columns
     assert (found["p"][0], found["t"][0], found["q"][0]) == pytest.approx((1.2e8, 350e-6, 35.5e-9))
     path.write_bytes("p [bar],t [us],q [mm3]\n1\u00a0200,350,35.5\n".encode(encoding))
-    with pytest.raises(InputError, match='line 2, column "p": "1 200"'):
+    with refused(InputError, 'space line 2, column "p"'):
         read_columns(path, MAP_COLUMNS, 1, form=form)
 
 
@@ -158,13 +159,13 @@ def test_a_spoilt_sheet_is_one_sentence(tmp_path: Path, was: bytes, becomes: byt
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("rate [mm3/ms],time [us]\n0," + "9" * 200_000, "line 2: the line has 200002 characters"),
-        ("mm3\nrail pressure [bar] \\ energising time [us],300,500\n800,,\n1200,,\n", "the map holds no quantity"),
+        ("rate [mm3/ms],time [us]\n0," + "9" * 200_000, "line-too-long line 2"),
+        ("mm3\nrail pressure [bar] \\ energising time [us],300,500\n800,,\n1200,,\n", "empty"),
     ],
 )
 def test_a_grid_that_cannot_be_used_is_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:
     (tmp_path / "a.csv").write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=sentence):
+    with refused(InputError, sentence):
         find_map(read_grid(tmp_path / "a.csv"))
 
 
@@ -177,7 +178,7 @@ def test_parquet_has_its_units_in_the_names(tmp_path: Path) -> None:
     check(read_columns(tmp_path / "a.parquet", WANTED))
     columns["rate [mm3/ms]"][2] = np.nan
     parquet.write_table(pyarrow.table(columns), tmp_path / "a.parquet")
-    with pytest.raises(InputError, match='row 3, column "rate": '):
+    with refused(InputError, 'not-finite row 3, column "rate"'):
         read_columns(tmp_path / "a.parquet", WANTED)
 
 
@@ -195,7 +196,7 @@ def test_a_map_in_parquet_is_found_by_its_units(tmp_path: Path) -> None:
     table = found_table(path, PLAIN, GivenUnits(), "quantity", matrix=False)
     assert table.columns["rail_pressure"].tolist() == pytest.approx([40e6])
     assert table.columns["quantity"].tolist() == pytest.approx([1.5e-9])
-    with pytest.raises(InputError, match="a row for each point and no matrix"):
+    with refused(InputError, "no-matrix"):
         found_table(path, PLAIN, GivenUnits(), "quantity", matrix=True)
     columns["q1 [mm3]"] = columns.pop("q [mm3]")
     parquet.write_table(pyarrow.table({**columns, "q2 [mg]": [1.0, 2.0]}), path)
@@ -213,7 +214,7 @@ def test_numbers_that_a_workbook_has_as_texts_with_commas_are_read_and_names_sta
     np.testing.assert_allclose(table.columns["rate"], [0.17e-3, 12e-3, 3e-3, -1.5e-3])
     book.active.append(["0016", "1.5"])
     book.save(tmp_path / "a.xlsx")
-    with pytest.raises(InputError, match=r'decimal comma.*"1\.5"'):
+    with refused(InputError, "mixed-decimals"):
         read_columns(tmp_path / "a.xlsx", [Column("part"), Column("rate", "kg/s")])
 
 
@@ -257,10 +258,10 @@ def test_a_decimal_comma_between_commas_is_refused_with_its_line(tmp_path: Path,
     path = tmp_path / "a.csv"
     path.write_text(text, encoding="utf-8")
     line = len(text.splitlines())
-    with pytest.raises(InputError, match=rf"a\.csv, line {line}: .* write a decimal sign as a point"):
+    with refused(InputError, f"row-too-long line {line}", "a.csv"):
         survey(path)
     if text.startswith(("rail", "p")):
-        with pytest.raises(InputError, match=f"line {line}"):
+        with refused(InputError, f"row-too-long line {line}"):
             found_table(path, PLAIN, GivenUnits(), "quantity", matrix=False)
 
 

@@ -7,6 +7,7 @@ import pytest
 from commonrail.base.errors import InputError
 from commonrail.readers.location import Place
 from commonrail.readers.operating_points import ColumnPattern, unit_of_name
+from tests.refused import refused
 
 AT = Place("study.toml", "columns")
 
@@ -42,15 +43,15 @@ def test_a_unit_may_be_stated() -> None:
 @pytest.mark.parametrize(
     ("pattern", "words"),
     [
-        ("{p}bar_{t}us", r'there is no placeholder "\{t\}"; \{p\}, \{et\} and \{shot\} are known'),
-        ("{p}bar_{rail_pressure}bar", "the rail pressure has two placeholders"),
-        ("800bar", "the pattern has no placeholder"),
-        ("{p}_{et}us", "the rail pressure has no unit; write it behind the number"),
-        ("{p}us_{et}us", "the rail pressure has no unit"),
+        ("{p}bar_{t}us", "unknown-name columns"),
+        ("{p}bar_{rail_pressure}bar", "repeated columns"),
+        ("800bar", "no-placeholder columns"),
+        ("{p}_{et}us", "no-unit columns"),
+        ("{p}us_{et}us", "no-unit columns"),
     ],
 )
 def test_a_pattern_that_cannot_be_read(pattern: str, words: str) -> None:
-    with pytest.raises(InputError, match=words):
+    with refused(InputError, words):
         ColumnPattern(pattern, {}, AT)
 
 

@@ -11,6 +11,7 @@ from commonrail.calibration.study_file import load_study
 from commonrail.plugins.paper.bench_file import load_truth
 from commonrail.readers.injector import load_injector
 from tests.readers.conftest import TEMPLATES, Edit
+from tests.refused import refused
 
 FILE = 'file = "data/evi.csv"'
 ALLOWED = ("seed = 1", "seed = 1\nallow_outside = true")
@@ -30,14 +31,14 @@ def outside(tmp_path: Path, study_file: Edit) -> Path:
 @pytest.mark.parametrize(
     ("old", "new", "key"),
     [
-        (FILE, 'file = "../elsewhere/evi.csv"', r"data\[1\]\.file"),
-        (FILE, 'file = "{outside}/evi.csv"', r"data\[1\]\.file"),
-        (FILE, 'file = "data/../../elsewhere/evi.csv"', r"data\[1\]\.file"),
+        (FILE, 'file = "../elsewhere/evi.csv"', "data[1].file"),
+        (FILE, 'file = "{outside}/evi.csv"', "data[1].file"),
+        (FILE, 'file = "data/../../elsewhere/evi.csv"', "data[1].file"),
         ('injector = "injector.toml"', 'injector = "../elsewhere/injector.toml"', "injector"),
         (
             'rail_pressure = "160 MPa"',
             'rail_pressure = { file = "/etc/passwd", column = "p" }',
-            r"data\[1\]\.rail_pressure\.file",
+            "data[1].rail_pressure.file",
         ),
     ],
 )
@@ -45,7 +46,7 @@ def test_a_name_that_leads_out_is_refused_with_what_to_write(
     study_file: Edit, outside: Path, old: str, new: str, key: str
 ) -> None:
     path = study_file((old, new.replace("{outside}", str(outside))))
-    with pytest.raises(InputError, match=rf'{key}: ".*" .*outside the folder of study\.toml') as caught:
+    with refused(InputError, f"outside-folder {key}", "study.toml") as caught:
         load_study(path)
     assert "or write allow_outside = true at the top of study.toml" in str(caught.value)
 
@@ -73,7 +74,7 @@ def test_dead_times_are_held_too(study_file: Edit, outside: Path) -> None:
     (folder / "injector.toml").write_bytes((TEMPLATES / "injector.toml").read_bytes())
     (folder / "data" / "q.csv").write_text("rail_pressure [MPa],energising_time [us],quantity [mm3]\n160,500,20\n")
     (folder / "study.toml").write_text(head + table + "\n[[parameter]]" + rest.partition("[[parameter]]")[2])
-    with pytest.raises(InputError, match=r"data\[1\]\.dead_times\.file: .*outside"):
+    with refused(InputError, "outside-folder data[1].dead_times.file", "study.toml"):
         load_study(folder / "study.toml")
 
 
@@ -81,7 +82,7 @@ def test_a_link_that_leads_out_is_refused(study_file: Edit, outside: Path, tmp_p
     path = study_file()
     (tmp_path / "data" / "evi.csv").unlink()
     (tmp_path / "data" / "evi.csv").symlink_to(outside / "evi.csv")
-    with pytest.raises(InputError, match=r'"data/evi\.csv" .*outside the folder of study\.toml'):
+    with refused(InputError, "outside-folder data[1].file", "study.toml"):
         load_study(path)
 
 
@@ -100,7 +101,7 @@ def test_an_injectors_fuel_is_held_by_the_file_that_was_named(study_file: Edit, 
     fuel = Path(__file__).parents[2] / "src" / "commonrail" / "physics" / "catalogue" / "fuels" / "iso4113.toml"
     (tmp_path / "fuel.toml").write_bytes(fuel.read_bytes())
     assert load_study(study).injector.fuel.name == "fuel"  # beside the study
-    with pytest.raises(InputError, match=r'fuel\.file: "\.\./fuel\.toml" .*outside.*injector\.toml'):
+    with refused(InputError, "outside-folder fuel.file", "injector.toml"):
         load_injector(tmp_path / "parts" / "injector.toml")  # above the injector
     (tmp_path / "parts" / "free.toml").write_text(f"allow_outside = true\n{own}", encoding="utf-8")
     assert load_injector(tmp_path / "parts" / "free.toml").fuel.name == "fuel"
@@ -110,7 +111,7 @@ def test_an_injector_cannot_lift_what_its_study_holds(study_file: Edit, tmp_path
     study = study_file()
     own = (tmp_path / "injector.toml").read_text(encoding="utf-8").replace('name = "iso4113"', 'file = "/etc/passwd"')
     (tmp_path / "injector.toml").write_text(f"allow_outside = true\n{own}", encoding="utf-8")
-    with pytest.raises(InputError, match=r'"/etc/passwd" .*outside.*study\.toml'):
+    with refused(InputError, "outside-folder fuel.file"):
         load_study(study)
 
 
@@ -119,15 +120,15 @@ def test_a_truths_injector_is_held(tmp_path: Path) -> None:
     text = (truths / "virtual-lino-2016.toml").read_text(encoding="utf-8")
     path = tmp_path / "own.toml"
     path.write_text(text.replace('injector = "virtual-lino-2016"', 'injector = "../../x.toml"'), encoding="utf-8")
-    with pytest.raises(InputError, match=r"own\.toml, injector: .*outside.*own\.toml"):
+    with refused(InputError, "outside-folder injector", "own.toml"):
         load_truth(path)
 
 
 @pytest.mark.parametrize("value", ["1", '"true"', "[]"])
 def test_permission_is_true_or_false(tmp_path: Path, study_file: Edit, value: str) -> None:
-    with pytest.raises(InputError, match=r", allow_outside: "):
+    with refused(InputError, "bool_type allow_outside"):
         load_study(study_file(("seed = 1", f"seed = 1\nallow_outside = {value}")))
     text = (tmp_path / "injector.toml").read_text(encoding="utf-8")
     (tmp_path / "injector.toml").write_text(f"allow_outside = {value}\n{text}", encoding="utf-8")
-    with pytest.raises(InputError, match=r"allow_outside: .*true or false"):
+    with refused(InputError, "bool_type allow_outside"):
         load_injector(tmp_path / "injector.toml")

@@ -14,6 +14,7 @@ from commonrail.physics.law import Domain
 from commonrail.readers import grid, table_sheet, tables
 from commonrail.readers.columns import Column, FileForm, Table
 from commonrail.readers.tables import read_columns
+from tests.refused import refused
 
 Write = Callable[[str | bytes], Path]
 
@@ -68,95 +69,95 @@ def test_units_from_whoever_reads(table_file: Write) -> None:
 FAULTS = {
     "no such column": (
         GOOD.replace("rate [mm3/ms]", "rates"),
-        r'no column "rate" \(did you mean "rates"\?\); the header has "time", ',
+        'missing-column column "rate"',
     ),
     "column twice": (
         "time [us],rate [mm3/ms],time [ms]\n0,1,0\n3,2,0\n6,4,0\n9,8,0\n",
-        'the header has 2 columns "time"',
+        'repeated column "time"',
     ),
-    "no unit": (GOOD.replace(" [us]", ""), 'column "time": there is no unit; write it in the header'),
-    "unit guessed from the name": (GOOD.replace("time [us]", "time_us"), 'there is no column "time"'),
-    "unknown unit": (GOOD.replace("[us]", "[ticks]"), 'column "time": "ticks" is not a known unit'),
-    "unit of another kind": (GOOD.replace("[us]", "[mm]"), 'column "time": a unit like us is expected, not "mm"'),
+    "no unit": (GOOD.replace(" [us]", ""), 'no-unit column "time"'),
+    "unit guessed from the name": (GOOD.replace("time [us]", "time_us"), 'missing-column column "time"'),
+    "unknown unit": (GOOD.replace("[us]", "[ticks]"), 'unknown-unit column "time"'),
+    "unit of another kind": (GOOD.replace("[us]", "[mm]"), 'wrong-unit column "time"'),
     "neither volume nor mass": (
         GOOD.replace("[mm3/ms]", "[MPa]"),
-        'a unit like mm3/ms or mg/ms is expected, not "MPa"',
+        'wrong-unit column "rate"',
     ),
-    "text": (GOOD.replace("3,2", "3,two"), 'line 3, column "rate": "two" is not a finite number'),
-    "not a number": (GOOD.replace("6,4", "6,nan"), 'line 4, column "rate": "nan" is not a finite number'),
-    "infinite": (GOOD.replace("6,4", "inf,4"), 'line 4, column "time": "inf" is not a finite number'),
-    "empty cell": (GOOD.replace("9,8", "9,"), 'line 5, column "rate": the cell is empty'),
-    "underscore": (GOOD.replace("9,8", "9,8_0"), '"8_0" is not a finite number'),
+    "text": (GOOD.replace("3,2", "3,two"), 'not-a-number line 3, column "rate"'),
+    "not a number": (GOOD.replace("6,4", "6,nan"), 'not-a-number line 4, column "rate"'),
+    "infinite": (GOOD.replace("6,4", "inf,4"), 'not-a-number line 4, column "time"'),
+    "empty cell": (GOOD.replace("9,8", "9,"), 'empty-cell line 5, column "rate"'),
+    "underscore": (GOOD.replace("9,8", "9,8_0"), 'not-a-number line 5, column "rate"'),
     "decimal comma": (
         GOOD.replace("3,2", '3,"2,5"'),
-        'line 3, column "rate": "2,5" has a decimal comma; write the decimal sign as a point',
+        'decimal-comma line 3, column "rate"',
     ),
     "decimal comma between commas": (
         GOOD.replace("3,2", "3,2,5"),
-        "line 3: the row has 3 cells, the header 2; write a decimal sign",
+        "row-too-long line 3",
     ),
-    "short row": (GOOD.replace("6,4", "6"), 'line 4, column "rate": the cell is empty'),
-    "open quote": (GOOD.replace("6,4", '6,"4'), r"line 4: the row cannot be read \(unexpected end of data\)"),
-    "time repeats": (GOOD.replace("6,4", "3,4"), 'line 4, column "time": this time repeats the one on line 3'),
+    "short row": (GOOD.replace("6,4", "6"), 'empty-cell line 4, column "rate"'),
+    "open quote": (GOOD.replace("6,4", '6,"4'), "bad-row line 4"),
+    "time repeats": (GOOD.replace("6,4", "3,4"), 'order line 4, column "time"'),
     "time runs back": (
         GOOD.replace("6,4", "2,4"),
-        'line 4, column "time": this time runs back behind the one on line 3',
+        'order line 4, column "time"',
     ),
-    "too few rows": (GOOD.replace("9,8\n", ""), "the file has 3 rows of numbers, and at least 4 are needed"),
-    "header alone": (GOOD[:24], "the file has 0 rows of numbers"),
-    "empty": ("", "the file has no rows"),
-    "comments alone": ("# a\n# b\n", "the file has no rows"),
+    "too few rows": (GOOD.replace("9,8\n", ""), "too-few"),
+    "header alone": (GOOD[:24], "too-few"),
+    "empty": ("", "empty"),
+    "comments alone": ("# a\n# b\n", "empty"),
 }
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_fault_is_named(table_file: Write, fault: str) -> None:
     text, message = FAULTS[fault]
-    with pytest.raises(InputError, match=r"data\.csv.*" + message):
+    with refused(InputError, message, "data.csv"):
         read(table_file(text))
 
 
 def test_two_units_for_one_column(table_file: Write) -> None:
-    with pytest.raises(InputError, match=r'data\.csv, column "time": .*"us".*"ms"'):
+    with refused(InputError, 'conflict column "time"', "data.csv"):
         read(table_file(GOOD), time="ms")
     assert read(table_file(GOOD), time="us").units["time"] == "s"
 
 
 def test_size_limit(table_file: Write, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(grid, "LARGEST_FILE", 20)
-    with pytest.raises(InputError, match="2e-05 MB"):
+    with refused(InputError, "too-large"):
         read(table_file(GOOD))
 
 
 def test_row_limit(table_file: Write) -> None:
     assert len(list(table_sheet.TableSheet(grid.read_grid(table_file(GOOD)), most=4).rows)) == 4
-    with pytest.raises(InputError, match=r"line 6: .* 4 rows"):
+    with refused(InputError, "too-many"):
         list(table_sheet.TableSheet(grid.read_grid(table_file(GOOD + "12,9\n")), most=4).rows)
 
 
 HEADERS = {
     "many columns": (
         GOOD.replace("rate [mm3/ms]", "rate [mm3/ms]" + ",x" * 999),
-        "there are 1001 columns, and at most 1000",
+        "too-many",
     ),
-    "long name": (GOOD.replace("rate", "rate" * 51), "the name of column 2 is longer than 200 characters"),
-    "control character": (GOOD.replace("rate", "ra\x1bte"), "the name of column 2 .* not printed"),
-    "line end": (GOOD.replace("rate [mm3/ms]", '"rate\n [mm3/ms]"'), "the name of column 2 .* not printed"),
-    "long line": ("x" * 100_001 + GOOD, "line 1: the line has 100024 characters, more than the 100000"),
-    "digits without end": (GOOD.replace("3,2", "3," + "2" * 5000), 'line 3, column "rate": "2{40}" is not a finite'),
-    "beyond a float": (GOOD.replace("3,2", "3,1e400"), '"1e400" is not a finite number'),
+    "long name": (GOOD.replace("rate", "rate" * 51), "bad-name"),
+    "control character": (GOOD.replace("rate", "ra\x1bte"), "bad-name"),
+    "line end": (GOOD.replace("rate [mm3/ms]", '"rate\n [mm3/ms]"'), "bad-name"),
+    "long line": ("x" * 100_001 + GOOD, "line-too-long line 1"),
+    "digits without end": (GOOD.replace("3,2", "3," + "2" * 5000), 'not-a-number line 3, column "rate"'),
+    "beyond a float": (GOOD.replace("3,2", "3,1e400"), 'not-a-number line 3, column "rate"'),
     "beyond all that is measured": (
         GOOD.replace("[mm3/ms]", "[m3/us]").replace("3,2", "3,1e305"),
-        'line 3, column "rate": "1e305" is larger than any measured value',
+        'out-of-range line 3, column "rate"',
     ),
-    "quote without end": (GOOD.replace("3,2", '3,"2'), "line 3: the row cannot be read"),
+    "quote without end": (GOOD.replace("3,2", '3,"2'), "bad-row line 3"),
 }
 
 
 @pytest.mark.parametrize("fault", HEADERS)
 def test_hostile_table_is_one_sentence(table_file: Write, fault: str) -> None:
     text, message = HEADERS[fault]
-    with pytest.raises(InputError, match=message) as caught:
+    with refused(InputError, message) as caught:
         read(table_file(text))
     assert str(caught.value).isprintable()
 
@@ -166,9 +167,9 @@ def test_header_of_many_columns_is_not_shown_whole(table_file: Write) -> None:
         read(table_file(",".join(f"x{i}" for i in range(50)) + "\n"))
 
 
-@pytest.mark.parametrize(("name", "kind"), [("a.nc", "NetCDF"), ("a.XLS", "old Excel")])
-def test_other_formats(tmp_path: Path, name: str, kind: str) -> None:
-    with pytest.raises(InputError, match=rf"{name}: {kind} files"):
+@pytest.mark.parametrize("name", ["a.nc", "a.XLS"])
+def test_other_formats(tmp_path: Path, name: str) -> None:
+    with refused(InputError, "unknown-format", name):
         read(tmp_path / name)
 
 
@@ -196,9 +197,9 @@ def test_another_format_is_a_source_of_the_same_columns(monkeypatch: pytest.Monk
     table = read_columns(path, [time, Column("rate", ("m3/s", "kg/s"), "mg/ms")], least=2)
     assert (table.columns["time"].tolist(), table.columns["rate"].tolist()) == ([0.0, 1e-3], [-1e-3, 2e-3])
     assert (table.units["rate"], table.written_units["time"]) == ("kg/s", "ms")
-    with pytest.raises(InputError, match=r'a\.counted, column "rate": .*no unit'):
+    with refused(InputError, 'no-unit column "rate"', "a.counted"):
         read_columns(path, [Column("rate", "m3/s")], least=2)
-    with pytest.raises(InputError, match=r'a\.counted, sample 7, column "rate": .*zero or greater'):
+    with refused(InputError, 'out-of-range sample 7, column "rate"', "a.counted"):
         read_columns(path, [Column("rate", "m3/s", "mm3/ms", domain=Domain.NON_NEGATIVE)], least=2)
 
 

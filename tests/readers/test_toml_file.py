@@ -14,6 +14,7 @@ from pydantic import Field
 from commonrail.base.errors import InputError
 from commonrail.readers.location import Place
 from commonrail.readers.toml import LARGEST_TOML, FileModel, parse_toml, read_model, read_toml
+from tests.refused import refused
 
 
 def written(tmp_path: Path, data: bytes) -> Path:
@@ -43,20 +44,16 @@ def test_a_plug_in_has_a_format_of_its_own() -> None:
 
 
 def test_size_limit(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"file\.toml: .*1 MB.*1 MB"):
+    with refused(InputError, "too-large", "file.toml"):
         read_toml(written(tmp_path, b"#\n" * (LARGEST_TOML // 2 + 1)))
 
 
 @pytest.mark.parametrize(
-    ("text", "line", "reason"),
-    [
-        ('a = 1\nb = 160 MPa\nc = "x"', 2, "expected newline"),
-        ("a = 1\na = 2\n", 2, "cannot overwrite a value"),
-        ("a = 1\n\nb = [1,\n", 3, "[Uu]nclosed array|invalid value"),  # Python's releases differ in the words
-    ],
+    ("text", "line"),
+    [('a = 1\nb = 160 MPa\nc = "x"', 2), ("a = 1\na = 2\n", 2), ("a = 1\n\nb = [1,\n", 3)],
 )
-def test_toml_fault_has_the_line(tmp_path: Path, text: str, line: int, reason: str) -> None:
-    with pytest.raises(InputError, match=rf"file\.toml, line {line}: this is not TOML \(.*({reason})"):
+def test_toml_fault_has_the_line(tmp_path: Path, text: str, line: int) -> None:
+    with refused(InputError, f"syntax line {line}", "file.toml"):
         read_toml(written(tmp_path, text.encode()))
 
 

@@ -6,6 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from commonrail.base.record import from_record
+from commonrail.plugins.paper.file import ReproductionSummary
+
 LABELS = {
     "rigid": "rigid body",
     "rigid_fitted": "rigid body, fitted",
@@ -183,6 +186,11 @@ def record() -> dict[str, Any]:
         "seconds": 12.5,
         "simulations": 123456,
     }
+
+
+def summary() -> ReproductionSummary:
+    """The record as a typed object."""
+    return from_record(ReproductionSummary, record())
 
 
 def traces() -> dict[int, dict[str, dict[str, np.ndarray]]]:

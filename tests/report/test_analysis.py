@@ -88,7 +88,7 @@ def test_failures_and_limits_of_the_trim_are_reported() -> None:
         "Synthetic, not measured",
     ):
         assert text in page
-    assert "90 % of the variance from nozzle.hole_diameter" in tolerance_lines(spread())[1]
+    assert "diameter of a nozzle hole 90 %" in tolerance_lines(spread())[1]
 
 
 def test_a_study_that_was_stopped_says_so() -> None:

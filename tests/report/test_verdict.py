@@ -360,3 +360,41 @@ def test_a_tile_without_a_figure_has_no_sign() -> None:
         data["J_relative"] = dict.fromkeys(data["J_relative"])
     fit = tiles(record)[0]
     assert (fit.head, fit.figure, fit.level, fit.sign) == ("fit", "– %", "", "")
+
+
+def looks_like(test: dict[str, Any], percent: float) -> list[str]:
+    """Commands that are advised where a test found something."""
+    record = sound()
+    for data in record["data"]:
+        data["figures"]["best"]["rms_large_percent"] = percent
+    record["certainty"] = {
+        "level": 0.95,
+        "parameters": [],
+        "settled": True,
+        "tests": [{"found": True, "sentence": "the residuals look like it", "score": 1e-6} | test],
+    }
+    return [step.command for step in verdict(record, "r").steps if "--free" in step.command]
+
+
+@pytest.mark.parametrize(("relief", "percent", "is_freed"), [(0.3, 8.0, True), (0.02, 8.0, False), (0.02, 2.0, True)])
+def test_a_value_is_freed_where_that_lowers_errors_or_where_they_are_good(
+    relief: float, percent: float, is_freed: bool
+) -> None:
+    """On a bench that the model does not fit, one more free value takes 2 % of the error and spoils what is unseen."""
+    test = {"name": "fixed values", "suspect": "needle_seat.cone_angle", "relief": relief}
+    assert bool(looks_like(test, percent)) is is_freed
+
+
+@pytest.mark.parametrize("name", ["meter.unnamed.gain", "map"])
+def test_a_gain_is_checked_on_the_bench_and_not_freed(name: str) -> None:
+    """A free gain of 0.8 moved all quantities of a foreign bench by 25 %."""
+    assert looks_like({"name": name, "suspect": "gain", "relief": 0.5}, 2.0) == []
+
+
+@pytest.mark.parametrize(("percent", "is_planned"), [(2.0, True), (40.0, False)])
+def test_measurements_are_planned_for_a_model_that_fits(percent: float, is_planned: bool) -> None:
+    record = sound()
+    record["parameters"][1]["verdict"] = "only in combination"
+    for data in record["data"]:
+        data["figures"]["best"]["rms_large_percent"] = percent
+    assert any("commonrail next" in step.command for step in verdict(record, "r").steps) is is_planned

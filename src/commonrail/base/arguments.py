@@ -31,27 +31,29 @@ LARGEST_WHOLE = 2**63 - 1  # what a study file and the journal can hold
 _Kind = TypeVar("_Kind")
 _Choice = TypeVar("_Choice", bound=Enum)
 
-# Cure for an argument of the wrong kind, by the name of the kind that is expected.
+
+class Cure(NamedTuple):
+    """Way to get an object of a class, for the error if a value of another kind is given.
+
+    A class has its own as the class attribute `cure`. `text` may have {} for the path or name that was given in place
+    of the object, or else for `example`.
+    """
+
+    text: str
+    example: str = ""
+
+
+# Of the classes that know nothing of arguments, by name.
 _CURES = {
-    "Study": "read it with commonrail.load_study({})",
-    "Injector": "read it with commonrail.load_injector({})",
-    "Truth": "read it with commonrail.lab.load_truth({})",
-    "Fuel": "read it with commonrail.load_fuel({})",
-    "OperatingPoint": 'write commonrail.OperatingPoint("160 MPa", "700 us")',
-    "Parameter": "commonrail.design.parameters_within(injector, [{}]) makes them",
-    "Trace": "write commonrail.Trace(times, values) with times [s] and SI values",
-    "DataSet": "write commonrail.RateData(…), QuantityData(…), ReturnData(…) or FeatureData(…)",
-    "Calibration": "take what commonrail.calibrate returns",
-    "Solution": "take what commonrail.simulate returns",
-    "Bench": "write commonrail.lab.Bench(truth, injector, time_step)",
-    "Variant": "write commonrail.Variant(body, boundary, drive)",
-}
-_EXAMPLES = {
-    "Study": "study.toml",
-    "Injector": "virtual-lino-2016",
-    "Truth": "virtual-lino-2016",
-    "Fuel": "iso4113",
-    "Parameter": "valve.lift",
+    "Study": Cure("read it with commonrail.load_study({})", "study.toml"),
+    "Injector": Cure("read it with commonrail.load_injector({})", "virtual-lino-2016"),
+    "Fuel": Cure("read it with commonrail.load_fuel({})", "iso4113"),
+    "OperatingPoint": Cure('write commonrail.OperatingPoint("160 MPa", "700 us")'),
+    "Parameter": Cure("commonrail.design.parameters_within(injector, [{}]) makes them", "valve.lift"),
+    "Trace": Cure("write commonrail.Trace(times, values) with times [s] and SI values"),
+    "Calibration": Cure("take what commonrail.calibrate returns"),
+    "Solution": Cure("take what commonrail.simulate returns"),
+    "Variant": Cure("write commonrail.Variant(body, boundary, drive)"),
 }
 
 
@@ -91,7 +93,7 @@ def number(value: object, unit: str, what: str) -> float:
         try:
             return parse(value, unit, what)
         except InputError as error:
-            raise ConfigurationError(f"{error}") from error
+            raise ConfigurationError(f"{error}", code=error.code, place=what) from error
     result = _real(value)
     if result is None:
         raise _refusal(what, _describe_number(unit), value)
@@ -106,7 +108,9 @@ def fraction(value: object, what: str) -> float:
     if not 0.0 < share < 1.0:
         example = share if 1.0 <= share < 100.0 else 50.0  # a number of percent without its sign
         raise ConfigurationError(
-            f"The {what} must lie between 0 and 100 %, both excluded, such as {example:g}%, not {share:g}."
+            f"The {what} must lie between 0 and 100 %, both excluded, such as {example:g}%, not {share:g}.",
+            code="out-of-range",
+            place=what,
         )
     return share
 
@@ -125,7 +129,9 @@ def amount(value: object, unit: str, what: str, limits: Limits) -> float:
     plain = 1e-4 <= abs(quantity) < 1e6
     read = f"{quantity:.6g} {unit.removesuffix('1')}".rstrip() if plain else to_text(quantity, unit)
     raise ConfigurationError(
-        f"The {what} must lie between {low} and {high}, and {read} was read{_meant(quantity, limits)}."
+        f"The {what} must lie between {low} and {high}, and {read} was read{_meant(quantity, limits)}.",
+        code="out-of-range",
+        place=what,
     )
 
 
@@ -135,7 +141,9 @@ def positive(unit: str) -> Callable[[object, str], float]:
     def read(value: object, what: str) -> float:
         quantity = number(value, unit, what)
         if not quantity > 0.0:
-            raise ConfigurationError(f"The {what} must be greater than zero, not {quantity:g}.")
+            raise ConfigurationError(
+                f"The {what} must be greater than zero, not {quantity:g}.", code="out-of-range", place=what
+            )
         return quantity
 
     return read
@@ -161,11 +169,17 @@ def array(value: object, unit: str, what: str, dimensions: int | None = None, fi
     if dimensions is not None and values.ndim != dimensions:
         raise ConfigurationError(
             f"The {what} must have {dimensions} dimension{'s' * (dimensions > 1)}, not the {values.ndim} of shape "
-            f"{values.shape}."
+            f"{values.shape}.",
+            code="wrong-shape",
+            place=what,
         )
     if finite and not np.isfinite(values).all():
         where = int(np.flatnonzero(~np.isfinite(values.ravel()))[0]) + 1
-        raise ConfigurationError(f"The {what} must be finite, and number {where} of them is not; correct or remove it.")
+        raise ConfigurationError(
+            f"The {what} must be finite, and number {where} of them is not; correct or remove it.",
+            code="not-finite",
+            place=what,
+        )
     return values
 
 
@@ -179,7 +193,9 @@ def _numeric(value: object, unit: str, what: str) -> Floats:
         if raw.dtype.kind not in "iuf":
             raw = np.asarray(value, dtype=object)
     except Exception as error:  # rows of different lengths; whatever an object answers when asked for its array
-        raise ConfigurationError(f"The {what} must be numbers in rows of one length ({error}).") from error
+        raise ConfigurationError(
+            f"The {what} must be numbers in rows of one length ({error}).", code="wrong-shape", place=what
+        ) from error
     if raw.dtype.kind in "iuf":
         return np.asarray(raw, dtype=np.float64)
     return np.reshape([_element(item, unit, what) for item in raw.ravel()], raw.shape).astype(np.float64)
@@ -203,7 +219,11 @@ def integer(value: object, what: str, low: int = 0, high: int = LARGEST_WHOLE) -
             return exact
     if high == LARGEST_WHOLE:
         raise _refusal(what, f"a whole number, {low} or greater", value)
-    raise ConfigurationError(f"The {what} must lie between {low} and {high} as a whole number, not {shown(value)}.")
+    raise ConfigurationError(
+        f"The {what} must lie between {low} and {high} as a whole number, not {shown(value)}.",
+        code="out-of-range",
+        place=what,
+    )
 
 
 def not_whole(name: str, value: float) -> str:
@@ -238,7 +258,9 @@ def enum_member(value: object, kind: type[_Choice], what: str) -> _Choice:
         return members[value]
     meant = nearest(value, members) if isinstance(value, str) else ""
     *others, last = (f'"{name}"' for name in members)
-    raise ConfigurationError(f"The {what} must be {', '.join(others)} or {last}, not {shown(value)}{meant}.")
+    raise ConfigurationError(
+        f"The {what} must be {', '.join(others)} or {last}, not {shown(value)}{meant}.", code="unknown-name", place=what
+    )
 
 
 def plain_text(value: object, what: str) -> str:
@@ -284,12 +306,16 @@ def instance(value: object, kind: Any, what: str) -> Any:
     """
     if isinstance(value, kind):
         return value
-    names = [accepted.__name__ for accepted in get_args(kind) or (kind,)]
-    name = names[0]
-    source = f"{value}" if isinstance(value, str | os.PathLike) else _EXAMPLES.get(name, "")
-    cure = f"; {_CURES[name].format(_quote(source))}" if name in _CURES else ""
-    article = "an" if name[0] in "AEIOU" else "a"
-    raise ConfigurationError(f"The {what} must be {article} {' or '.join(names)}, not {shown(value)}{cure}.")
+    kinds = get_args(kind) or (kind,)
+    names = [accepted.__name__ for accepted in kinds]
+    cure, words = getattr(kinds[0], "cure", None) or _CURES.get(names[0]), ""
+    if isinstance(cure, Cure):
+        source = f"{value}" if isinstance(value, str | os.PathLike) else cure.example
+        words = f"; {cure.text.format(_quote(source))}"
+    article = "an" if names[0][0] in "AEIOU" else "a"
+    raise ConfigurationError(
+        f"The {what} must be {article} {' or '.join(names)}, not {shown(value)}{words}.", code="wrong-type", place=what
+    )
 
 
 def sequence(value: object, what: str, of: str) -> Sequence[Any]:
@@ -326,7 +352,9 @@ def mapping(value: object, what: str, example: str) -> Mapping[str, Any]:
     for key in value:
         if not isinstance(key, str):
             raise ConfigurationError(
-                f"The {what} must have texts as keys, such as {example}, and {shown(key)} is none."
+                f"The {what} must have texts as keys, such as {example}, and {shown(key)} is none.",
+                code="wrong-type",
+                place=what,
             )
     return value
 
@@ -340,9 +368,13 @@ def known_names(value: object, accepted: Collection[str], what: str, example: st
     for i, name in enumerate(names):
         if not isinstance(name, str) or name not in accepted:
             meant = nearest(name, accepted) if isinstance(name, str) else f", such as {example}"
-            raise ConfigurationError(f"The {what} must be known ones, and {shown(name)} is none{meant}.")
+            raise ConfigurationError(
+                f"The {what} must be known ones, and {shown(name)} is none{meant}.", code="unknown-name", place=what
+            )
         if name in names[:i]:
-            raise ConfigurationError(f"The {what} have {name} more than once; keep one of them.")
+            raise ConfigurationError(
+                f"The {what} have {name} more than once; keep one of them.", code="repeated", place=what
+            )
     return tuple(map(str, names))
 
 
@@ -419,4 +451,4 @@ def _quote(text: str) -> str:
 
 
 def _refusal(what: str, expected: str, value: object) -> ConfigurationError:
-    return ConfigurationError(f"The {what} must be {expected}, not {shown(value)}.")
+    return ConfigurationError(f"The {what} must be {expected}, not {shown(value)}.", code="wrong-type", place=what)

@@ -144,7 +144,8 @@ def load_library(name: str, extra: str = "notebook") -> Any:
         return import_module(name)
     except ImportError as error:
         raise ConfigurationError(
-            f"This needs {name}, which is not installed: install it with pip install 'commonrail[{extra}]'."
+            f"This needs {name}, which is not installed: install it with pip install 'commonrail[{extra}]'.",
+            code="missing-package",
         ) from error
 
 

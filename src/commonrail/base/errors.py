@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from difflib import get_close_matches
+from pathlib import Path
 from typing import ClassVar
 
 LONGEST_SENTENCE = 1000
@@ -21,12 +22,25 @@ _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069
 
 
 class CommonrailError(Exception):
-    """Root of the project's errors; its text is one line, written for the user."""
+    """Root of the project's errors; its text is one line, written for the user.
+
+    Attributes
+    ----------
+    code : str
+        Kind of the fault, such as "too-large", for programs: the text may change. Empty where none is stated.
+    file : str
+        File at fault; empty where there is none.
+    place : str
+        Dotted key, or line and column, in the file; else the argument at fault in words, such as "rail pressure".
+    """
 
     exit_code: ClassVar[int] = 1
 
-    def __init__(self, sentence: str) -> None:
+    def __init__(self, sentence: str, *, code: str = "", file: str | Path = "", place: str = "") -> None:
         super().__init__(one_line(sentence))
+        self.code = code
+        self.file = str(file)
+        self.place = place
 
 
 class InputError(CommonrailError):

@@ -64,7 +64,7 @@ def read_plain(path: Path, largest: int = LARGEST_FILE) -> bytes:
     if noted is not None:
         digest = sha256(data)
         if noted.setdefault(Path(os.path.abspath(path)), digest) != digest:
-            raise InputError(f"{path}: the file was changed while it was read; start again.")
+            raise InputError(f"{path}: the file was changed while it was read; start again.", code="changed", file=path)
     return data
 
 
@@ -105,10 +105,12 @@ def _as_input_error(path: Path) -> Iterator[None]:
     try:
         yield
     except FileNotFoundError as error:
-        raise InputError(f"{path}: there is no such file{similar_names(path)}.") from error
+        raise InputError(
+            f"{path}: there is no such file{similar_names(path)}.", code="missing-file", file=path
+        ) from error
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
         reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{path}: the file cannot be read ({reason}).") from error
+        raise InputError(f"{path}: the file cannot be read ({reason}).", code="unreadable", file=path) from error
 
 
 def _refuse_unless_plain(path: Path, status: os.stat_result, largest: int | None) -> None:
@@ -116,14 +118,16 @@ def _refuse_unless_plain(path: Path, status: os.stat_result, largest: int | None
         kind = _KINDS.get(stat.S_IFMT(status.st_mode), "no plain file")
         study = path / "study.toml"
         meant = f' (did you mean "{study}"?)' if study.is_file() else ""
-        raise InputError(f"{path}: this is {kind}, and a file is expected{meant}.")
+        raise InputError(f"{path}: this is {kind}, and a file is expected{meant}.", code="not-a-file", file=path)
     if largest is not None and status.st_size > largest:
         raise _too_large(path, f"{status.st_size / 1e6:.0f} MB", largest)
 
 
 def _too_large(path: Path, size: str, largest: int) -> InputError:
     return InputError(
-        f"{path}: the file has {size}, more than the {largest / 1e6:g} MB that are read; keep only what is needed."
+        f"{path}: the file has {size}, more than the {largest / 1e6:g} MB that are read; keep only what is needed.",
+        code="too-large",
+        file=path,
     )
 
 
@@ -155,10 +159,14 @@ def read_arrays(path: Path, *needed: str) -> dict[str, NDArray[Any]]:
             if size > LARGEST_ARRAYS:
                 raise _too_large(path, f"{size / 1e6:.0f} MB when it is unpacked", LARGEST_ARRAYS)
             if missing := set(needed).difference(archive.files):
-                raise InputError(f"{path}: there is no array {min(missing)}; make the file again.")
+                raise InputError(
+                    f"{path}: there is no array {min(missing)}; make the file again.", code="missing-array", file=path
+                )
             return dict(archive)
     except (OSError, ValueError, EOFError, AttributeError, MemoryError, BadZipFile, zlib.error) as error:
-        raise InputError(f"{path}: this is no file of arrays ({error}); make it again.") from error
+        raise InputError(
+            f"{path}: this is no file of arrays ({error}); make it again.", code="damaged", file=path
+        ) from error
 
 
 # Checksums of result files, in a file ``SHA256SUMS`` next to them that ``sha256sum -c SHA256SUMS`` reads too.
@@ -186,7 +194,9 @@ def check_sums(folder: Path, *names: str) -> None:
             raise InputError(
                 f"{path}: this is not the file that was written: its SHA-256 is another than in {sums}; bring it back "
                 "as it was, or make it again (`commonrail resume RUN` writes all results of a run), and if it was "
-                "changed on purpose, copy it to another folder."
+                "changed on purpose, copy it to another folder.",
+                code="changed",
+                file=path,
             )
 
 
@@ -203,7 +213,10 @@ def read_sums(sums: Path) -> dict[str, str]:
         if parts is None:
             raise InputError(
                 f"{sums}, line {i}: expected the SHA-256 of a file, two spaces and its name; the checksums are "
-                "damaged: take a copy of the run that is whole."
+                "damaged: take a copy of the run that is whole.",
+                code="damaged",
+                file=sums,
+                place=f"line {i}",
             )
         digests[parts["name"]] = parts["digest"]
     return digests

@@ -37,7 +37,7 @@ def writing(path: Path, option: str = "") -> Iterator[None]:
         reason = error.strerror or type(error).__name__
         barred = isinstance(error, PermissionError) or error.errno == errno.EROFS
         cure = "take a place where you may write" if barred else "make room there or name another place"
-        raise OutputError(f"{place} cannot be written ({reason}); {cure}.") from error
+        raise OutputError(f"{place} cannot be written ({reason}); {cure}.", code="not-writable", file=path) from error
 
 
 @contextmanager
@@ -97,10 +97,14 @@ def check_target(path: Path) -> None:
     """
     # a link in a folder that others can write to may point at anything
     if path.is_symlink():
-        raise OutputError(f"{path}: this is a symbolic link, which is not followed; remove it or name another place.")
+        raise OutputError(
+            f"{path}: this is a symbolic link, which is not followed; remove it or name another place.",
+            code="symbolic-link",
+            file=path,
+        )
     if path.exists() and not path.is_file():
         kind = "a folder" if path.is_dir() else "no plain file"
-        raise OutputError(f"{path}: this is {kind}; name a file.")
+        raise OutputError(f"{path}: this is {kind}; name a file.", code="not-a-file", file=path)
 
 
 def _create(path: str, flags: int) -> int:

@@ -14,7 +14,7 @@ import typing
 from collections.abc import Mapping, Sequence
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin
+from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, overload
 
 import numpy as np
 
@@ -49,6 +49,10 @@ class _Field(NamedTuple):
     default: Any
 
 
+@overload
+def to_record(value: Mapping[str, object]) -> dict[str, Any]: ...
+@overload
+def to_record(value: object) -> Any: ...
 def to_record(value: object) -> Any:
     """JSON-able form of a result, SI.
 

@@ -103,7 +103,8 @@ class Entry(NamedTuple):
         """Error that names the part, with the predicate `reason`."""
         return PluginError(
             f'plug-in {self.distribution} {self.version}: "{self.name}" of {PACKAGE}.{self.group} {reason}; update or '
-            f"uninstall {self.distribution}."
+            f"uninstall {self.distribution}.",
+            code="broken-part",
         )
 
     @contextmanager
@@ -239,7 +240,10 @@ def find(group: str, name: str) -> Entry | None:
 def require(group: str, name: str) -> Entry:
     """Part of a name; `InputError` if the distribution lacks it."""
     if (entry := find(group, name)) is None:
-        raise InputError(f'The part "{name}" of {PACKAGE}.{group} is missing; install the package that has it.')
+        raise InputError(
+            f'The part "{name}" of {PACKAGE}.{group} is missing; install the package that has it.',
+            code="missing-package",
+        )
     return entry
 
 
@@ -278,7 +282,7 @@ class Catalogue(NamedTuple):
         if contents := read_installed(self.group, name):
             return contents
         choice = f"choose one of {', '.join(self.names())}{self.cure}."
-        raise InputError(f"{self.unknown.format(name)}{hint or self.meant(name)}: {choice}")
+        raise InputError(f"{self.unknown.format(name)}{hint or self.meant(name)}: {choice}", code="unknown-name")
 
     def parts(self) -> dict[str, str]:
         """Names of the files by the part numbers, of ten digits, that they state."""

@@ -194,13 +194,13 @@ def parse(text: str | float, unit: str, where: str = "") -> float:
     number, written = _split_number(text, expected, where)
     quoted = _quote(text if isinstance(text, str) else number)
     if not written and unit != "1":
-        raise _error(where, f"{quoted} has no unit; {expected}")
+        raise _error(where, f"{quoted} has no unit; {expected}", code="no-unit")
     source = _find_scale(written or "1", where, expected)
     if source.kind != target.kind:
-        raise _error(where, f"{quoted} is {_name(source.kind)}; {expected}")
+        raise _error(where, f"{quoted} is {_name(source.kind)}; {expected}", code="wrong-unit")
     value = _rescale(number, source, target)
     if not math.isfinite(value):
-        raise _error(where, f"{quoted} is not finite; {expected}")
+        raise _error(where, f"{quoted} is not finite; {expected}", code="not-finite")
     return value
 
 
@@ -240,6 +240,7 @@ def convert(value: Any, source_unit: str, target_unit: str, where: str = "") -> 
             where,
             f"{_quote(source_unit)} is a unit of {_name(source.kind)} and cannot become "
             f"{_quote(target_unit)}, a unit of {_name(target.kind)}",
+            code="wrong-unit",
         )
     if source == target:
         return value * 1.0
@@ -304,18 +305,18 @@ def _rescale(number: str, source: Scale, target: Scale) -> float:
 def _split_number(text: object, expected: str, where: str) -> tuple[str, str]:
     """Number and unit as written; the number is kept as text, for exact scaling."""
     if isinstance(text, bool) or not isinstance(text, (str, Real)):
-        raise _error(where, f"{_quote(text)} is not a number with a unit; {expected}")
+        raise _error(where, f"{_quote(text)} is not a number with a unit; {expected}", code="not-a-number")
     if isinstance(text, Real):
         with suppress(OverflowError):
             return repr(float(text)), ""
         return "inf", ""
     if re.search(r"\d,\d", text):
-        raise _error(where, f"{_quote(text)} has a comma; write the decimal sign as a point")
+        raise _error(where, f"{_quote(text)} has a comma; write the decimal sign as a point", code="decimal-comma")
     if text.strip() == "?":
-        raise _error(where, f'"?" stands for what no file told; state it: {expected}')
+        raise _error(where, f'"?" stands for what no file told; state it: {expected}', code="open-value")
     match = _NUMBER.fullmatch(unicodedata.normalize("NFKC", text).replace("−", "-").strip())
     if not match:
-        raise _error(where, f"{_quote(text)} does not start with a number; {expected}")
+        raise _error(where, f"{_quote(text)} does not start with a number; {expected}", code="not-a-number")
     return match[1], match[2].strip()
 
 
@@ -323,7 +324,7 @@ def _find_scale(unit: str, where: str, expected: str = "") -> Scale:
     scale = _scale(unit)
     if scale is None:
         meant = nearest(unit, FAST) + (expected and f"; {expected}")
-        raise _error(where, f"{_quote(unit)} is not a known unit{meant}")
+        raise _error(where, f"{_quote(unit)} is not a known unit{meant}", code="unknown-unit")
     return scale
 
 
@@ -397,5 +398,5 @@ def _quote(text: object) -> str:
     return f'"{line if len(line) <= 40 else line[:37] + "..."}"'
 
 
-def _error(where: str, sentence: str) -> InputError:
-    return InputError(f"{where}: {sentence}." if where else f"{sentence}.")
+def _error(where: str, sentence: str, code: str) -> InputError:
+    return InputError(f"{where}: {sentence}." if where else f"{sentence}.", code=code, place=where)

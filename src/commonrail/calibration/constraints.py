@@ -94,7 +94,10 @@ def _check_rows(matrix: Floats, lower: Floats, strict: Bools, labels: tuple[str,
         raise ConfigurationError("constraints: every coefficient and limit must be a finite number")
     if rows and not matrix.any(axis=1).all():
         row = int(np.argmin(matrix.any(axis=1)))
-        raise ConfigurationError(f'constraint "{labels[row]}" depends on no free parameter: correct it or remove it')
+        raise ConfigurationError(
+            f'constraint "{labels[row]}" depends on no free parameter: correct it or remove it',
+            code="no-free-parameter",
+        )
 
 
 class Polytope(NamedTuple):
@@ -234,7 +237,8 @@ def _column(line: str, name: str, names: Sequence[str]) -> int:
     if name not in names:
         raise InputError(
             f'constraint "{line.strip()}" names "{name}", which is not a free parameter'
-            f"{nearest(name, names)}: use one of the parameters to be calibrated"
+            f"{nearest(name, names)}: use one of the parameters to be calibrated",
+            code="not-free",
         )
     return list(names).index(name)
 
@@ -245,7 +249,7 @@ _SUMS = (
 
 
 def _unreadable(line: str, what: str, write: str = _SUMS) -> InputError:
-    return InputError(f'constraint "{line.strip()}" {what}: write {write}')
+    return InputError(f'constraint "{line.strip()}" {what}: write {write}', code="unreadable-constraint")
 
 
 # Constraints between products of parameters, such as a preload that holds a valve shut against the pressure.
@@ -340,7 +344,9 @@ def _product(line: str, side: str, names: Sequence[str], fixed_values: Mapping[s
             factor *= _power(fixed_values[match["name"]], power)
         else:
             close = nearest(match["name"], [*names, *fixed_values])
-            raise InputError(f'constraint "{line}" names "{match["name"]}", which is no parameter{close}')
+            raise InputError(
+                f'constraint "{line}" names "{match["name"]}", which is no parameter{close}', code="unknown-name"
+            )
     return factor, exponents
 
 

@@ -38,22 +38,18 @@ class ParameterVerdict(StrEnum):
 
     @classmethod
     def by_width(cls, half: float, alone: float, value: float, limit: float = LIMIT) -> ParameterVerdict:
-        """Verdict by the half widths of an interval over the value, without bounds, constraints and assumptions.
-
-        Half widths [SI] with all parameters free, and `alone` with the others known; up to `limit` times the value a
-        parameter is determined.
-        """
+        """Verdict by the half width [SI] of an interval, and of the one with all other parameters known."""
         if half <= limit * abs(value):
             return cls.DETERMINED
         return cls.COMBINED if alone <= limit * abs(value) else cls.INSENSITIVE
 
 
 class Identified(dict[str, dict[str, Any]]):
-    """Findings of each free parameter by name; `influence` is None where the best values could not be simulated.
+    """Findings of each free parameter by name.
 
-    `sections` are those of result.json on the fit as a whole, by their keys, "identifiability" being
-    `Influence.record`; `bands` has the section "band" of a data set by its name. `estimate` are the most likely values
-    [SI] that take the place of those of the search, if any do, and `draws` (m, d) [SI] are draws of the parameters.
+    `influence` is None where the best values could not be simulated. `sections` are parts of result.json on the fit as
+    a whole, and `bands` has the section "band" of a data set by its name. `estimate` are the most likely values [SI]
+    that take the place of those of the search, if any do, and `draws` (m, d) [SI] are draws of the parameters.
     """
 
     def __init__(self, influence: Influence | None = None) -> None:
@@ -98,9 +94,8 @@ def plain_objective(study: Study, threads: int | None) -> Objective:
 def identify(calibration: Calibration, threads: int | None = None, *, starts: int = 1) -> Identified:
     """Effect, standard error and verdict of each free parameter on the fitted data, and bands of all data.
 
-    Effects are those of `identify_at`; standard errors, verdicts and bands those of the parts in the group "after_fit":
-    as shipped `certainty` and `assessed_bands`. Their bits depend on the processor, with `same_bits` too.
-    `KeyboardInterrupt` if a stop was asked for.
+    Effects are those of `identify_at`; standard errors, verdicts and bands those of the plug-ins of "after_fit". Their
+    bits depend on the processor, with `same_bits` too. `KeyboardInterrupt` if a stop was asked for.
     """
     study = instance(calibration, Calibration, "calibration").study
     objective = plain_objective(study, threads)
@@ -118,20 +113,13 @@ def identify(calibration: Calibration, threads: int | None = None, *, starts: in
 
 
 def identify_at(space: Space, objective: FitObjective, best: Floats) -> Identified:
-    """Effect, standard error and verdict of each free parameter on the data of an objective, at a point.
+    """Effect, standard error and verdict of each free parameter on the data of an objective, at a point (d,) [SI].
 
     From the Jacobian J of the residuals with respect to the position in the bounds, and the residual's own
     size s² = |r|²/(N − d): a parameter moved alone has the standard error s/|J_i|, and s/|J_i⊥| once the
     others may readjust, J_i⊥ being the part of J_i that they cannot imitate. With priors, which the effects leave out,
     the standard error is that of data and priors together, see `Influence.errors`. Under the loss soft L1 each residual
     counts with its weight there, see `Goal.roots_of_weights`. Local and linear: it says nothing about other basins.
-
-    Parameters
-    ----------
-    space : Space
-    objective : Objective
-    best : (d,)
-        The point, SI.
 
     Returns
     -------
@@ -143,16 +131,15 @@ def identify_at(space: Space, objective: FitObjective, best: Floats) -> Identifi
     instance(space, Space, "space")
     place = around(space, best)
     values = objective.linearised(place.values)
-    many = values.shape[1] - len(objective.goal.priors)  # the data's residuals stand before those of the priors
-    residuals = values[:, :many]
-    at_best = residuals[0]
-    jacobian = place.slopes(residuals)
+    many = values.shape[1] - len(objective.goal.priors)  # residuals of the data, then of the priors
+    at_best = values[0, :many]
+    jacobian = place.slopes(values[:, :many])
     usable = np.all(np.isfinite(jacobian), axis=0)
     spread = np.sqrt(np.sum(at_best**2) / max(len(at_best) - space.dimension, 1))
     pulls = place.slopes(values[:, many:])
     stated = all(data.discrepancy(data.measured) is not None for data in objective.data)  # not in mm³/ms, as curves are
-    usable_jacobian = np.where(usable, jacobian, 0.0)
-    influence = influence_of(at_best, usable_jacobian, pulls, stated) if np.isfinite(at_best).all() else None
+    simulated = np.isfinite(at_best).all()
+    influence = influence_of(at_best, np.where(usable, jacobian, 0.0), pulls, stated) if simulated else None
     identified = Identified(influence)
     if influence:
         identified.sections["identifiability"] = influence.record(space.names)
@@ -161,11 +148,12 @@ def identify_at(space: Space, objective: FitObjective, best: Floats) -> Identifi
         error = spread / joint if joint > 0.0 else np.inf
         if influence and len(objective.goal.priors):
             error = float(influence.errors[i])
+        half, single = (NORMAL * abs(spread * place.scale[i]) / c if c > 0.0 else np.inf for c in (joint, alone))
         identified[p.name] = {
             "effect": 0.01 * alone,
             "pinned": 0.01 * joint,
             "standard_error": float(error * place.scale[i]) if np.isfinite(error) else None,
-            "verdict": _verdict(spread * place.scale[i], alone, joint, best[i]),
+            "verdict": ParameterVerdict.by_width(half, single, best[i]).value,
         }
     return identified
 
@@ -178,13 +166,3 @@ def _leverage(jacobian: Floats, usable: Bools, i: int) -> tuple[float, float]:
     others = jacobian[:, usable & (np.arange(jacobian.shape[1]) != i)]
     rest = column - others @ np.linalg.lstsq(others, column, rcond=None)[0]
     return float(np.linalg.norm(column)), float(np.linalg.norm(rest))
-
-
-def _verdict(spread: float, alone: float, joint: float, value: float) -> str:
-    """Verdict by half the interval relative to the value, as `verdicts_of` has it, for residuals that are white noise.
-
-    `spread` is the scatter of the residuals times the parameter's SI value per position; `alone` and `joint` are the
-    change of the residuals for the width of the bounds, and the part of it that the others cannot imitate.
-    """
-    half, single = (NORMAL * abs(spread) / change if change > 0.0 else np.inf for change in (joint, alone))
-    return ParameterVerdict.by_width(half, single, value).value

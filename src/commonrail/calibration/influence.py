@@ -15,19 +15,15 @@ NEGLIGIBLE = 1e-12  # singular value relative to the largest, below which a dire
 
 
 class Influence(NamedTuple):
-    """Influence of the data on d parameters: effective number of them, trace of J (JᵀJ + PᵀP)⁻¹ Jᵀ, with the priors P.
+    """Influence of the data on d parameters."""
 
-    `scatter` is s = sqrt(|r|²/(n − effective)) of the data's n residuals, 1 where the tolerances are the standard
-    errors. `errors` (d,) are standard errors in positions between the bounds, with the priors: roots of the diagonal of
-    max(s², 1) (JᵀJ + PᵀP)⁻¹; +inf where nothing holds a parameter. `singular` (k,) are the singular values of J, of
-    residuals per width of the bounds, in falling order, and `directions` (k, d) the unit vectors that belong to them.
-    """
-
-    effective: float
-    scatter: float
+    effective: float  # number of parameters: trace of J (JᵀJ + PᵀP)⁻¹ Jᵀ, with the derivatives P of the priors
+    scatter: float  # s = sqrt(|r|²/(n − effective)) of the data's residuals, 1 where they have their tolerances
+    # (d,), standard errors in positions between the bounds, with the priors: roots of the diagonal of
+    # max(s², 1) (JᵀJ + PᵀP)⁻¹; +inf where nothing holds a parameter
     errors: Floats
-    singular: Floats
-    directions: Floats
+    singular: Floats  # (k,), singular values of J, of residuals per width of the bounds, in falling order
+    directions: Floats  # (k, d), unit vectors that belong to them
     residuals: int
 
     def record(self, names: tuple[str, ...]) -> dict[str, Any]:
@@ -46,10 +42,10 @@ class Influence(NamedTuple):
 
 
 def influence_of(residuals: Floats, jacobian: Floats, priors: Floats, in_deviations: bool = True) -> Influence:
-    """Influence on the parameters of data whose residuals (n,) have derivatives `jacobian` (n, d) at the best values.
+    """Influence on the parameters of data with residuals (n,), by their derivatives (n, d) at the best values.
 
-    Derivatives are with respect to the positions between the bounds, zero columns where they are unknown; those of the
-    residuals of the priors are `priors` (p, d). With `in_deviations` residuals are multiples of a stated tolerance, and
+    Derivatives are with respect to the positions between the bounds, zero columns where they are unknown; `priors`
+    (p, d): of the residuals of the priors. With `in_deviations` residuals are multiples of a stated tolerance, and
     errors no smaller than that tolerance explains; else the scatter alone scales them.
     """
     all_values, all_directions = _singular(np.vstack([jacobian, priors]))

@@ -160,7 +160,8 @@ class Prior:
         )
         if not self.sigma > 0.0:
             raise ConfigurationError(
-                f"A prior needs a value and a sigma greater than zero, not {self.value:g} and {self.sigma:g}."
+                f"A prior needs a value and a sigma greater than zero, not {self.value:g} and {self.sigma:g}.",
+                code="wrong-prior",
             )
 
     def residual(self, value: float) -> float:
@@ -238,15 +239,17 @@ def percent_bounds(reference: float, a_min: float, a_max: float, name: str = "pa
     if not reference > 0.0:
         raise ConfigurationError(
             f"{name}: bounds in percent need a reference greater than zero, found {reference:g}; "
-            "give lower and upper instead"
+            "give lower and upper instead",
+            code="no-reference",
         )
     if not 0.0 <= a_min <= 100.0:
         raise ConfigurationError(
             f"{name}: a_min = {a_min:g} % must lie between 0 and 100, or the lower bound would "
-            "be negative or above the reference"
+            "be negative or above the reference",
+            code="out-of-range",
         )
     if not a_max > 0.0:
-        raise ConfigurationError(f"{name}: a_max = {a_max:g} % must be a number greater than 0")
+        raise ConfigurationError(f"{name}: a_max = {a_max:g} % must be a number greater than 0", code="out-of-range")
     return (1.0 - a_min / 100.0) * reference, (1.0 + a_max / 100.0) * reference
 
 
@@ -336,5 +339,6 @@ class Parameter:
         raise ConfigurationError(
             f"{self.name}: {why} (reference {self.reference:g}, bounds {self.lower:g} to {self.upper:g} "
             f"{self.unit.removesuffix('1')}".rstrip()
-            + ")"
+            + ")",
+            code="wrong-bounds",
         )

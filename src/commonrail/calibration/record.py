@@ -193,6 +193,7 @@ class LackOfFitRecord(NamedTuple):
     probability: float | None = None
     score: float | None = None
     size: float | None = None
+    relief: float = 0.0
 
 
 class CertaintyRecord(NamedTuple):
@@ -208,6 +209,7 @@ class CertaintyRecord(NamedTuple):
     settled: bool = False
     withdrawn: str = ""
     discrepancy: float = 0.0
+    widening: float = 0.0
     draws_refused: Annotated[str, Key("draws.refused")] = ""
     bench: tuple[BenchQuantity, ...] = ()
     combinations: tuple[CombinedValue, ...] = ()

@@ -27,7 +27,7 @@ _UNITS = {"rail_pressure": "Pa", "energising_time": "s"}
 
 
 class _StoppedError(Exception):
-    """The user has stopped a further search."""
+    """A stop of a further search by the user."""
 
 
 def refits_of(

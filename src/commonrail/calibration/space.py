@@ -90,7 +90,8 @@ class Space:
         if rows.dimension != len(parameters):
             raise ConfigurationError(
                 f"constraints: {rows.dimension} columns were given for {len(parameters)} "
-                "free parameters, expected one column for each"
+                "free parameters, expected one column for each",
+                code="wrong-shape",
             )
         settle(
             self,
@@ -107,12 +108,13 @@ class Space:
         )
         conflict = conflicting_rows(rows, self.lower, self.upper) if len(rows) else ()
         if conflict:
-            raise ConfigurationError(_conflict(self, conflict))
+            raise ConfigurationError(_conflict(self, conflict), code="infeasible")
         if len(self.products) and not self.satisfies(self.centre):
             texts = " and ".join(f'"{label}"' for label in self.products.labels)
             raise ConfigurationError(
                 f"constraints: no point was found within the bounds where {texts} holds with the others; widen a "
-                "bound, or correct or remove a constraint"
+                "bound, or correct or remove a constraint",
+                code="infeasible",
             )
 
     @cached_property
@@ -273,7 +275,9 @@ def _check_names(names: Sequence[str]) -> None:
         raise ConfigurationError("parameters: name at least one parameter to calibrate")
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
-        raise ConfigurationError(f"parameters: {', '.join(repeated)} given more than once, keep one of each")
+        raise ConfigurationError(
+            f"parameters: {', '.join(repeated)} given more than once, keep one of each", code="repeated"
+        )
 
 
 def _conflict(space: Space, conflict: tuple[int, ...]) -> str:
@@ -401,7 +405,8 @@ def reference_start(space: Space) -> Floats:
     reference = space.reference[None, :]
     if not space.satisfies(reference)[0]:
         raise ConfigurationError(
-            'the reference values break the bounds or a constraint; correct them or take initial = "feasible"'
+            'the reference values break the bounds or a constraint; correct them or take initial = "feasible"',
+            code="infeasible-start",
         )
     return reference
 

@@ -95,7 +95,7 @@ def _study(file: Path, model: StudyModel, at: Place, reach: Reach, text: str) ->
     if model.type is not None:
         model = registry.require("study_keys", "type").call(model, injector, reach, at)
     elif not model.parameter:
-        raise (at / "parameter").error("this key is missing; add [[parameter]] tables, or name a type")
+        raise (at / "parameter").error("this key is missing; add [[parameter]] tables, or name a type", code="missing")
     injector = _started(injector, model, at)
     tables = {**read_installed_meters((block.meter for block in model.data), model.meters), **model.meters}
     free = free_parameters(tables, at / "meters")
@@ -107,7 +107,7 @@ def _study(file: Path, model: StudyModel, at: Place, reach: Reach, text: str) ->
     _refuse_unused(meters, data, at / "meters")
     if model.loss_scale is not None and model.loss is not Loss.SOFT_L1:
         raise (at / "loss_scale").error(
-            f'it has no effect with the loss "{model.loss.value}"; take "soft_l1", or remove it'
+            f'it has no effect with the loss "{model.loss.value}"; take "soft_l1", or remove it', code="idle-key"
         )
     space = _with_products(space, model.constraints.products, injector, data, at / "constraints")
     method = method_of(model.optimiser, space, at / "optimiser")
@@ -151,7 +151,7 @@ def _started(injector: Injector, model: StudyModel, at: Place) -> Injector:
     for i, fixed in enumerate(model.fixed):
         place = (at / "fixed")[i]
         if fixed.name in free or fixed.name in values:
-            raise (place / "name").error(f"{fixed.name} is given a second time; keep one of both")
+            raise (place / "name").error(f"{fixed.name} is given a second time; keep one of both", code="repeated")
         _check_own(fixed.name, injector, place)
         values[fixed.name], sources[fixed.name] = fixed.value, Source(fixed.mark, fixed.source)
         _check_domain(fixed.name, fixed.value, "value", place)
@@ -173,7 +173,8 @@ def _check_own(name: str, injector: Injector, at: Place) -> None:
     if name not in injector.values:
         raise (at / "name").error(
             f"{injector.name} is a {injector.variant.actuation.value} injector and has no {name}"
-            f"{nearest(name, injector.values)}"
+            f"{nearest(name, injector.values)}",
+            code="unknown-name",
         )
     with locate_errors(at / "name"):
         injector.check_read([name])
@@ -219,7 +220,8 @@ def _data(models: Sequence[DataModel], context: Context, at: Place) -> tuple[Dat
             samples += read.samples
             if samples > MOST_SAMPLES:
                 raise at[i].error(
-                    f"the data have more than {MOST_SAMPLES} samples up to here; give windows or thin them out"
+                    f"the data have more than {MOST_SAMPLES} samples up to here; give windows or thin them out",
+                    code="too-many",
                 )
     _refuse_twice(
         [data.name for data in data_sets], [at] * len(data_sets)
@@ -231,7 +233,7 @@ def _refuse_twice(names: Sequence[str], at: Sequence[Place]) -> None:
     earlier: set[str] = set()
     for name, place in zip(names, at, strict=True):
         if name in earlier:
-            raise place.error(f'there are two data sets "{name}"; rename one')
+            raise place.error(f'there are two data sets "{name}"; rename one', code="repeated")
         earlier.add(name)
 
 
@@ -240,7 +242,10 @@ def _refuse_unused(meters: Mapping[str, Meter], data: Sequence[DataSet], at: Pla
     used = {d.meter.name for d in data if d.meter is not None}
     for name in meters:
         if name not in used:
-            raise at.error(f'no data set has meter = "{name}"; add that key to a [[data]] block, or remove the meter')
+            raise at.error(
+                f'no data set has meter = "{name}"; add that key to a [[data]] block, or remove the meter',
+                code="unused-meter",
+            )
 
 
 def method_of(stated: Optimisers, space: Space, at: Place) -> Method:
@@ -266,7 +271,9 @@ def _space(
     texts = [*constraints.order, *constraints.linear]
     rows = sum(sign in "<>" for text in texts for sign in text)
     if rows > MOST_CONSTRAINTS:
-        raise (at / "constraints").error(f"there are {rows} relations, and at most {MOST_CONSTRAINTS} are read")
+        raise (at / "constraints").error(
+            f"there are {rows} relations, and at most {MOST_CONSTRAINTS} are read", code="too-many"
+        )
     with locate_errors(at):
         return Space(parameters, texts)
 
@@ -299,7 +306,9 @@ def _parameter(model: ParameterModel, injector: Injector, at: Place) -> Paramete
     quantity = parameter_quantities()[model.name]
     prior = _prior(model, at)
     if model.reference is not None and (prior is not None or model.start is not None):
-        raise (at / "reference").error("reference and start (or prior) both say where the search starts; keep one")
+        raise (at / "reference").error(
+            "reference and start (or prior) both say where the search starts; keep one", code="conflict"
+        )
     reference = injector.values[model.name] if model.reference is None else model.reference
     lower, upper = _bounds(model, reference, at)
     source = _origin(model, injector.sources.get(model.name, UNSTATED))
@@ -330,7 +339,8 @@ def _bounds(model: ParameterModel, reference: float, at: Place) -> tuple[float, 
     if lower is not None and upper is not None and below is above is None:
         return lower, upper
     raise at.error(
-        f'{model.name} needs either below and above (percent of its value, such as "50 %") or lower and upper'
+        f'{model.name} needs either below and above (percent of its value, such as "50 %") or lower and upper',
+        code="conflict",
     )
 
 
@@ -339,24 +349,31 @@ def _check_bounds(p: Parameter, q: Q, at: Place) -> None:
         if not q.domain.admits(value):
             raise ConfigurationError(
                 f"{at}: the {key} bound of {p.name} is {to_text(value, q.unit)}, and the {q.meaning} must "
-                f"be {q.domain.value}; narrow the bounds."
+                f"be {q.domain.value}; narrow the bounds.",
+                code="bound-out-of-range",
+                file=at.file,
+                place=at.key,
             )
     if not p.lower <= p.reference <= p.upper:
         raise ConfigurationError(
             f"{at}: the start value of {p.name}, {to_text(p.reference, q.unit)}, lies outside its bounds "
             f"{to_text(p.lower, q.unit)} to {to_text(p.upper, q.unit)}; widen them or give a reference "
-            "inside."
+            "inside.",
+            code="start-outside",
+            file=at.file,
+            place=at.key,
         )
 
 
 def _check_domain(name: str, value: float, what: str, at: Place) -> None:
     if words := not_whole(name, value):
-        raise at.error(words)
+        raise at.error(words, code="not-whole")
     quantity = parameter_quantities()[name]
     if not quantity.domain.admits(value):
         raise at.error(
             f"the {what} of {name} is {to_text(value, quantity.unit)}, and the {quantity.meaning} must be "
-            f"{quantity.domain.value}"
+            f"{quantity.domain.value}",
+            code="out-of-range",
         )
 
 
@@ -365,7 +382,10 @@ def _check_temperatures(p: Parameter, injector: Injector, at: Place) -> None:
     if not low <= p.lower < p.upper <= high:
         raise ConfigurationError(
             f"{at}: the bounds of {p.name}, {p.lower:g} K to {p.upper:g} K, leave the range of "
-            f"{injector.fuel.name}, {low:g} K to {high:g} K; narrow them."
+            f"{injector.fuel.name}, {low:g} K to {high:g} K; narrow them.",
+            code="out-of-range",
+            file=at.file,
+            place=at.key,
         )
 
 
@@ -385,7 +405,7 @@ def read_logo(path: Path, at: Place) -> str:
     for opening, kind in _KINDS.items():
         if content.lstrip().startswith(opening):
             return f"data:{kind};base64,{b64encode(content).decode()}"
-    raise at.error(f"{path}: this is no PNG, JPEG or SVG; save the logo as one of them")
+    raise at.error(f"{path}: this is no PNG, JPEG or SVG; save the logo as one of them", code="no-picture")
 
 
 # One meter of a file that describes meters: a study, or the calibrated injector of a run.
@@ -416,7 +436,9 @@ def load_meter(path: str | Path, name: str) -> Meter:
         meters = {meter.name: meter for meter in load_meters(file)}
     if name not in meters:
         listing = f"it has {', '.join(meters)}" if meters else "it has none"
-        raise (at / "meters").error(f'there is no meter "{name}"{nearest(name, meters)}; {listing}')
+        raise (at / "meters").error(
+            f'there is no meter "{name}"{nearest(name, meters)}; {listing}', code="unknown-name"
+        )
     return meters[name]
 
 
@@ -452,7 +474,7 @@ def _of_meter(name: str, amount: Amount, q: Q, default: Source, at: Place) -> Pa
             signed=q.domain is Domain.ANY,
         )
     if not amount.lower <= start <= amount.upper:
-        raise at.error(f"the start value {start:g} must lie between lower and upper")
+        raise at.error(f"the start value {start:g} must lie between lower and upper", code="start-outside")
     return parameter
 
 

@@ -41,7 +41,7 @@ _BLOCK = OneOf(
 def known_parameter(item: str) -> str:
     """Name of a parameter, or a fault with the nearest one."""
     if item not in (quantities := parameter_quantities()):
-        raise fault(f'there is no parameter "{item}"{nearest(item, quantities)}')
+        raise fault(f'there is no parameter "{item}"{nearest(item, quantities)}', code="unknown-name")
     return item
 
 
@@ -54,7 +54,7 @@ def _in_its_unit(item: Any, info: ValidationInfo) -> float:
 def _percent(item: Any) -> float:
     # A bare 50 would be a factor to one reader and percent to another.
     if not isinstance(item, str) or "%" not in item:
-        raise fault('write percent with its sign, as in "50 %"')
+        raise fault('write percent with its sign, as in "50 %"', code="no-percent")
     return Unit("%").read(item)
 
 
@@ -116,7 +116,10 @@ class ConstraintsModel(FileModel):
 def _known_method(name: str) -> str:
     if registry.find_optimiser(name) is None:
         choices = " or ".join(f'"{method}"' for method in registry.methods())
-        raise fault(f'this must be {choices}, not "{name}"; one of another package needs that package installed')
+        raise fault(
+            f'this must be {choices}, not "{name}"; one of another package needs that package installed',
+            code="unknown-name",
+        )
     return name
 
 

@@ -33,6 +33,7 @@ SIMULATING = "simulating ..."
 COMPILING = "compiling the simulation for this machine, once"
 # Control characters but tab and line feed, and those that turn the direction of writing.
 _OBEYED = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+ROOM_OF_TABLES = 6  # lines of a short form
 WIDTH_OF_A_FILE = 100  # columns where stdout is not a terminal
 
 
@@ -113,56 +114,107 @@ def print_lines(lines: Iterable[str]) -> None:
         click.echo("\n".join(wrap_line(line)))
 
 
-def print_text(lines: Iterable[str], tables: Sequence[Table] = ()) -> None:
-    """Print sentences, and tables below them."""
-    print_lines(lines)
-    if tables:
+def print_text(
+    lines: Iterable[str], tables: Sequence[Table] = (), notes: Iterable[str] = (), *, reserved: int = ROOM_OF_TABLES
+) -> None:
+    """Print a verdict, further sentences and tables; in a short form those that fit.
+
+    Parameters
+    ----------
+    lines : iterable of str
+        Sentences, the most important first. A short form always prints the first of a command, the verdict.
+    tables : sequence of Table
+        Tables below the sentences.
+    notes : iterable of str
+        Explanations, which a short form leaves out.
+    reserved : int
+        Lines that the sentences of a short form leave to the tables.
+    """
+    short, sentences = short_form(), [*lines]
+    if short is None:
+        sentences += notes
+    else:
+        verdict = sentences[: not short.has_begun]
+        sentences = verdict + short.take_sentences(sentences[len(verdict) :], reserved if tables else 0)
+        short.is_below_text = bool(sentences)
+        short.has_begun |= bool(sentences)
+        short.omit("sentence", len([*notes]))
+    print_lines(sentences)
+    if tables and short is None:
         click.echo("")
     for table in tables:
         print_table(table)
 
 
+def print_synthetic(text: str) -> None:
+    """Say that data or assumptions are synthetic, and why: in a short form the first sentence."""
+    if not text:
+        return
+    short, begin = short_form(), "" if text.startswith("SYNTHETIC") else "SYNTHETIC: "
+    first, *others = re.split(r"(?<=\.) ", text)
+    if short and others:
+        short.omit("sentence", len(others))
+        text = first
+    print_lines([f"{begin}{text}"])
+
+
 SHORT = "commonrail.short_form"  # key in the context of click
-LINES_OF_HEADS = 4  # title, heads, rule and an empty line
+ROWS_BELOW_TEXT = 2  # of a table; with room for fewer it is left out
 NAMED_TABLES = 3
 
 
 @dataclass
 class ShortForm:
-    """Short form of the tables of one command: the lines that are left to them, and what they have left out."""
+    """Short form of one command: the lines that are left below its verdict, and what was left out.
+
+    Rules and empty lines do not count.
+    """
 
     lines: int = LINES
     omitted: Counter[str] = field(default_factory=Counter)
     tables: list[str] = field(default_factory=list)
+    has_begun: bool = False  # a verdict or a table is printed
+    has_table: bool = False
+    is_below_text: bool = False  # the last print was a sentence
 
     def omit(self, noun: str, count: int) -> None:
         """Count what is left out."""
         self.omitted[noun] += count
 
-    def take_rows(self, title: str, sizes: Sequence[int]) -> int:
-        """Number of rows, of `sizes` lines each, that a table prints: of a later table all or none."""
-        if self.lines < LINES and sum(sizes) + LINES_OF_HEADS > self.lines:
+    def take_sentences(self, sentences: Sequence[str], reserved: int) -> list[str]:
+        """The first sentences that fit above so many lines."""
+        self.lines -= reserved
+        shown = self.take("sentence", [[sentence] for sentence in sentences], [len(wrap_line(s)) for s in sentences])
+        self.lines += reserved
+        return [sentence for (sentence,) in shown]
+
+    def take_rows(self, title: str, heads: int, sizes: Sequence[int]) -> int:
+        """Number of rows, of `sizes` lines each below `heads` lines, that a table prints: of a later table all or none.
+
+        The first table has at least one row if nothing was printed before, else `ROWS_BELOW_TEXT` or none.
+        """
+        count = sum(end <= self.lines - heads for end in accumulate(sizes))
+        if not self.has_begun:
+            count = max(count, min(len(sizes), 1))
+        elif count < (len(sizes) if self.has_table else min(len(sizes), ROWS_BELOW_TEXT)):
             self.tables.append(title)
             return 0
-        count = sum(lines <= self.lines for lines in accumulate(sizes))
-        count = max(count, min(len(sizes), self.lines == LINES))
-        self.lines -= sum(sizes[:count]) + LINES_OF_HEADS * (self.lines < LINES)
+        self.has_begun = self.has_table = True
+        self.lines -= heads + sum(sizes[:count])
         self.omit("row", len(sizes) - count)
         return count
 
-    def take(self, noun: str, items: list[list[str]], lines: int, least: int) -> list[list[str]]:
-        """The first items that fit into so many lines, at least `least`."""
-        count = max(sum(end <= lines for end in accumulate(map(len, items))), least)
-        self.omit(noun, max(len(items) - count, 0))
+    def take(self, noun: str, items: list[list[str]], sizes: Sequence[int] = (), least: int = 0) -> list[list[str]]:
+        """The first items, of `sizes` lines each, that fit, and at least `least`."""
+        sizes = sizes or [*map(len, items)]
+        count = max(sum(end <= self.lines for end in accumulate(sizes)), min(least, len(items)))
+        self.lines -= sum(sizes[:count])
+        self.omit(noun, len(items) - count)
         return items[:count]
 
     def take_note(self, lines: list[str]) -> list[str]:
         """Lines of the note below a table, if there is room for them."""
-        if len(lines) > self.lines:
-            self.omit("note", 1)
-            return []
-        self.lines -= len(lines)
-        return lines
+        return lines if self.take("note", [lines] * bool(lines)) else []
 
     def hint(self) -> str:
         """Sentence on what is left out; empty if nothing is."""
@@ -178,6 +230,12 @@ def short_form() -> ShortForm | None:
     """Short form of the command that runs; None if it prints in full."""
     context = click.get_current_context(silent=True)
     return None if context is None else context.meta.get(SHORT)
+
+
+def begin_result() -> None:
+    """Give the next of several results of a command a short form of its own."""
+    if short := short_form():
+        short.lines, short.has_begun, short.has_table = LINES, False, False
 
 
 def print_table(table: Table) -> None:
@@ -211,16 +269,20 @@ def print_rows(
     cells = [_cells(row) for row in (columns, *rows)]
     is_text = tuple(index < (len(columns) if texts is None else texts) for index in range(len(columns)))
     grid = name_parameters(Grid(tuple(zip(*cells, strict=True)), is_text, tuple(inputs)))
-    parts = [grid.leave_out_columns(width)] if short else grid.divide(width)
-    notes, count = wrap_line(note) if note else [], len(rows)
+    titles, notes, count = wrap_line(title) if title else [], wrap_line(note) if note else [], len(rows)
+    parts = [grid.leave_out_columns(width, short.lines - len(titles))] if short else grid.divide(width)
     if short:
-        count = short.take_rows(title, list(map(len, parts[0].lines(width)[1:])))
+        first, *sizes = map(len, parts[0].lines(width))
+        count = short.take_rows(title, len(titles) + first, sizes)
         if rows and not count:
             return
+        if short.is_below_text:
+            click.echo("")
+            short.is_below_text = False
         short.omit("column", len(grid.columns) - len(parts[0].columns))
         notes = short.take_note(notes)
-    if title:
-        click.echo("\n".join(click.style(line, bold=True) for line in wrap_line(title)))
+    if titles:
+        click.echo("\n".join(click.style(line, bold=True) for line in titles))
     for section in parts:
         heads, *lines = section.lines(width)
         rule = "─" * (max(map(text_width, chain(heads, *lines))) + 1)
@@ -234,7 +296,7 @@ def print_pairs(pairs: Sequence[tuple[str, str]], title: str) -> None:
     columns = tuple(zip(*map(_cells, pairs), strict=True)) or ((), ())
     lines = Grid(columns, (True, True)).lines(columns_of(sys.stdout))
     short = short_form()
-    count = short.take_rows(title, list(map(len, lines))) if short else len(lines)
+    count = short.take_rows(title, 0, list(map(len, lines))) if short else len(lines)
     click.echo("\n".join([title, *chain.from_iterable(lines[:count])]))
 
 

@@ -21,13 +21,13 @@ from commonrail.cli.console import (
     columns_of,
     print_json,
     print_lines,
+    print_synthetic,
     print_table,
     say,
     short_form,
     show_stages_on,
     wrap_line,
 )
-from commonrail.cli.grid import LINES
 from commonrail.cli.guard import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -124,14 +124,7 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False, live: b
         judged = verdict(fit, str(outcome.folder)).record()
         print_json({"kind": "calibration", **places, "verdict": judged, "result": record})
     else:
-        short = short_form()
-        if short is None:
-            _print_in_full(fit)
-        if record["synthetic"]:
-            print_lines([f"SYNTHETIC: {record['synthetic']}"])
-        print_card(fit, str(outcome.folder))
-        if short is not None:
-            short.tables += [table.title for table in _tables(fit)]
+        print_fit(outcome)
         top = f" ({count_noun(len(warnings), 'warning')} at its top)" if warnings else ""
         click.echo(f"report: {outcome.report}{top}")
     end_if_stopped(outcome)
@@ -142,6 +135,19 @@ def print_outcome(outcome: Outcome, json: bool, *, strict: bool = False, live: b
             f"{outcome.folder} is written, and has {count_noun(len(warnings), 'warning')}; the first: "
             f"{warnings[0]['sentence']}"
         )
+
+
+def print_fit(outcome: Outcome) -> None:
+    """Print verdict, figures, reasons and next commands of a calibration, in full its tables too."""
+    from commonrail.calibration.record import CalibrationRecord, read_as
+
+    fit, short = read_as(CalibrationRecord, outcome.record), short_form()
+    if short is None:
+        _print_in_full(fit)
+    print_synthetic(outcome.record["synthetic"])
+    print_card(fit, str(outcome.folder))
+    if short is not None:
+        short.tables += [table.title for table in _tables(fit)]
 
 
 def make_live(outcome: Outcome) -> None:
@@ -204,9 +210,11 @@ def print_card(fit: CalibrationRecord, run: str) -> None:
         for number, step in enumerate(judged.steps, start=1)
     ]
     if short:
-        room = LINES - len(figures) - sum(map(len, steps[:1]))
-        reasons = short.take("reason", reasons, room, least=1)
-        steps = short.take("step", steps, LINES - len(figures) - sum(map(len, reasons)), least=1)
+        first_step = sum(map(len, steps[:1]))
+        short.lines -= len(figures) + first_step
+        reasons = short.take("reason", reasons, least=1)
+        short.lines += first_step
+        steps = short.take("step", steps, least=1)
     click.echo("\n".join([*title, *figures, *chain.from_iterable((*reasons, *steps))]))
 
 

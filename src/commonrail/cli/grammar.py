@@ -129,8 +129,10 @@ def _fields(group: type) -> list[inspect.Parameter]:
         if (setting := declared.get(field.name)) is None:
             fields.append(field)
         elif setting.option:
-            options: dict[str, Any] = {"help": setting.meaning}
-            if setting.type is float:
+            kind, options = setting.kind, dict[str, Any](help=setting.meaning)
+            if setting.read is not None:
+                kind = str  # read by the group
+            elif setting.type is float:
                 options["unit"] = setting.unit
                 field = field.replace(
                     default=field.empty if setting.default_text == "required" else setting.default_text or None
@@ -138,7 +140,7 @@ def _fields(group: type) -> list[inspect.Parameter]:
             elif setting.type is int:
                 low, high = setting.whole_limits
                 options |= {"min": low} if high == LARGEST_WHOLE else {"min": low, "max": high}
-            fields.append(field.replace(annotation=Annotated[setting.kind, Option(**options)]))
+            fields.append(field.replace(annotation=Annotated[kind, Option(**options)]))
     return fields
 
 
@@ -175,7 +177,8 @@ def _parameter(parameter: inspect.Parameter) -> click.Parameter:
 def table_verb(function: Callable[..., None]) -> Verb:
     """Make a command of a function that prints tables: a short form of them, and all with --full."""
     command = verb(function)
-    place = [param.name for param in command.params].index("json")
+    names = [param.name for param in command.params]
+    place = names.index("json") if "json" in names else len(names)
     command.params.insert(
         place, click.Option(["--full"], is_flag=True, expose_value=False, callback=_choose_form, help=FULL)
     )

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import textwrap
 import unicodedata
-from collections import Counter
 from collections.abc import Sequence
 from itertools import accumulate, zip_longest
 from typing import NamedTuple
 
-LINES = 10  # of tables that a command prints without --full
+LINES = 10  # below its verdict that a command prints without --full
 FEWEST_ROWS = 5  # for which words are broken rather than columns left out
+LINES_OF_HEADS = 3  # usual ones
 GAP = 3  # spaces between two columns
 NARROWEST = (22, 16)  # characters to which words of the first and of other columns are broken, unless one is longer
 LONGEST_WORD = 36  # the longest name of a parameter has 35 characters; longer words, as of paths, are broken
@@ -84,10 +84,10 @@ class Grid(NamedTuple):
             cells.append([(text + space if self.is_text[index] else space + text) + gap for text, space in pairs])
         return cells
 
-    def leave_out_columns(self, width: int) -> Grid:
+    def leave_out_columns(self, width: int, lines: int = LINES) -> Grid:
         """The table without what does not fit: inputs before a cell is broken, then last columns, never the first.
 
-        More columns are left out where broken cells would leave room for few rows.
+        More columns are left out where broken cells would leave room for few rows in so many lines.
         """
         indices = list(range(len(self.columns)))
         for index in reversed(range(1, len(self.columns))):
@@ -95,15 +95,15 @@ class Grid(NamedTuple):
                 indices.remove(index)
         tables = [self.pick(indices[:count]) for count in range(len(indices), 0, -1)]
         fitting = [table for table in tables[:-1] if table.sizes(width) is not None] or tables[-1:]
-        enough = min(len(self.columns[0]) - 1, FEWEST_ROWS)
+        enough = min(len(self.columns[0]) - 1, FEWEST_ROWS, max(lines - LINES_OF_HEADS, 1))
         return next(
-            (table for table in fitting if table.rows_within(width, LINES) >= enough),
-            max(fitting, key=lambda table: table.rows_within(width, LINES)),
+            (table for table in fitting if table.rows_within(width, lines) >= enough),
+            max(fitting, key=lambda table: table.rows_within(width, lines)),
         )
 
     def rows_within(self, width: int, lines: int) -> int:
-        """Number of the first rows that take at most so many lines."""
-        return sum(end <= lines for end in accumulate(map(len, self.lines(width)[1:])))
+        """Number of the first rows that take at most so many lines, with their heads."""
+        return max(sum(end <= lines for end in accumulate(map(len, self.lines(width)))) - 1, 0)
 
     def natural_width(self) -> int:
         """Width without broken cells."""
@@ -129,7 +129,6 @@ def break_cell(text: str, size: int) -> list[str]:
 
 PARAMETER_HEADS = ("parameter", "dimension")
 DOTTED_NAME = "name"
-FORMULA_SIGNS = ("Eq.", "=")  # a meaning that cites a formula says less than the name
 
 
 def name_parameters(grid: Grid) -> Grid:
@@ -140,16 +139,11 @@ def name_parameters(grid: Grid) -> Grid:
     heads = [column[0] for column in grid.columns]
     if heads[0] not in PARAMETER_HEADS or "meaning" in heads:
         return grid
-    from commonrail.physics.injector import parameter_quantities
+    from commonrail.report.parameter_names import describe_parameters
 
     head, *names = grid.columns[0]
-    quantities = parameter_quantities()
-    meanings = [quantities[name].meaning if name in quantities else name for name in names]
-    count = Counter(meanings)
-    texts = [
-        name if count[meaning] > 1 or any(sign in meaning for sign in FORMULA_SIGNS) else meaning
-        for name, meaning in zip(names, meanings, strict=True)
-    ]
+    described = describe_parameters(names)
+    texts = [described[name] for name in names]
     if texts == names:
         return grid
     dotted = (DOTTED_NAME, *("" if name == text else name for name, text in zip(names, texts, strict=True)))

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from commonrail.base.arguments import enum_member, instance, number, plain_text, settle
+from commonrail.base.arguments import Cure, enum_member, instance, number, plain_text, settle
 from commonrail.base.arrays import Bools, Floats, Ints
 from commonrail.base.errors import ConfigurationError
 from commonrail.data.noise import NOISE, Noise
@@ -125,6 +125,8 @@ class Score(ABC):
 
 class DataSet(ABC):
     """Measured values at operating points."""
+
+    cure: ClassVar[Cure] = Cure("write commonrail.RateData(…), QuantityData(…), ReturnData(…) or another kind of data")
 
     # of the kind
     kind: ClassVar[str]  # `kind` in a study file and in a record

@@ -223,10 +223,13 @@ def _read_deviation(item: str | float | int, unit: str, at: Place) -> tuple[floa
     if unit == "1":
         raise at.error(
             f'"{item}" has two parts, and a sigma here is a multiple of the tolerance; state one number, and the part '
-            'that grows with the value as the key "relative" of the data set'
+            'that grows with the value as the key "relative" of the data set',
+            code="two-parts",
         )
     if "%" not in second:
-        raise at.error(f'the second part of "{item}" must be percent of the rate, as in "0.02 mm3/ms + 1 %"')
+        raise at.error(
+            f'the second part of "{item}" must be percent of the rate, as in "0.02 mm3/ms + 1 %"', code="not-percent"
+        )
     return _read_number(first, unit, at), _read_number(second, "1", at)
 
 

@@ -30,7 +30,7 @@ def get_kind(name: str) -> type[DataSet]:
     Raises `InputError` for an unknown kind: its package is not installed.
     """
     if (kind := find_kind(name)) is None:
-        raise InputError(f'There is no kind of data "{name}"; install the package that has it.')
+        raise InputError(f'There is no kind of data "{name}"; install the package that has it.', code="unknown-kind")
     return kind
 
 

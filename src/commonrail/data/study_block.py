@@ -40,7 +40,8 @@ class Context(NamedTuple):
             return None
         if name not in self.meters:
             raise (self.at / "meter").error(
-                f'there is no meter "{name}"{nearest(name, self.meters)}; describe it in a table [meters.{name}]'
+                f'there is no meter "{name}"{nearest(name, self.meters)}; describe it in a table [meters.{name}]',
+                code="unknown-name",
             )
         return self.meters[name]
 
@@ -52,7 +53,7 @@ class Context(NamedTuple):
         """
         path = self.reach.path(self.reach.file.parent, file, at / "file")
         if idle := idle_key(form, [path]):
-            raise (at / idle[0]).error(idle[1])
+            raise (at / idle[0]).error(idle[1], code="idle-key")
         return path
 
     def sheet(self, file: str, at: Place, form: FileForm) -> Sheet:
@@ -84,7 +85,7 @@ def drive_unit(injector: Injector) -> str:
 
 def _name(item: str) -> str:
     if not item.isprintable():
-        raise fault(f"this must be one line of characters that are printed, not {item!r}")
+        raise fault(f"this must be one line of characters that are printed, not {item!r}", code="bad-name")
     return item
 
 

@@ -50,16 +50,16 @@ def check_encoding(name: str, at: str) -> str:
     try:
         return _known_encoding(name)
     except PydanticCustomError as error:
-        raise InputError(f"{at}: {error.message()}.") from error
+        raise InputError(f"{at}: {error.message()}.", code="unknown-encoding", place=at) from error
 
 
 def _known_encoding(name: str) -> str:
     try:
         codec = codecs.lookup(name)
     except (LookupError, ValueError):  # a null character
-        raise fault(f'there is no encoding "{name}"; write utf-8, utf-16 or cp1252') from None
+        raise fault(f'there is no encoding "{name}"; write utf-8, utf-16 or cp1252', code="unknown-encoding") from None
     if not getattr(codec, "_is_text_encoding", True) or codec.name in _NOT_OF_FILES:
-        raise fault(f'"{name}" is no encoding of texts; write utf-8, utf-16 or cp1252')
+        raise fault(f'"{name}" is no encoding of texts; write utf-8, utf-16 or cp1252', code="unknown-encoding")
     return name
 
 
@@ -159,7 +159,7 @@ def finite(table: Table, columns: Sequence[Column], sentence: str) -> Table:
             sound = np.abs(values) <= LARGEST
             wrong = np.flatnonzero(~sound if column.required else ~(sound | np.isnan(values)))
             if len(wrong):
-                raise table.place(column.name, int(wrong[0])).error(sentence)
+                raise table.place(column.name, int(wrong[0])).error(sentence, code="not-finite")
     return table
 
 
@@ -204,10 +204,18 @@ def find_column(path: Path, names: Sequence[str], column: str, what: str = "") -
     if count == 1:
         return names.index(column)
     if count > 1:
-        raise InputError(f'{path}: the header has {count} columns "{column}"; rename one.')
+        raise InputError(
+            f'{path}: the header has {count} columns "{column}"; rename one.',
+            code="repeated",
+            file=path,
+            place=f'column "{column}"',
+        )
     shown = ", ".join(f'"{name}"' for name in names[:MOST_SHOWN]) + (", …" if len(names) > MOST_SHOWN else "")
     raise InputError(
-        f'{path}: there is no column "{column}"{what and f", {what}"}{nearest(column, names)}; the header has {shown}.'
+        f'{path}: there is no column "{column}"{what and f", {what}"}{nearest(column, names)}; the header has {shown}.',
+        code="missing-column",
+        file=path,
+        place=f'column "{column}"',
     )
 
 
@@ -329,17 +337,23 @@ class ChannelSheet:
         """Content of one channel and its times; see `Sheet.take`."""
         channels = [column for column in columns if not column.increasing]
         if len(channels) != 1:
-            raise InputError(f"{self.path}: each channel of this record has its own times; name files one by one.")
+            raise InputError(
+                f"{self.path}: each channel of this record has its own times; name files one by one.",
+                code="several-times",
+                file=self.path,
+            )
         name = self.names[find_column(self.path, self.names, channels[0].name)]
         channel = self._channels[name]
         for column in columns:
             if column.increasing and column.name not in (TIME, channel.master):
                 raise InputError(
                     f'{self.path}: the times of "{name}" are called "{channel.master}", not "{column.name}"; write '
-                    f'time = "{channel.master}" or "{TIME}".'
+                    f'time = "{channel.master}" or "{TIME}".',
+                    code="wrong-time",
+                    file=self.path,
                 )
         if channel.fault:
-            raise Place(str(self.path), f'channel "{name}"').error(channel.fault)
+            raise Place(str(self.path), f'channel "{name}"').error(channel.fault, code="unusable-channel")
         numbers = {c.name: channel.time if c.increasing else channel.values for c in columns}
         written_units = {c.name: "s" if c.increasing else channel.unit for c in columns}
         table = Table(self.path, numbers, {}, written_units, np.arange(1, len(channel.time) + 1), row="sample")

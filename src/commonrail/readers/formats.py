@@ -87,7 +87,7 @@ def refuse_unread(path: Path) -> None:
     if name := unread_format(path):
         cure = _CURES.get(name, "export the columns to a CSV file")
         which = "binary files of this format" if name == "binary" else f"{name} files"
-        raise InputError(f"{path}: {which} are not read; {cure}.")
+        raise InputError(f"{path}: {which} are not read; {cure}.", code="unknown-format", file=path)
 
 
 def _first_bytes(path: Path) -> bytes:

@@ -79,14 +79,14 @@ def _polynomial(item: Any) -> Polynomial:
     numbers = item if isinstance(item, list) else []
     sound = (isinstance(n, int | float) and not isinstance(n, bool) and math.isfinite(n) for n in numbers)
     if not numbers or not all(sound):
-        raise fault("this must be a list of numbers, ascending in temperature")
+        raise fault("this must be a list of numbers, ascending in temperature", code="wrong-type")
     return tuple(map(float, numbers))
 
 
 def _range(item: Any) -> tuple[float, float]:
     ends = _polynomial(item)
     if len(ends) != 2 or not 0.0 <= ends[0] < ends[1]:
-        raise fault("this must be [lower, upper] with 0 <= lower < upper")
+        raise fault("this must be [lower, upper] with 0 <= lower < upper", code="wrong-range")
     return ends[0], ends[1]
 
 
@@ -119,7 +119,7 @@ class _Polynomials:
     def _unit(self, item: Any) -> str:
         if item == self.unit or (self.logarithm and item == self.logarithm):
             return str(item)
-        raise fault(f'unit is "{item}", convert the coefficients to "{self.unit}"')
+        raise fault(f'unit is "{item}", convert the coefficients to "{self.unit}"', code="wrong-unit")
 
     def _law(self, table: Mapping[str, Any]) -> Law:
         origin = Origin(table["mark"], table["source"], table["error"])
@@ -170,10 +170,13 @@ class FuelModel(FileModel):
         if kind in ("eq2", "integrated") and (kind == "integrated") != ("bulk_modulus" in data):
             raise fault(
                 'write a table [bulk_modulus] if, and only if, [density] has kind = "integrated", because an explicit '
-                "density law already fixes the modulus"
+                "density law already fixes the modulus",
+                code="conflict",
             )
         if kind == "eq2" and "isentropic_bulk_modulus" not in data:
-            raise fault('write a table [isentropic_bulk_modulus], because [density] has kind = "eq2"')
+            raise fault(
+                'write a table [isentropic_bulk_modulus], because [density] has kind = "eq2"', code="missing-key"
+            )
         return data
 
     def fuel(self, name: str) -> Fuel:

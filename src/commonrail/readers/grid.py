@@ -92,7 +92,9 @@ def read_grid(path: Path, form: FileForm = PLAIN) -> Grid:
         return ((n, line) for n, line in number_lines(path, data) if line.strip()[:1] not in ("", "#"))
 
     if next(filled(), None) is None:
-        raise InputError(f"{path}: the file has no rows; a header row and rows of numbers are expected.")
+        raise InputError(
+            f"{path}: the file has no rows; a header row and rows of numbers are expected.", code="empty", file=path
+        )
     separator = find_separator(line for _, line in filled())
 
     def each() -> NumberedRows:
@@ -126,7 +128,11 @@ def read_sheet(path: Path, form: FileForm = PLAIN) -> Grid:
     or nothing in it, or openpyxl is not installed.
     """
     if find_spec("openpyxl") is None:
-        raise InputError(f"{path}: Excel files need openpyxl; install commonrail[excel], or export the sheet to CSV.")
+        raise InputError(
+            f"{path}: Excel files need openpyxl; install commonrail[excel], or export the sheet to CSV.",
+            code="missing-package",
+            file=path,
+        )
     about = read_apart("commonrail.readers.xlsx_child", path, read_plain(path), sheet=form.sheet or None).about
     numbered = list(zip(about["lines"], map(tuple, about["rows"]), strict=True))
     comma = find_decimal_comma(path, iter(numbered), form.decimal)
@@ -146,7 +152,12 @@ def check_width(grid: Grid, line: int, row: Sequence[Cell], columns: int) -> Non
         cure = "name the column of each cell, or remove what is behind the last one"
         if "separated by commas" in grid.said:
             cure = "write a decimal sign as a point, or separate the columns by semicolons"
-        raise TooManyCells(f"{grid.path}, line {line}: the row has {width} cells, the header {columns}; {cure}.")
+        raise TooManyCells(
+            f"{grid.path}, line {line}: the row has {width} cells, the header {columns}; {cure}.",
+            code="row-too-long",
+            file=grid.path,
+            place=f"line {line}",
+        )
 
 
 def filled_width(row: Sequence[Cell]) -> int:

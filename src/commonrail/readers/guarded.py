@@ -69,7 +69,7 @@ def read_apart(reader: str, path: Path, data: bytes, **options: Any) -> Content:
         about, arrays = read(reader, data, json.dumps(options), memory, seconds)
         return Content(about, dict(arrays))
     except InputError as error:
-        raise InputError(f"{path}{str(error).removeprefix(NAME)}") from None
+        raise InputError(f"{path}{str(error).removeprefix(NAME)}", code=error.code, file=path) from None
 
 
 def _content(reader: str, data: bytes, options: str, memory: int, seconds: int) -> Content:
@@ -81,12 +81,13 @@ def _content(reader: str, data: bytes, options: str, memory: int, seconds: int) 
         if status:
             raise InputError(
                 f"{NAME}: the process that reads it ended with status {status}; the file is damaged, or its library or "
-                "the folder of temporary files cannot be used."
+                "the folder of temporary files cannot be used.",
+                code="reader-failed",
             )
         with np.load(stream, allow_pickle=False) as parts:
             about = json.loads(parts["about.json"])
             if "refused" in about:
-                raise InputError(about["refused"])
+                raise InputError(about["refused"], code="refused")
             if "limit" in about:
                 raise _beyond(f"{memory / 1e6:.0f} MB of memory", len(data))
             arrays = {name: parts[name] for name in parts.files if name != "about.json"}
@@ -113,7 +114,8 @@ def _run(args: list[str], data: bytes, stream: IO[bytes]) -> int:
 def _beyond(limit: str, size: int) -> InputError:
     return InputError(
         f"{NAME}: to read it takes more than the {limit} that a file of {size} bytes may take; save only what is "
-        "needed, or export the columns to a CSV file."
+        "needed, or export the columns to a CSV file.",
+        code="too-costly",
     )
 
 

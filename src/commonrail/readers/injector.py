@@ -65,13 +65,15 @@ _EXAMPLE = '{ diameter = "4.3 mm", length = "20 mm" }'
 
 def _table(item: Any) -> Any:
     if not isinstance(item, dict):
-        raise fault(f"write the cylinder as {_EXAMPLE}")
+        raise fault(f"write the cylinder as {_EXAMPLE}", code="wrong-type")
     return item
 
 
 def _seven(items: Any) -> Any:
     if not isinstance(items, list) or len(items) != CYLINDERS:
-        raise fault(f"give {CYLINDERS} cylinders {_EXAMPLE}, five of the plunger and two of the needle")
+        raise fault(
+            f"give {CYLINDERS} cylinders {_EXAMPLE}, five of the plunger and two of the needle", code="wrong-number"
+        )
     return items
 
 
@@ -193,7 +195,8 @@ def _refuse_foreign(document: Mapping[str, Any], actuation: Actuation, at: Place
     for key in document:
         if key not in parts and key not in _Head.model_fields and key in list_components():
             raise (at / key).error(
-                f'an injector with actuation = "{actuation.value}" has no such part; its parts are {", ".join(parts)}'
+                f'an injector with actuation = "{actuation.value}" has no such part; its parts are {", ".join(parts)}',
+                code="unknown-part",
             )
 
 
@@ -221,7 +224,7 @@ def build_injector(document: Mapping[str, Any], at: Place, stem: str, reach: Rea
     _check_knots(values, document.get("nozzle", {}), at / "nozzle")
     for path, item in values.items():
         if words := not_whole(path, item.value):
-            raise at.error(words)
+            raise at.error(words, code="not-whole")
     usual = parameter_quantities(variant.actuation)
     for path in (path for path in _DISC_OF if path in values and path.partition(".")[2] in document.get("valve", {})):
         # a default is ignored: files that the project writes have all values
@@ -257,7 +260,8 @@ def _base(name: str, at: Place, reach: Reach) -> Injector:
     # an entry of the catalogue may rest on another one that states all values
     if further is not None and (name.endswith(".toml") or "base" in parse_toml(CATALOGUE.text(str(further)), name)):
         raise key.error(
-            f'"{name}" has a base itself; name a file that states all values, such as calibrated.toml of a run'
+            f'"{name}" has a base itself; name a file that states all values, such as calibrated.toml of a run',
+            code="base-of-base",
         )
     return build_injector(document, place, Path(place.file).stem, reach)
 
@@ -297,7 +301,8 @@ def _incomplete(missing: Mapping[str, Q], has_fuel: bool, actuation: Actuation, 
     names = " or ".join(f'"{injector.name}"' for injector in alike)
     error = at.error(
         f"there is no value for {join_words([*first, *others])}; add {'it' if len(notes) == 1 else 'all of them'}, or "
-        f"take what is missing, marked E, from another injector with base = {names} at the top"
+        f"take what is missing, marked E, from another injector with base = {names} at the top",
+        code="missing-value",
     )
     for path, text in notes.items():
         error.add_note(f"  {path}, {text}")
@@ -324,7 +329,7 @@ def _refuse_unread(model: Any, variant: Variant, components: Collection[str], at
     """Refuse what the variant does not read if the file does not state that variant: it would be ignored in silence."""
     stated = model.model_fields_set
     if variant.actuation is Actuation.DIRECT and "variant" in stated and model.variant is Body.FLEXIBLE:
-        raise (at / "variant").error("a direct-acting injector has a rigid body; remove this key")
+        raise (at / "variant").error("a direct-acting injector has a rigid body; remove this key", code="conflict")
     unread = unread_parameters(variant)
     for component, key in _DECIDING.items():
         if component in components and key not in stated:
@@ -332,7 +337,7 @@ def _refuse_unread(model: Any, variant: Variant, components: Collection[str], at
                 if f"{component}.{name}" in unread:
                     reader = reader_of(f"{component}.{name}")
                     raise (at / component / name).error(
-                        f"this is read with {reader} only, and the file does not state {key}; add it"
+                        f"this is read with {reader} only, and the file does not state {key}; add it", code="not-read"
                     )
 
 
@@ -343,7 +348,8 @@ def _variant(model: Any, base: Injector | None, at: Place) -> Variant:
     if base and words["actuation"] is not base.variant.actuation:
         raise (at / "base").error(
             f'{base.name} is a {base.variant.actuation.value} injector, and actuation is "{model.actuation.value}"; '
-            "name a base of that kind"
+            "name a base of that kind",
+            code="conflict",
         )
     laws = {key: words.pop(key) for key in INSTALLED_LAWS}
     with locate_errors(at):
@@ -376,7 +382,8 @@ def _check_knots(values: Values, stated: Mapping[str, Any], at: Place) -> None:
             low, high = to_text(lifts[before], "m"), to_text(lifts[name], "m")
             raise (at / (name if name in stated else before)).error(
                 f"the knots must rise, and {before} is at {low}, {name} at {high}; correct them, or set knots that are "
-                "not wanted to zero"
+                "not wanted to zero",
+                code="order",
             )
 
 
@@ -387,7 +394,7 @@ def _fuel(table: _FuelTable, base: Injector | None, temperature: float, at: Plac
     low, high = fuel.temperature_range
     if not low - 1e-6 <= temperature <= high + 1e-6:  # rounding of a conversion from °C
         raise (at / "temperature").error(
-            f"{temperature:g} K lies outside the range of {fuel.name}, {low:g} K to {high:g} K"
+            f"{temperature:g} K lies outside the range of {fuel.name}, {low:g} K to {high:g} K", code="out-of-range"
         )
     with locate_errors(at / "compression"):
         return replace(fuel, adiabatic=table.compression == "adiabatic") if table.compression else fuel
@@ -395,7 +402,9 @@ def _fuel(table: _FuelTable, base: Injector | None, temperature: float, at: Plac
 
 def _read_fuel(table: _FuelTable, at: Place, reach: Reach) -> Fuel:
     if [table.name, table.file, table.definition].count(None) != 2:
-        raise at.error('give either name = "iso4113" (a fuel of the catalogue) or file = "my-fuel.toml"')
+        raise at.error(
+            'give either name = "iso4113" (a fuel of the catalogue) or file = "my-fuel.toml"', code="conflict"
+        )
     if table.definition is not None:
         defined: _Definition = table.definition
         return defined.fuel(defined.name)
@@ -464,7 +473,8 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     if at:
         raise InputError(
             f'"{source}" names a variant, which is not taken here; state rail_boundary, drive_kind and variant in an '
-            "injector file and name that."
+            "injector file and name that.",
+            code="variant-given",
         )
     file = f"{source}.toml"
     try:
@@ -503,5 +513,7 @@ def load_meters(path: str | Path) -> tuple[Meter, ...]:
     for name, table in tables.items():
         for key, amount in table.amounts():
             if amount.free:
-                raise (at / "meters" / name / key).error("bounds belong in a study; give a value here")
+                raise (at / "meters" / name / key).error(
+                    "bounds belong in a study; give a value here", code="bounds-given"
+                )
     return tuple(meters_of_tables(tables, at / "meters").values())

@@ -37,9 +37,9 @@ class Place:
     def __getitem__(self, index: int) -> Place:
         return Place(self.file, f"{self.key}[{index + 1}]")
 
-    def error(self, sentence: str) -> InputError:
+    def error(self, sentence: str, code: str = "") -> InputError:
         """Error that opens with this place."""
-        return InputError(f"{self}: {sentence}.")
+        return InputError(f"{self}: {sentence}.", code=code, file=self.file, place=self.key)
 
     def check_format(self, document: Mapping[str, Any], expected: str) -> None:
         """Refuse a document whose key ``format`` is not `expected`, and say so if it is a file of another kind."""
@@ -47,15 +47,18 @@ class Place:
         if stated == expected:
             return
         if isinstance(stated, str) and _FORMAT.fullmatch(stated) and (other := _describe_file(stated)) != kind:
-            raise self.error(f'this is {other} (format = "{stated}"), and {kind} is expected; name that file instead')
+            raise self.error(
+                f'this is {other} (format = "{stated}"), and {kind} is expected; name that file instead',
+                code="other-file",
+            )
         what = "format is missing" if stated is None else f"format is {stated!r}"
-        raise self.error(f'{what}; {kind} begins with format = "{expected}"')
+        raise self.error(f'{what}; {kind} begins with format = "{expected}"', code="wrong-format")
 
     def refuse_unknown(self, table: Mapping[str, Any], keys: Collection[str]) -> None:
         """Refuse the first key of a table that is not `keys`, with the nearest that is."""
         for key in table:
             if key not in keys:
-                raise self.error(f'there is no key "{key}"{nearest_key(key, keys)}')
+                raise self.error(f'there is no key "{key}"{nearest_key(key, keys)}', code="unknown-key")
 
 
 def _describe_file(format_: str) -> str:
@@ -70,7 +73,8 @@ def locate_errors(place: Place) -> Iterator[None]:
     try:
         yield
     except CommonrailError as error:
-        placed = type(error)(f"{place}: {str(error).removesuffix('.')}.")
+        file, key = (error.file, error.place) if error.file else (place.file, place.key or error.place)
+        placed = type(error)(f"{place}: {str(error).removesuffix('.')}.", code=error.code, file=file, place=key)
         for line in getattr(error, "__notes__", ()):
             placed.add_note(line)
         raise placed from error
@@ -107,13 +111,14 @@ class Reach:
             shown = name if len(name) <= 80 else f"{name[:77]}..."
             raise at.error(
                 f'"{shown}" lies outside the folder of {self.file.name}; move it there, or write {ALLOW} = true at the '
-                f"top of {self.file.name} if you know where it comes from"
+                f"top of {self.file.name} if you know where it comes from",
+                code="outside-folder",
             )
         if not (inside or self.announced):
             note(f"{self.file}: {ALLOW} = true, so files elsewhere are read, such as {path}.")
             self.announced = True
         if not os.path.lexists(path) and name.isprintable():  # an impossible name is reported when it is read
-            raise at.error(f"{path}: there is no such file{similar_names(path)}")
+            raise at.error(f"{path}: there is no such file{similar_names(path)}", code="missing-file")
         return path
 
 
@@ -133,7 +138,8 @@ def check_columns(where: str, columns: int, most: int = MOST_COLUMNS) -> None:
     """Refuse too many columns; `where` is the file, with the line if there is one."""
     if columns > most:
         raise InputError(
-            f"{where}: there are {columns} columns, and at most {most} are read; keep only those that are needed."
+            f"{where}: there are {columns} columns, and at most {most} are read; keep only those that are needed.",
+            code="too-many",
         )
 
 
@@ -154,7 +160,9 @@ class Shape:
         if self._cells > MOST_CELLS or self._rows * self._widest > LARGEST_RECTANGLE:
             raise InputError(
                 f"{self._path}: the table has more than the {MOST_CELLS} cells that are read, or more than "
-                f"{LARGEST_RECTANGLE} if all rows were as long as the longest; keep only what is needed."
+                f"{LARGEST_RECTANGLE} if all rows were as long as the longest; keep only what is needed.",
+                code="too-many",
+                file=self._path,
             )
 
 
@@ -179,9 +187,9 @@ def read_bytes(path: Path, largest: int) -> bytes:
     """
     data = read_plain(path, largest)
     if data.startswith(_UTF16):
-        raise InputError(f"{path}: this is UTF-16 text; save it as UTF-8.")
+        raise InputError(f"{path}: this is UTF-16 text; save it as UTF-8.", code="wrong-encoding", file=path)
     if b"\0" in data:
-        raise InputError(f"{path}: this is not a text file; save it as UTF-8 text.")
+        raise InputError(f"{path}: this is not a text file; save it as UTF-8 text.", code="not-text", file=path)
     return plain_lines(data)
 
 
@@ -198,5 +206,8 @@ def decode_line(path: Path, data: bytes, first: int) -> str:
         line = first + data[: error.start].count(b"\n")
         byte = data[error.start]
         raise InputError(
-            f"{path}, line {line}: byte 0x{byte:02x} is not UTF-8 text; save the file as UTF-8."
+            f"{path}, line {line}: byte 0x{byte:02x} is not UTF-8 text; save the file as UTF-8.",
+            code="wrong-encoding",
+            file=path,
+            place=f"line {line}",
         ) from error

@@ -91,14 +91,21 @@ class _Amounts:
         if is_fixed == (lower or upper) or lower != upper or (is_fixed and item.start is not None):
             raise fault(
                 "give either a value, or lower and upper (and a start) between which it is fitted, as in "
-                "{ lower = …, upper = …, start = … }"
+                "{ lower = …, upper = …, start = … }",
+                code="conflict",
             )
         if is_fixed and item.prior is not None:
-            raise fault("a prior belongs to a quantity that is fitted; give lower and upper, or remove the prior")
+            raise fault(
+                "a prior belongs to a quantity that is fitted; give lower and upper, or remove the prior",
+                code="conflict",
+            )
         stated = {key: getattr(item, key) for key in ("value", "lower", "upper", "start")}
         for value in (*stated.values(), None if item.prior is None else item.prior.value):
             if value is not None and not self.quantity.domain.admits(value):
-                raise fault(f"the {self.quantity.meaning} must be {self.quantity.domain.value}, not {value:g}")
+                raise fault(
+                    f"the {self.quantity.meaning} must be {self.quantity.domain.value}, not {value:g}",
+                    code="out-of-range",
+                )
         return item
 
 
@@ -144,7 +151,7 @@ def read_installed_meters(names: Iterable[str | None], described: Collection[str
             at = Place(f"{name}.toml")
             tables: Mapping[str, MeterHead] = read_model(_MeterFile, parse_toml(text, at.file), at).meters
             if name not in tables:
-                raise (at / "meters").error(f"there is no table [meters.{key_text(name)}]; add it")
+                raise (at / "meters").error(f"there is no table [meters.{key_text(name)}]; add it", code="missing-key")
             meters[name] = tables[name]
     return meters
 

@@ -58,16 +58,18 @@ class ColumnPattern:
         form = re.escape(first)
         for name, behind in zip(parts[::2], parts[1::2], strict=True):
             if name not in _KINDS:
-                raise at.error(f'there is no placeholder "{{{name}}}"; {{p}}, {{et}} and {{shot}} are known')
+                raise at.error(
+                    f'there is no placeholder "{{{name}}}"; {{p}}, {{et}} and {{shot}} are known', code="unknown-name"
+                )
             kind = _KINDS[name]
             if kind in self._kinds:
-                raise at.error(f"the {_WORDS.get(kind, 'shot')} has two placeholders; keep one")
+                raise at.error(f"the {_WORDS.get(kind, 'shot')} has two placeholders; keep one", code="repeated")
             self._kinds.append(kind)
             if kind:
                 self._units[kind] = _unit(behind, kind, stated.get(kind, ""), at)
             form += (_NUMBER if kind else _SHOT) + re.escape(behind)
         if not self._kinds:
-            raise at.error('the pattern has no placeholder; write it as in "{p}bar_{et}us"')
+            raise at.error('the pattern has no placeholder; write it as in "{p}bar_{et}us"', code="no-placeholder")
         self._form = re.compile(form)
 
     def read(self, name: str) -> NamedPoint | None:
@@ -93,7 +95,8 @@ def _unit(behind: str, kind: str, stated: str, at: Place) -> str:
         return stated
     raise at.error(
         f'the {_WORDS[kind]} has no unit; write it behind the number, as in "{{p}}bar_{{et}}us", or state it with '
-        f"{_KEYS[kind]}"
+        f"{_KEYS[kind]}",
+        code="no-unit",
     )
 
 
@@ -172,14 +175,18 @@ def find_traces(grid: Grid, time: str, stated: dict[str, str]) -> WideTable:
     if not points:
         raise InputError(
             f'{grid.path}: no row states operating points; write rows such as "rail pressure [bar]" and '
-            '"energising time [us]" above the traces, with a number for each.'
+            '"energising time [us]" above the traces, with a number for each.',
+            code="no-points",
+            file=grid.path,
         )
     texts, lines, body = _body(grid, start)
     width = len(next(iter(points.values())))
     if any(len(row) != width for row in points.values()) or body.shape[1] != width + 1:
         raise InputError(
             f"{grid.path}: the rows of operating points have {width} numbers and the table {body.shape[1] - 1} "
-            "traces; give one number for each trace."
+            "traces; give one number for each trace.",
+            code="wrong-number",
+            file=grid.path,
         )
     time_unit = _one(grid, "time", [text for row in texts for text in row[:1]], "s", stated)
     rate_unit = _one(grid, "rate", [text for row in texts for text in row[1:]], "m3/s kg/s", stated)
@@ -191,7 +198,7 @@ def find_traces(grid: Grid, time: str, stated: dict[str, str]) -> WideTable:
     table = Table(grid.path, columns, {}, written_units, lines, units=units)
     steps = np.flatnonzero(~(np.diff(columns[time]) > 0.0))
     if len(steps):
-        raise table.place(time, int(steps[0]) + 1).error("the time must increase from row to row")
+        raise table.place(time, int(steps[0]) + 1).error("the time must increase from row to row", code="order")
     return WideTable(table, names, points)
 
 
@@ -215,7 +222,12 @@ def _points(grid: Grid, stated: dict[str, str]) -> tuple[dict[str, Floats], int]
         if kind in _SI and kind not in points:
             values = np.array(numbers)
             if not np.isfinite(values).all():
-                raise InputError(f"{grid.path}, line {grid.lines[i]}: a {kind} is missing; give one for each trace.")
+                raise InputError(
+                    f"{grid.path}, line {grid.lines[i]}: a {kind} is missing; give one for each trace.",
+                    code="missing-value",
+                    file=grid.path,
+                    place=f"line {grid.lines[i]}",
+                )
             points[kind] = convert(values, stated.get(kind) or units[0], _SI[kind])
             start = i + 1
     return points, start
@@ -232,12 +244,19 @@ def _body(grid: Grid, start: int) -> tuple[list[Sequence[str]], IndexArray, Floa
             lines.append(line)
             body.append(numbers)
         elif body:
-            raise InputError(f"{grid.path}, line {line}: a row of numbers is expected.")
+            raise InputError(
+                f"{grid.path}, line {line}: a row of numbers is expected.",
+                code="not-a-number",
+                file=grid.path,
+                place=f"line {line}",
+            )
         else:
             texts.append([str(cell) for cell in row])
     width = max(map(len, body), default=0)
     if not body or width < 2:
-        raise InputError(f"{grid.path}: there are no rows of numbers below the operating points.")
+        raise InputError(
+            f"{grid.path}: there are no rows of numbers below the operating points.", code="empty", file=grid.path
+        )
     return texts, np.array(lines, np.intp), np.array([row + [np.nan] * (width - len(row)) for row in body])
 
 
@@ -250,4 +269,6 @@ def _one(grid: Grid, what: str, texts: Sequence[str], kinds: str, stated: dict[s
     if len(fitting) == 1:
         return fitting[0]
     cure = "write it into the header" if not fitting else f"the header has {' and '.join(fitting)}; write one"
-    raise InputError(f"{grid.path}: the {what} has no unit that is clear; {cure}, or state it.")
+    raise InputError(
+        f"{grid.path}: the {what} has no unit that is clear; {cure}, or state it.", code="no-unit", file=grid.path
+    )

@@ -45,7 +45,9 @@ def find_part(number: str) -> tuple[PartMatch, ...]:
     """
     digits, parts = part_digits(plain_text(number, "part number")), CATALOGUE.parts()
     if not digits:
-        raise InputError(f"{shown(number)} is no part number; give four to ten digits, as in 0 445 110 191.")
+        raise InputError(
+            f"{shown(number)} is no part number; give four to ten digits, as in 0 445 110 191.", code="not-a-number"
+        )
     numbers, size = [part_number for part_number in parts if digits in part_number], len(digits)
     kind: Literal["exact", "partial", "nearest"] = "exact" if digits in parts else "partial" if numbers else "nearest"
     if not numbers:

@@ -138,7 +138,7 @@ def find_map(grid: Grid, given_units: GivenUnits = GivenUnits()) -> FoundMap:
     except TooManyCells:
         raise
     except InputError as error:
-        raise NearMap(str(error)) from error
+        raise NearMap(str(error), code=error.code, file=error.file, place=error.place) from error
     return replace(column_map, said=(*grid.said, *column_map.said), notes=bench_notes(grid, sheet.first))
 
 
@@ -201,21 +201,30 @@ def _axis(grid: Grid) -> _Axis:
         places, above = [heads[0][i] for i in indices], _texts(grid.rows[:first])
         return _Axis(places, [i + 1 for i in indices], first, start, texts + above, heads[1], said)
     if _heads(names[2:]):
-        raise NearMap(f'{grid.path}: the column "{names[0]}" is before that of the axis; remove columns of labels.')
+        raise NearMap(
+            f'{grid.path}: the column "{names[0]}" is before that of the axis; remove columns of labels.',
+            code="labels",
+            file=grid.path,
+        )
     numbers = (read_numbers(row[1:]) or [] for row in grid.rows)
     start = next((i for i, numbers_of_row in enumerate(numbers) if int(np.isfinite(numbers_of_row).sum()) >= 2), -1)
     if start < 0:
-        raise InputError(f"{grid.path}: there are no rows of numbers.")
+        raise InputError(f"{grid.path}: there are no rows of numbers.", code="empty", file=grid.path)
     above_axis = [str(cell) for cell in grid.rows[start - 1][1:] if cell != ""] if start else []
     if len({*above_axis}) > 1 and 2 * len(above_axis) > len(grid.rows[start]) - 1:
         fault = NearMap if all(re.search(r"(?<!\w)\d", name_and_unit(head)[0]) for head in above_axis) else InputError
         raise fault(
             f"{grid.path}, {grid.word} {grid.lines[start - 1]}: no map is found: "
-            f'"{above_axis[0]}" and "{above_axis[1]}" are not places on an axis with units, such as "400 bar".'
+            f'"{above_axis[0]}" and "{above_axis[1]}" are not places on an axis with units, such as "400 bar".',
+            code="no-axis",
         )
     across = read_numbers(grid.rows[start][1:]) or []
     if not np.all(np.isfinite(across)):
-        raise InputError(f"{grid.path}: no map is found: neither columns of pressure, time and quantity nor a matrix.")
+        raise InputError(
+            f"{grid.path}: no map is found: neither columns of pressure, time and quantity nor a matrix.",
+            code="no-map",
+            file=grid.path,
+        )
     corner = str(grid.rows[start][0])
     return _Axis(across, range(1, len(across) + 1), start, start + 1, [corner, *_texts(grid.rows[:start])])
 
@@ -226,7 +235,11 @@ def _quantity_columns(grid: Grid, labels: Sequence[str]) -> tuple[list[int], str
     usual = [label for label in kinds if is_heading(name_and_unit(label)[0], "quantity")]
     if len(kinds) > 1 and len(usual) != 1:
         shown = " and ".join(f'"{label}"' for label in kinds[:4])
-        raise NearMap(f"{grid.path}: the columns hold {shown} at each place; keep those of the injected quantity.")
+        raise NearMap(
+            f"{grid.path}: the columns hold {shown} at each place; keep those of the injected quantity.",
+            code="other-quantity",
+            file=grid.path,
+        )
     others = [label for label in kinds if len(kinds) > 1 and label != usual[0]]
     indices = [i for i, label in enumerate(labels) if label not in others]
     return indices, f"not read: {', '.join(others)}" if others else ""
@@ -253,13 +266,18 @@ def _matrix(grid: Grid, given_units: GivenUnits) -> FoundMap:
             text = next((f', and "{cell[:40]}" is none' for cell in row if isinstance(cell, str) and cell), "")
             raise fault(
                 f"{grid.path}, {grid.word} {line}: a row of a map is expected, its place on the axis first and then "
-                f"numbers{text}; remove rows of means and columns of labels."
+                f"numbers{text}; remove rows of means and columns of labels.",
+                code="not-a-number",
             )
         down[i] = numbers[0]
         filled = [column for column in axis.columns if column < len(numbers)]
         cells[i, : len(filled)] = [numbers[column] for column in filled]
     if not cells.size:
-        raise InputError(f"{grid.path}: no map is found: neither columns of pressure, time and quantity nor a matrix.")
+        raise InputError(
+            f"{grid.path}: no map is found: neither columns of pressure, time and quantity nor a matrix.",
+            code="no-map",
+            file=grid.path,
+        )
     units, orders, likely = _units(grid, axis, given_units, head_units)
     lines = np.repeat([line for line, _ in body], len(axis.columns))
     said = (*grid.said, axis.said) if axis.said else grid.said
@@ -299,7 +317,9 @@ def map_of_matrix(
     if len(orders) != 1:
         raise InputError(
             f"{path}: it is open which axis is the rail pressure; write both names with their units into the "
-            'corner, that of the rows first, as in "rail pressure [MPa] \\ energising time [us]".'
+            'corner, that of the rows first, as in "rail pressure [MPa] \\ energising time [us]".',
+            code="open-axis",
+            file=path,
         )
     kinds = orders[0]
     way = ("down", "across") if kinds[0] == "rail pressure" else ("across", "down")
@@ -370,7 +390,7 @@ def drop_empty_points(
         repeated[filled] = counts[places.ravel()] > 1
         omit(repeated, "with the energising time of another quantity at their pressure")
     if not filled.any():
-        raise InputError(f"{path}: the map holds no quantity; all its cells are empty.")
+        raise InputError(f"{path}: the map holds no quantity; all its cells are empty.", code="empty", file=path)
     points = (pressure[filled], time[filled], quantity[filled])
     return FoundMap(path, form, *points, units, tuple(said), lines[filled], durations=durations)
 
@@ -398,7 +418,9 @@ def _units(
             if is_free and not same_scale(units.get(kind, unit), unit):
                 raise InputError(
                     f'{grid.path}: the units "{units[kind]}" and "{unit}" of the {kind} contradict each other in the '
-                    "corner or above the numbers; keep the right one, or state it."
+                    "corner or above the numbers; keep the right one, or state it.",
+                    code="conflict",
+                    file=grid.path,
                 )
             units.setdefault(kind, unit)
     kinds = list(dict.fromkeys(find_kind(unit) for unit in unit_in(axis.texts[0])))
@@ -454,7 +476,11 @@ def map_in(sheet: Sheet, given_units: GivenUnits = GivenUnits()) -> FoundMap:
     Raises `InputError` if none is found, or the columns have times of their own.
     """
     if isinstance(sheet, ChannelSheet):
-        raise InputError(f"{sheet.path}: each channel of this record has its own times, so that it holds no map.")
+        raise InputError(
+            f"{sheet.path}: each channel of this record has its own times, so that it holds no map.",
+            code="several-times",
+            file=sheet.path,
+        )
     return sheet.quantity_map(given_units) if isinstance(sheet, HoldsMap) else find_column_map(sheet, given_units)
 
 
@@ -472,14 +498,20 @@ def find_column_map(file: Sheet, given_units: GivenUnits = GivenUnits()) -> Foun
             those = f"the columns {quoted} have" if fitting else "no column has"
             raise InputError(
                 f"{file.path}: {those} the unit of a {kind}, and one column must have it; name columns as in "
-                '"rail_pressure [MPa]", "energising_time [us]" and "quantity [mm3]".'
+                '"rail_pressure [MPa]", "energising_time [us]" and "quantity [mm3]".',
+                code="open-column",
+                file=file.path,
             )
     stated = given_units.by_kind().values()
     units = {
         kind: unit or find_unit(file, name) for kind, unit, name in zip(KINDS, stated, names.values(), strict=True)
     }
     if lacking := [kind for kind, unit in units.items() if find_kind(unit) != kind]:
-        raise NearMap(f"{file.path}: no unit of the {' and the '.join(lacking)} is in the header; write or state it.")
+        raise NearMap(
+            f"{file.path}: no unit of the {' and the '.join(lacking)} is in the header; write or state it.",
+            code="no-unit",
+            file=file.path,
+        )
     columns = [Column(name, "1", required=i == 0) for i, name in enumerate(names.values())]
     states = [Column("state")] if "state" in file.names else []  # of a map that the product has written
     table = file.take([*columns, *states])
@@ -487,7 +519,7 @@ def find_column_map(file: Sheet, given_units: GivenUnits = GivenUnits()) -> Foun
     durations = _is_grid_of_quantities(values)
     if not durations and np.isnan(time := values["energising time"]).any():
         raise table.place(names["energising_time"], int(np.argmax(np.isnan(time)))).error(
-            "the cell is empty, and a number is expected"
+            "the cell is empty, and a number is expected", code="empty-cell"
         )
     said = ["columns " + ", ".join(f'"{name}"' for name in names.values())]
     others = [f'"{name}"' for name in file.names if name not in names.values() and name and BAND not in name]

@@ -58,7 +58,11 @@ class TableSheet:
         self.first, self._start = find_header(sample)
         heads = sample[self.first : self._start] or _columns_after_settings(sample)
         if not heads:
-            raise InputError(f"{self.path}: the table has no header row with the names of columns above its numbers.")
+            raise InputError(
+                f"{self.path}: the table has no header row with the names of columns above its numbers.",
+                code="no-header",
+                file=self.path,
+            )
         self.header, below = join_heads(heads)
         _check_header(grid.path, self.header)
         names_and_units = [name_and_unit(cell) for cell in self.header]
@@ -82,7 +86,9 @@ class TableSheet:
             if count > self._most:
                 raise InputError(
                     f"{self.path}, {self.grid.word} {line}: the file has more than the {self._most} rows that are "
-                    "read; keep only what is needed."
+                    "read; keep only what is needed.",
+                    code="too-many",
+                    file=self.path,
                 )
             yield line, row
 
@@ -126,15 +132,15 @@ class TableSheet:
             return value
         at = cell_place(self.path, line, column.name, self.grid.word)
         if math.isfinite(value):
-            raise at.error(f'"{text}" is larger than any measured value')
+            raise at.error(f'"{text}" is larger than any measured value', code="out-of-range")
         if not text:
-            raise at.error("the cell is empty, and a number is expected")
+            raise at.error("the cell is empty, and a number is expected", code="empty-cell")
         if re.fullmatch(r"[+-]?\d{1,3}( \d{3})+\S*", text):
-            raise at.error(f'"{text}" has a space; write thousands without one')
+            raise at.error(f'"{text}" has a space; write thousands without one', code="space")
         if has_decimal_comma(text):
-            raise at.error(f'"{text}" has a decimal comma; write the decimal sign as a point')
+            raise at.error(f'"{text}" has a decimal comma; write the decimal sign as a point', code="decimal-comma")
         cure = "; write what follows ± in a column of its own" if "±" in text else ""
-        raise at.error(f'"{text[:40]}" is not a finite number{cure}')
+        raise at.error(f'"{text[:40]}" is not a finite number{cure}', code="not-a-number")
 
 
 def _read(text: str, comma: bool) -> float:
@@ -173,13 +179,20 @@ class WrittenTable(TableSheet):
             for line, row in split_lines(path, lines, ",", plain=True):
                 width = width or len(row)
                 if len(row) != width:
-                    raise InputError(f"{path}, line {line}: the row has {len(row)} cells, the header {width}.")
+                    raise InputError(
+                        f"{path}, line {line}: the row has {len(row)} cells, the header {width}.",
+                        code="row-too-long",
+                        file=path,
+                        place=f"line {line}",
+                    )
                 yield line, [restore(str(cell)) for cell in row]
 
         self.path, self.grid, self.comments = path, Grid(path, each, (), False, tuple(comments)), comments
         self.header = [str(cell) for cell in next(each(), (0, []))[1]]
         if not self.header:
-            raise InputError(f"{path}: the file has no rows; a header row and rows of numbers are expected.")
+            raise InputError(
+                f"{path}: the file has no rows; a header row and rows of numbers are expected.", code="empty", file=path
+            )
         _check_header(path, self.header)
         self.names, self._units, self._start = self.header, [""] * len(self.header), 1
         self._width = len(self.header)
@@ -276,5 +289,7 @@ def _check_header(path: Path, names: Sequence[str]) -> None:
         if len(name) > LONGEST_NAME or not name.isprintable():
             raise InputError(
                 f"{path}: the name of column {number} is longer than {LONGEST_NAME} characters or has one that is not "
-                "printed; rename it."
+                "printed; rename it.",
+                code="bad-name",
+                file=path,
             )

@@ -52,7 +52,11 @@ def take_columns(sheet: Sheet, requested: Sequence[Column], least: int = LEAST_S
         shown = (f'"{heading}" as {name}' for name, heading in others.items())
         note(f"{path}: columns are read by their usual names or units: {', '.join(shown)}.")
     if len(table.rows) < least:
-        raise InputError(f"{path}: the file has {len(table.rows)} rows of numbers, and at least {least} are needed.")
+        raise InputError(
+            f"{path}: the file has {len(table.rows)} rows of numbers, and at least {least} are needed.",
+            code="too-few",
+            file=path,
+        )
     numeric = [column for column in requested if column.unit]
     for column in numeric:
         name, at = column.name, Place(str(path), f'column "{headings.get(column.name, column.name)}"')
@@ -65,7 +69,9 @@ def take_columns(sheet: Sheet, requested: Sequence[Column], least: int = LEAST_S
         if column.domain is not Domain.ANY:
             outside = np.flatnonzero(~(column.domain.admits(values) | np.isnan(values)))
             if len(outside):
-                raise table.place(column.name, int(outside[0])).error(f"the value must be {column.domain.value}")
+                raise table.place(column.name, int(outside[0])).error(
+                    f"the value must be {column.domain.value}", code="out-of-range"
+                )
     for column in numeric:
         if column.increasing:
             _check_increasing(table, column.name)
@@ -151,12 +157,17 @@ def _unit(column: Column, written: str, at: Place) -> str:
     with locate_errors(at):
         is_other = written and column.stated and not same_scale(written, column.stated)
     if is_other:
-        raise at.error(f'the file gives the unit "{written}", {column.stating} "{column.stated}"; keep one of them')
+        raise at.error(
+            f'the file gives the unit "{written}", {column.stating} "{column.stated}"; keep one of them',
+            code="conflict",
+        )
     if not (written or column.stated or column.otherwise):
         example = _example(column).split()[0]
         stating = ", or state it in the study" if column.stating == "the study" else f", or give {column.stating}"
         stating *= bool(column.stating) and column.stated is None
-        raise at.error(f'there is no unit; write it in the header, as in "{column.name} [{example}]"{stating}')
+        raise at.error(
+            f'there is no unit; write it in the header, as in "{column.name} [{example}]"{stating}', code="no-unit"
+        )
     return written or column.stated or column.otherwise
 
 
@@ -165,7 +176,7 @@ def _kind(column: Column, written: str, at: Place) -> str:
     with locate_errors(at):
         fitting = [unit for unit in column.units if compatible(written, unit)]
     if not fitting:
-        raise at.error(f'a unit like {_example(column)} is expected, not "{written}"')
+        raise at.error(f'a unit like {_example(column)} is expected, not "{written}"', code="wrong-unit")
     return fitting[0]
 
 
@@ -179,5 +190,6 @@ def _check_increasing(table: Table, column: str) -> None:
     other = next(others, "")
     raise table.place(column, row).error(
         f"this {column} {what} the one on {table.row} {table.rows[row - 1]}; it must increase from row to row"
-        + (f', as the column "{other}" does: the two may be exchanged in the header' if other else "")
+        + (f', as the column "{other}" does: the two may be exchanged in the header' if other else ""),
+        code="order",
     )

@@ -45,12 +45,16 @@ def read_encoded(path: Path, largest: int, encoding: str = "") -> tuple[bytes, s
         except UnicodeError:
             continue
         except LookupError as error:
-            raise InputError(f'{path}: there is no encoding "{name}"; write utf-8, utf-16 or cp1252.') from error
+            raise InputError(
+                f'{path}: there is no encoding "{name}"; write utf-8, utf-16 or cp1252.',
+                code="unknown-encoding",
+                file=path,
+            ) from error
         if "\0" not in text:
             text = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
             return text.encode("utf-8", "replace"), name
     tried = f"in {encoding}; correct the encoding" if encoding else "that can be read; export the table as CSV"
-    raise InputError(f"{path}: this is no text {tried}.")
+    raise InputError(f"{path}: this is no text {tried}.", code="wrong-encoding", file=path)
 
 
 def _likely(data: bytes) -> list[str]:
@@ -72,7 +76,10 @@ def number_lines(path: Path, data: bytes) -> Iterator[tuple[int, str]]:
         if len(line) > LONGEST_LINE:
             raise InputError(
                 f"{path}, line {number}: the line has {len(line)} characters, more than the {LONGEST_LINE} that are "
-                "read; keep only the columns that are needed."
+                "read; keep only the columns that are needed.",
+                code="line-too-long",
+                file=path,
+                place=f"line {number}",
             )
         # spreadsheets and word processors write spaces that do not break
         yield number, decode_line(path, line, number).replace("\u00a0", " ").replace("\u202f", " ")
@@ -105,7 +112,12 @@ def split_lines(path: Path, lines: Iterator[tuple[int, str]], separator: str, *,
         except StopIteration:
             return
         except csv.Error as error:
-            raise InputError(f"{path}, line {taken[0]}: the row cannot be read ({error}).") from error
+            raise InputError(
+                f"{path}, line {taken[0]}: the row cannot be read ({error}).",
+                code="bad-row",
+                file=path,
+                place=f"line {taken[0]}",
+            ) from error
         yield taken[0], row if plain else [cell.strip() for cell in row]
 
 
@@ -137,18 +149,25 @@ def find_decimal_comma(path: Path, rows: NumberedRows, decimal: str, separator: 
         kind = "a decimal comma is stated" if decimal else "some numbers have a decimal comma"
         raise InputError(
             f'{path}: {kind}, and "{among}" has a point; write all numbers with the same decimal sign, and '
-            "thousands without a sign."
+            "thousands without a sign.",
+            code="mixed-decimals",
+            file=path,
         )
     if decimal and separator == "," and not has_comma:
         raise InputError(
             f"{path}: a decimal comma is stated, but commas separate the columns and no number has one in quotes; "
-            "state a decimal point, or separate the columns by semicolons."
+            "state a decimal point, or separate the columns by semicolons.",
+            code="no-decimal-comma",
+            file=path,
         )
     if not has_comma and not decimal and grouped[1] and not pointed and integer:
         raise InputError(
             f'{path}, line {grouped[0]}: "{grouped[1]}" may be {grouped[1].replace(".", "")}, because three digits '
             f'follow each point of the file and others, as "{integer}", have none; write thousands without a point, or '
-            "state that the decimal sign is a point."
+            "state that the decimal sign is a point.",
+            code="open-decimal",
+            file=path,
+            place=f"line {grouped[0]}",
         )
     return has_comma or bool(decimal)
 

@@ -42,15 +42,15 @@ MARKS = ("M", "C", "F", "E")  # measured, ECU calibration, fitted, estimate: fro
 UNSTATED = Source("E", "no source stated")
 
 
-def fault(sentence: str) -> PydanticCustomError:
+def fault(sentence: str, code: str = "") -> PydanticCustomError:
     """Error of a validator; the sentence follows the place and has no full stop."""
-    return PydanticCustomError("sentence", "{sentence}", {"sentence": sentence})
+    return PydanticCustomError("sentence", "{sentence}", {"sentence": sentence, "code": code})
 
 
 def read_mark(item: Any) -> str:
     """Mark of a source."""
     if item not in MARKS:
-        raise fault(f'"{item}" is no mark; write one of {", ".join(MARKS)}')
+        raise fault(f'"{item}" is no mark; write one of {", ".join(MARKS)}', code="unknown-mark")
     return str(item)
 
 
@@ -75,7 +75,7 @@ def refuse_unknown_keys(table: Mapping[str, Any], keys: Collection[str]) -> None
     """Raise a fault for the first key that is not known."""
     for key in table:
         if key not in keys:
-            raise fault(f'there is no key "{key}"{nearest_key(key, keys)}')
+            raise fault(f'there is no key "{key}"{nearest_key(key, keys)}', code="unknown-key")
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Unit:
         try:
             return parse(item, self.unit)
         except InputError as error:
-            raise fault(str(error).removesuffix(".")) from error
+            raise fault(str(error).removesuffix("."), error.code) from error
 
 
 class Given(NamedTuple):
@@ -141,10 +141,10 @@ class Stated:
     def read(self, item: Number) -> Number:
         """The number in SI; a fault if it has no value, or one outside its domain."""
         if "value" not in item.model_fields_set:
-            raise fault("the inline table has no value")
+            raise fault("the inline table has no value", code="missing")
         q, value = self.quantity, Unit(self.quantity.unit).read(item.value)
         if not q.domain.admits(value):
-            raise fault(f"the {q.meaning} must be {q.domain.value}, not {to_text(value, q.unit)}")
+            raise fault(f"the {q.meaning} must be {q.domain.value}, not {to_text(value, q.unit)}", code="out-of-range")
         return item.model_copy(update={"value": value})
 
 
@@ -198,7 +198,10 @@ def choice(kind: type[Enum]) -> PlainValidator:
 
     def member(item: Any) -> Enum:
         if not isinstance(item, str) or item not in members:
-            raise fault(f'"{item}" is not known{nearest(str(item), members)}; write one of {", ".join(members)}')
+            raise fault(
+                f'"{item}" is not known{nearest(str(item), members)}; write one of {", ".join(members)}',
+                code="unknown-name",
+            )
         return members[item]
 
     return PlainValidator(member)
@@ -226,16 +229,19 @@ class OneOf:
         *others, last = (f'"{form_name}"' for form_name in self.forms)
         expected = f"{self.key} must be {', '.join(others)} or {last}"
         if not isinstance(name, str):
-            raise fault(expected)
+            raise fault(expected, code="missing-form")
         if (form := self._form(name)) is None:
-            raise fault(f'{expected}, not "{name}"{nearest(name, self.forms)}')
+            raise fault(f'{expected}, not "{name}"{nearest(name, self.forms)}', code="unknown-name")
         for key in set(item).difference(getattr(form, "model_fields", ())):
             having = [
                 form_name for form_name in self.forms if key in getattr(self._form(form_name), "model_fields", ())
             ]
             if having:
                 those = " or ".join(f'"{form_name}"' for form_name in having)
-                raise fault(f'{self.key} = "{name}" has no key "{key}", but {self.key} = {those} has it')
+                raise fault(
+                    f'{self.key} = "{name}" has no key "{key}", but {self.key} = {those} has it',
+                    code="key-of-other-form",
+                )
         return TypeAdapter(form).validate_python(item)
 
     def _form(self, name: str) -> Any:
@@ -263,13 +269,16 @@ def read_model(kind: type[_Model], document: Mapping[str, Any], at: Place) -> _M
 def _translate_error(kind: type[BaseModel], details: ErrorDetails, at: Place) -> InputError:
     if details["type"] == "list_type" and not at.key and details["loc"] in _lists_of_tables(kind):
         key = details["loc"][0]
-        return (at / str(key)).error(f"this must be a list, and a list of tables is written [[{key}]]")
+        return (at / str(key)).error(
+            f"this must be a list, and a list of tables is written [[{key}]]", code="list_type"
+        )
     for key_part in details["loc"]:
         if isinstance(key_part, int):
             at = at[key_part]
         elif not key_part.startswith("<"):  # a tag: which form of a key was tried
             at = at / key_part
-    return at.error(_sentence(details, at.key))
+    code = details["ctx"]["code"] if details["type"] == "sentence" else details["type"]
+    return at.error(_sentence(details, at.key), code)
 
 
 def _lists_of_tables(kind: type[BaseModel]) -> list[tuple[str]]:
@@ -354,11 +363,18 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
     try:
         tables = tomllib.loads(text)
     except RecursionError as error:
-        raise InputError(f"{where}: tables and lists stand too deep in one another.") from error
+        raise InputError(
+            f"{where}: tables and lists stand too deep in one another.", code="too-deep", file=where
+        ) from error
     except ValueError as error:  # not TOML, or an integer of more digits than Python reads
         location = re.search(r"\(at line (\d+), column \d+\)", str(error))
         line = location[1] if location else text.rstrip().count("\n") + 1
-        raise InputError(f"{where}, line {line}: this is not TOML ({_reason(error)}); {_cure(error)}.") from error
+        raise InputError(
+            f"{where}, line {line}: this is not TOML ({_reason(error)}); {_cure(error)}.",
+            code="syntax",
+            file=where,
+            place=f"line {line}",
+        ) from error
     _check(tables, Place(where))
     return tables
 
@@ -381,10 +397,18 @@ def _check_lines(text: str, where: str) -> None:
         if len(line) > LONGEST_LINE:
             raise InputError(
                 f"{where}, line {number}: the line has {len(line)} characters, and at most {LONGEST_LINE} are read; "
-                "break it."
+                "break it.",
+                code="line-too-long",
+                file=where,
+                place=f"line {number}",
             )
         if _DEEP_KEY.match(line):
-            raise InputError(f"{where}, line {number}: the key stands more than {DEEPEST} deep in tables.")
+            raise InputError(
+                f"{where}, line {number}: the key stands more than {DEEPEST} deep in tables.",
+                code="too-deep",
+                file=where,
+                place=f"line {number}",
+            )
 
 
 def _check(tables: dict[str, Any], at: Place) -> None:
@@ -394,7 +418,7 @@ def _check(tables: dict[str, Any], at: Place) -> None:
         value, place, depth = waiting.pop()
         if isinstance(value, dict | list):
             if depth == DEEPEST:
-                raise place.error(f"tables and lists stand more than {DEEPEST} deep in one another")
+                raise place.error(f"tables and lists stand more than {DEEPEST} deep in one another", code="too-deep")
             waiting += [(inner, inside, depth + 1) for inner, inside in _inside(value, place)]
         else:
             _check_value(value, place)
@@ -407,20 +431,25 @@ def _inside(value: dict[str, Any] | list[Any], place: Place) -> Iterator[tuple[A
     for key, inner in value.items():
         if len(key) > LONGEST_KEY or _CONTROL.search(key) or not key.isprintable():
             start = "".join(sign if sign.isprintable() else "?" for sign in key[:40])
-            raise place.error(f'the key "{start}" is too long or has a character that is not printed')
+            raise place.error(f'the key "{start}" is too long or has a character that is not printed', code="bad-name")
         yield inner, place / key
 
 
 def _check_value(value: Any, place: Place) -> None:
     if isinstance(value, str):
         if len(value) > LONGEST_TEXT:
-            raise place.error(f"the text has {len(value)} characters, and at most {LONGEST_TEXT} are read; shorten it")
+            raise place.error(
+                f"the text has {len(value)} characters, and at most {LONGEST_TEXT} are read; shorten it",
+                code="text-too-long",
+            )
         if match := _CONTROL.search(value):
-            raise place.error(f"the text holds the control character U+{ord(match[0]):04X}; remove it")
+            raise place.error(
+                f"the text holds the control character U+{ord(match[0]):04X}; remove it", code="control-character"
+            )
     elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
-        raise place.error("the integer is larger than 64 bits hold")
+        raise place.error("the integer is larger than 64 bits hold", code="out-of-range")
     elif isinstance(value, float) and not math.isfinite(value):
-        raise place.error("the number is not finite")
+        raise place.error("the number is not finite", code="not-finite")
 
 
 # TOML file that names other files: read, checked, and with the folder that those may lie in.

@@ -28,7 +28,11 @@ def read(path: Path, data: bytes, save: Save, sheet: str | None) -> dict[str, An
     book = load_workbook(BytesIO(data), read_only=True, data_only=True)
     if sheet is not None and sheet not in book.sheetnames:
         available = ", ".join(book.sheetnames)
-        raise InputError(f'{path}: there is no sheet "{sheet}"{nearest(sheet, book.sheetnames)}; it has {available}.')
+        raise InputError(
+            f'{path}: there is no sheet "{sheet}"{nearest(sheet, book.sheetnames)}; it has {available}.',
+            code="missing-sheet",
+            file=path,
+        )
     for name in book.sheetnames if sheet is None else [sheet]:
         try:
             rows, lines = _cells(path, book[name], None)
@@ -37,10 +41,12 @@ def read(path: Path, data: bytes, save: Save, sheet: str | None) -> dict[str, An
         except (InputError, MemoryError):
             raise
         except Exception as error:  # a sheet is parsed when its rows are asked for
-            raise InputError(f'{path}: the sheet "{name}" cannot be read ({type(error).__name__}).') from error
+            raise InputError(
+                f'{path}: the sheet "{name}" cannot be read ({type(error).__name__}).', code="damaged", file=path
+            ) from error
         if rows:
             return {"rows": rows, "lines": lines, "sheet": name}
-    raise InputError(f"{path}: {'all sheets are' if sheet is None else 'the sheet is'} empty.")
+    raise InputError(f"{path}: {'all sheets are' if sheet is None else 'the sheet is'} empty.", code="empty", file=path)
 
 
 def _cells(path: Path, sheet: Any, formulas: Any) -> tuple[list[list[str | float]], list[int]]:
@@ -62,7 +68,11 @@ def _cells(path: Path, sheet: Any, formulas: Any) -> tuple[list[list[str | float
         )
     for number, row in enumerate(each, start=1):
         if number > MOST_ROWS:
-            raise InputError(f"{path}: the sheet has more than the {MOST_ROWS} rows that a sheet can have.")
+            raise InputError(
+                f"{path}: the sheet has more than the {MOST_ROWS} rows that a sheet can have.",
+                code="too-many",
+                file=path,
+            )
         if row[MOST_COLUMNS:].count(None) == len(row[MOST_COLUMNS:]):
             row = row[:MOST_COLUMNS]  # cells that have a format and nothing else may reach to column XFD
         width = next((n for n in range(len(row), 0, -1) if _cell(row[n - 1]) != ""), 0)
@@ -72,7 +82,11 @@ def _cells(path: Path, sheet: Any, formulas: Any) -> tuple[list[list[str | float
             lines.append(number)
             left -= sum(len(cell) for cell in rows[-1] if isinstance(cell, str))
             if left < 0:
-                raise InputError(f"{path}: the sheet has more than the {MOST_TEXT} characters that are read.")
+                raise InputError(
+                    f"{path}: the sheet has more than the {MOST_TEXT} characters that are read.",
+                    code="too-many",
+                    file=path,
+                )
     _fill(rows, lines, merged)
     return rows, lines
 

@@ -101,8 +101,9 @@ def result_html(
     tiles: Sequence[Tile],
     figures: Sequence[Chart],
     tables: Sequence[Table],
+    notes: Sequence[str] = (),
 ) -> str:
-    """Page of what follows from a study's fit, such as a measuring plan."""
+    """Page of what follows from a study's fit, such as a measuring plan; `notes` are below its tables."""
     drawn = list(drawings(figures, 380))
     return render(
         "result.html",
@@ -114,6 +115,7 @@ def result_html(
         first=drawn[0] if drawn else None,
         figures=drawn[1:],
         tables=tables,
+        notes=notes,
         commands=[],
         facts=[("Injector", study.injector.title), ("Data", join_words([data.name for data in study.data]))],
     )

@@ -11,9 +11,9 @@ from commonrail.plugins.certainty.noise_fit import (
     FREEDOM,
     LAWS,
     Autoregression,
-    agreed,
     as_normal,
-    estimate,
+    count_exact,
+    fit_autoregression,
     sample_count,
     scale_of,
 )
@@ -44,7 +44,7 @@ def test_deviation_and_tail_are_those_of_the_density(law: Law, density: stats.rv
 
 def test_values_that_agree_exactly_are_no_samples() -> None:
     errors = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 2.0, 1.0, 0.0]])
-    assert [sample_count(errors), sample_count(errors[0]), agreed(errors)] == [2, 1, 2]
+    assert [sample_count(errors), sample_count(errors[0]), count_exact(errors)] == [2, 1, 2]
     assert sample_count(np.zeros(5)) == 5  # nothing is known of the noise
 
 
@@ -87,7 +87,7 @@ def test_an_autoregression_is_recovered_and_white_noise_is_left_white() -> None:
     x = np.zeros_like(e)
     for i in range(2, len(e)):
         x[i] = 1.2 * x[i - 1] - 0.5 * x[i - 2] + e[i]
-    found = estimate(x[None])
+    found = fit_autoregression(x[None])
     np.testing.assert_allclose(found.predictors[-1][:2], [1.2, -0.5], atol=0.03)
     assert found.whiten(x).std() == pytest.approx(1.0, rel=0.02)
-    assert np.abs(estimate(e[None]).reflections).max(initial=0.0) < 0.03
+    assert np.abs(fit_autoregression(e[None]).reflections).max(initial=0.0) < 0.03

@@ -6,10 +6,17 @@ from typing import Any
 
 import numpy as np
 
+from commonrail.base.record import from_record
+from commonrail.plugins.compare.file import ComparisonRecord
 from tests.report.samples import SYNTHETIC, map_record, rate_record, rate_traces
 
 OLD, NEW, STIFF = "old", "new, seat 2 mm", "stiff"
 _OF = {OLD: "start", NEW: "best", STIFF: "rigid"}  # the labels of samples.py
+
+
+def typed(record: dict[str, Any]) -> ComparisonRecord:
+    """Record as pages read it."""
+    return from_record(ComparisonRecord, record)
 
 
 def compared_rates() -> dict[str, Any]:

@@ -10,18 +10,18 @@ from commonrail.base.chart import Figure
 from commonrail.plugins.compare.page import comparison_figures
 from commonrail.report.figure import figure_svg
 from commonrail.report.fit.record import shown_of
-from tests.plugins.compare.samples import NEW, OLD, STIFF, compared_maps, compared_rates, compared_traces
+from tests.plugins.compare.samples import NEW, OLD, STIFF, compared_maps, compared_rates, compared_traces, typed
 
 
 def of_map(record: dict[str, Any]) -> list[Figure]:
     """Figures of the first map: quantities, errors, dead times."""
-    return comparison_figures(record | {"data": record["data"][:1]}, {})
+    return comparison_figures(typed(record | {"data": record["data"][:1]}), {})
 
 
 def test_every_figure_can_be_drawn_and_names_no_role() -> None:
     record = compared_rates()
-    figures = comparison_figures(record, compared_traces(record))
-    figures += comparison_figures(compared_maps(), {})
+    figures = comparison_figures(typed(record), compared_traces(record))
+    figures += comparison_figures(typed(compared_maps()), {})
     assert len(figures) == 3 + 5  # dead times of one map only
     for figure in figures:
         figure_svg(figure, height=300)
@@ -31,7 +31,7 @@ def test_every_figure_can_be_drawn_and_names_no_role() -> None:
 
 def test_curves_and_errors_of_a_model_share_a_family_and_a_dash() -> None:
     record = compared_rates()
-    rate, error = comparison_figures(record, compared_traces(record))[0].panels
+    rate, error = comparison_figures(typed(record), compared_traces(record))[0].panels
     looks = [(s.look, s.family) for s in rate.series]
     assert looks == [("measured", None), ("solid", 0), ("dash", 1), ("dot", 2)]
     assert [(s.look, s.family) for s in error.series] == looks[1:]
@@ -76,7 +76,7 @@ def test_a_curve_that_failed_is_left_out() -> None:
     record = compared_rates()
     traces = compared_traces(record)
     del traces["EVI 160 MPa"][OLD]
-    (rate, _) = comparison_figures(record, traces)[0].panels
+    (rate, _) = comparison_figures(typed(record), traces)[0].panels
     assert [s.label for s in rate.series] == ["synthetic", NEW, STIFF]
 
 

@@ -64,8 +64,8 @@ def test_the_three_results_are_those_of_plan_diagnose_and_trim(injector: Injecto
     assert judged.trim.code == same.code
     record = judged.record()
     assert record["verdict"] == record["plan"]["verdict"] == "fail"
-    lines, page = judgement_lines(record), judgement_html(record, "commonrail judge")
-    assert lines[0] == "FAIL"
+    lines, page = judgement_lines(judged), judgement_html(judged, "commonrail judge")
+    assert lines[0].startswith("FAIL. ")
     places = [page.index(text) for text in (">FAIL<", SPRING, same.code, "Tolerance fields", "Probabilities<")]
     assert places == sorted(places)
     sound = cr.parts.judge(injector, results(injector, 1.0, 1.0, 1.0), faults=table, threads=1)
@@ -75,9 +75,9 @@ def test_the_three_results_are_those_of_plan_diagnose_and_trim(injector: Injecto
 def test_a_failure_within_makers_scatter_is_said_so(injector: Injector, table: FaultTable) -> None:
     """A band of 2 % is narrower than the scatter of sound parts on a workshop's bench; 40 % are not within it."""
     plan = results(injector, 1.03, 1.0, 1.4, band=0.02)
-    record = cr.parts.diagnose(injector, plan, faults=table, threads=1).record()
-    assert [row["usual"] for row in record["tests"]] == [True, True, False]
-    shown = [" ".join(cell.plain for cell in row) for row in diagnosis_tables(record)[0].rows]
+    diagnosis = cr.parts.diagnose(injector, plan, faults=table, threads=1)
+    assert [test.usual for test in diagnosis.tests] == [True, True, False]
+    shown = [" ".join(cell.plain for cell in row) for row in diagnosis_tables(diagnosis)[0].rows]
     assert [FAILS in row for row in shown] == [True, False, True]
     assert [INSIDE_SCATTER in row for row in shown] == [True, False, False]
 
@@ -85,11 +85,11 @@ def test_a_failure_within_makers_scatter_is_said_so(injector: Injector, table: F
 def test_a_part_that_cannot_be_trimmed_is_judged_all_the_same(injector: Injector, table: FaultTable) -> None:
     plan = results(injector, 1.0, 1.0, 1.0)
     returns = tuple(replace(t, measure=Measure.RETURN, stroke_rate=20.0, bench=t.nominal) for t in plan.tests[1:])
-    record = cr.parts.judge(injector, replace(plan, tests=(plan.tests[0], *returns)), faults=table, threads=1).record()
-    assert record["trim"] is None
-    assert record["reason"] in " ".join(judgement_lines(record))
-    assert record["reason"]
-    assert "<h2>Trim</h2>" not in judgement_html(record, "")
+    judged = cr.parts.judge(injector, replace(plan, tests=(plan.tests[0], *returns)), faults=table, threads=1)
+    assert judged.trim is judged.record()["trim"] is None
+    assert judged.reason
+    assert judged.reason in " ".join(judgement_lines(judged))
+    assert "<h2>Trim</h2>" not in judgement_html(judged, "")
 
 
 def test_the_verb_reads_a_german_table_and_writes_one_page(

@@ -145,7 +145,7 @@ def test_an_observation_goes_on_with_the_next_log(
 
 
 def test_what_cannot_be_delivered_is_marked(rigid_volume: Injector) -> None:
-    wanted = [InjectionTrain(RAIL, (PILOT, 0.9e-6), ("0.7 ms",)), TRAINS[1]]  # type: ignore[arg-type]  # a text
+    wanted = [InjectionTrain(RAIL, (PILOT, 0.9e-6), ("0.7 ms",)), TRAINS[1]]
     with pytest.warns(RuntimeWarning, match=r"^1 of 2 trains"):
         found = compensate(rigid_volume, wanted, threads=1)
     assert [one.met for one in found] == [False, True]

@@ -12,15 +12,16 @@ import pytest
 
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError, InputError
+from commonrail.base.record import from_record
 from commonrail.engine.operating_point import Energising, OperatingPoint
 from commonrail.engine.simulate import simulate
 from commonrail.physics.injector import Injector
 from commonrail.plugins.observer.disturbance import Disturbance
-from commonrail.plugins.observer.file import LogColumns, read_log
+from commonrail.plugins.observer.file import LogColumns, ObservationSummary, read_log
 from commonrail.plugins.observer.further import join_covariances
 from commonrail.plugins.observer.kalman import Belief, update
 from commonrail.plugins.observer.online import Online, observer_texts
-from commonrail.plugins.observer.page import observer_html, observer_lines, warning_lines
+from commonrail.plugins.observer.page import observer_html, observer_notes, warning_lines
 from commonrail.plugins.observer.response import Response, Simulator
 from commonrail.plugins.observer.run import observe
 from commonrail.plugins.observer.study import CURRENT_DELAY, METER_GAIN, ObserverSettings, ShotRecord, resolve_states
@@ -120,7 +121,7 @@ def test_a_boost_voltage_that_is_off_is_learnt_with_the_current_and_not_without(
         assert value == pytest.approx(truth, abs=2.5 * deviation)
     assert found.settings.current_noise == pytest.approx(0.05, rel=0.1)
     assert all(all(shot.further.values()) for shot in found.shots)
-    assert not warning_lines(found.record())
+    assert not warning_lines(found.summary)
 
 
 def test_a_sensor_that_does_not_fit_the_pressure_is_left_out_and_named(rigid_volume: Injector, log: Logged) -> None:
@@ -137,19 +138,18 @@ def test_a_sensor_that_does_not_fit_the_pressure_is_left_out_and_named(rigid_vol
         found = observe(rigid_volume, *log[:3], settings, further=further, threads=1)
         figures[name] = [shot.figures[0, 0] for shot in found.shots if shot.figures is not None]
         counts = [list(shot.further.values()) for shot in found.shots]
-        record = found.record()
-        lines = " ".join(warning_lines(record))
+        lines = " ".join(warning_lines(found.summary))
         if name == "dead current":
             assert counts == [[False]] * 4
             assert figures[name] == pytest.approx(figures["plain"], rel=1e-3)  # peak and hold current are states
             assert "--current" in lines
             assert "4 of 4" in lines
-            assert "current" not in " ".join(observer_lines(record))
+            assert "current" not in " ".join(observer_notes(found.summary))
         if name == "wrong return flow":
             assert counts == [[True], [False], [False], []]
             assert "--return-flow" in lines
             assert "2 of 3" in lines
-            assert record["shots"][1]["further"] == {"return": False}
+            assert found.summary.shots[1].further == {"return": False}
 
 
 def test_what_the_model_lacks_of_the_return_quantity_stays_however_many_shots_there_are(rigid_volume: Injector) -> None:
@@ -277,7 +277,10 @@ def test_the_verb_reads_further_columns(command: Command, tmp_path: Path, log: L
     assert {"peak current", METER_GAIN} < {state["name"] for state in said[0]["states"]}
     one, other = ([shot["injections"][0]["quantity"] for shot in record["shots"]] for record in said)
     assert one == pytest.approx(other, rel=1e-3)  # roundings grow from shot to shot
-    assert all(word in " ".join(observer_lines(said[0])) for word in ("current", "return flow"))
+    assert all(
+        word in " ".join(observer_notes(from_record(ObservationSummary, said[0])))
+        for word in ("current", "return flow")
+    )
     assert "Return flow" in observer_html(said[0])
     for options, words in (
         (("--current", "pressure"), "Pa"),

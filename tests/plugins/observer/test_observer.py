@@ -116,6 +116,20 @@ def test_the_result_does_not_depend_on_threads(rigid_volume: Injector, observed:
     assert again.rows() == observed.rows()
 
 
+def test_arrays_have_the_figures_by_shot_and_injection(observed: Observation) -> None:
+    data = observed.to_xarray()
+    quantities = [shot.figures[0, 0] for shot in observed.shots if shot.figures is not None]
+    assert data.quantity.dims == ("shot", "injection")
+    assert data.quantity.attrs["units"] == "mm3"
+    assert data.quantity.values[:, 0] * MM3 == pytest.approx(quantities)
+    assert data.closing.attrs["units"] == "us"
+    assert data.rail_pressure.values * 1e6 == pytest.approx([shot.rail_pressure for shot in observed.shots])
+    two = observed.shots[0]._replace(energisings=(Energising(0.0, 1e-4), Energising(1e-3, 1e-4)), figures=None)
+    mixed = replace(observed, shots=(two._replace(deviations=None, open_loop=None), *observed.shots[1:])).to_xarray()
+    assert mixed.start.shape == (len(observed.shots), 2)
+    assert np.isnan(mixed.start.values[1:, 1]).all()
+
+
 def test_slopes_are_those_of_a_changed_part_and_of_the_sensor(rigid_volume: Injector) -> None:
     """Each slope against `simulate` of a changed part, or a changed sensor, written out here."""
     settings = ObserverSettings(averaged=20e-6)
@@ -289,7 +303,7 @@ def test_energisings_that_are_no_pairs_are_refused_with_an_example(rigid_volume:
     ("change", "words"),
     [
         ({"sensor": []}, "sensor"),
-        ({"sensor": "nose"}, '"nose".* rail'),
+        ({"sensor": "nose"}, '"rail".* "nose"'),
         ({"disturbance": {}}, "Disturbance"),
         ({"disturbance": Disturbance(1e5, 1e9, NAN, 1e4, 1e3, 1e-3)}, "memory of the disturbance"),
         ({"disturbance": Disturbance(0.0, 1e9, 2e-3, 1e4, 1e3, 1e-3)}, "noise of the disturbance"),
@@ -327,11 +341,10 @@ def test_a_log_says_where_it_is_wrong(rigid_volume: Injector) -> None:
 def test_a_log_without_an_injection_says_so(rigid_volume: Injector) -> None:
     made = logged([rigid_volume] * 2, RAILS[:2], np.full(2, 20e-6))
     found = observe(rigid_volume, made.time, made.pressure, made.energisings, threads=1)
-    record = found.record()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        observer_html(record)
-        (line,) = observer_lines(record)
+        observer_html(found.record())
+        (line,) = observer_lines(found.summary)
     assert "2 energisings" in line
 
 
@@ -348,9 +361,7 @@ def test_an_injection_that_does_not_open_has_no_deviation(rigid_volume: Injector
     assert abs(pilot["quantity"]) < 1e-3 * MM3
     assert {pilot[f"{key}_deviation"] for key in ("quantity", "opening", "closing")} == {None}
     assert min(main[f"{key}_deviation"] for key in ("quantity", "opening", "closing")) > 0.0
-    (share,) = re.findall(
-        r"Median standard deviation of a quantity (\S+) mm³", " ".join(observer_lines(found.record()))
-    )
+    (share,) = re.findall(r"median standard deviation of a quantity (\S+) mm³", " ".join(observer_lines(found.summary)))
     assert float(share) == pytest.approx(main["quantity_deviation"] / MM3, rel=0.05)  # of the main injection alone
     page = observer_html(found.record())
     assert f"0.00 ± {MISSING} (" in page
@@ -459,25 +470,26 @@ def test_a_log_of_few_samples_is_refused(rigid_volume: Injector) -> None:
 
 
 def test_a_wrong_rail_volume_or_unit_is_told(observed: Observation, log: Logged, rigid_volume: Injector) -> None:
-    assert warning_lines(observed.record()) == []
+    assert warning_lines(observed.summary) == []
     larger = rigid_volume.with_values({"rail.volume": 3.0 * rigid_volume.values["rail.volume"]})
-    record = observe(larger, log.time, log.pressure, log.energisings, threads=1).record()
-    words = " ".join(warning_lines(record))
+    found = observe(larger, log.time, log.pressure, log.energisings, threads=1)
+    words = " ".join(warning_lines(found.summary))
     assert "standard deviations" in words or "no quantity" in words
     assert f"{larger.values['rail.volume'] * 1e6:.4g} cm³" in words
-    assert "✓" not in re.sub("<script.*?</script>", "", observer_html(record), flags=re.S)
-    for shot in record["shots"]:
-        shot["rail_pressure"] *= 1e-2
-    assert "usual" in warning_lines(record)[0]
+    assert "✓" not in re.sub("<script.*?</script>", "", observer_html(found.record()), flags=re.S)
+    shots = tuple(shot._replace(rail_pressure=1e-2 * shot.rail_pressure) for shot in found.shots)
+    assert "usual" in warning_lines(replace(found, shots=shots).summary)[0]
 
 
 def test_an_alarm_of_a_state_far_off_needs_more_than_four_deviations(observed: Observation) -> None:
-    record = observed.record()
-    names, last = [state["name"] for state in record["states"]], record["shots"][-1]
-    deviation = record["states"][names.index("valve lift")]["deviation"]
+    states, last = observed.settings.states, observed.shots[-1]
+    assert last.drift is not None
+    is_lift = np.array([state.name == "valve lift" for state in states])
+    (deviation,) = (state.deviation for state in states if state.name == "valve lift")
     for share, told in ((3.9, 0), (-4.1, 1)):
-        last["drift"][names.index("valve lift")] = share * deviation
-        assert sum("Valve lift" in line for line in warning_lines(record)) == told
+        shot = last._replace(drift=np.where(is_lift, share * deviation, last.drift))
+        summary = replace(observed, shots=(*observed.shots[:-1], shot)).summary
+        assert sum("Valve lift" in line for line in warning_lines(summary)) == told
 
 
 def test_the_verb_leaves_a_report(command: Command, tmp_path: Path, log: Logged) -> None:

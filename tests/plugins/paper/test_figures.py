@@ -14,7 +14,7 @@ from commonrail.calibration.study import Method, Study
 from commonrail.plugins.certainty.run import certainty as certify
 from commonrail.plugins.paper import study as paper
 from commonrail.plugins.paper.figures import Figures, box
-from commonrail.plugins.paper.run import Reproduction
+from commonrail.plugins.paper.run import Reproduction, StiffnessCertainty
 from commonrail.plugins.paper.study import Configuration
 
 PRESSURES = list(paper.RAIL_PRESSURES)
@@ -137,7 +137,6 @@ def test_an_interval_covers_the_truth_up_to_its_ends(
     expected: tuple[int, int],
 ) -> None:
     monkeypatch.setattr("commonrail.plugins.paper.figures.RANDOM_POINTS", 10)  # which say nothing of intervals
-    one = replace(
-        done.repetitions[0], identified={paper.NAMES[2]: {"lower": low, "upper": high, "verdict": "determined"}}
-    )
+    certainty = StiffnessCertainty(low, high, None, "determined")
+    one = replace(done.repetitions[0], identified={paper.NAMES[2]: certainty})
     assert Figures((one,)).covers(2, 2.0) == expected

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from scipy.stats import binomtest
 
 from commonrail.base.errors import InputError
+from commonrail.base.record import from_record
 from commonrail.base.text import MISSING
-from commonrail.plugins.paper import figures
+from commonrail.plugins.paper import charts
 from commonrail.plugins.paper import page as tables
+from commonrail.plugins.paper.file import ReproductionSummary
 from commonrail.plugins.paper.page import FEWEST, RESULT, meaning, reproduction_html, verdicts
-from tests.report.reproduction_sample import record, traces
+from tests.report.reproduction_sample import record, summary, traces
 
 
 def rows(table: tables.Table) -> list[list[str]]:
@@ -22,14 +25,14 @@ def rows(table: tables.Table) -> list[list[str]]:
 
 
 def test_the_verdicts_are_counted() -> None:
-    enough = record() | {"seeds": list(range(6))}
+    enough = replace(summary(), seeds=tuple(range(6)))
     assert verdicts(enough) == "Of 4 claims of the paper 2 hold, 1 do not hold and 1 cannot be told here."
 
 
 def test_with_too_few_seeds_it_is_said_what_they_show() -> None:
-    few = record()
-    few["claims"][1]["true_in"], few["claims"][2]["true_in"] = 0, 1
-    assert verdicts(few) == (
+    claims = summary().claims
+    few = claims[0], claims[1]._replace(true_in=0), claims[2]._replace(true_in=1), claims[3]
+    assert verdicts(replace(summary(), claims=few)) == (
         "Of 4 claims of the paper 2 are true in every seed, 1 in none, 1 in some. "
         "Fewer than 6 seeds cannot tell a claim from chance."
     )
@@ -64,19 +67,23 @@ def test_the_page_says_what_the_record_says() -> None:
 
 
 def test_the_study_leads_with_orders_truths_and_the_meter_in_the_records_numbers() -> None:
-    made = record()
-    order = [{**made["claims"][0], "id": f"ordering-{n}", "true_in": n, "of": 9} for n in (9, 8)]
-    made["claims"] = [*order, {**order[0], "id": "ordering-fitted-9", "true_in": 0}]
-    made["meter"][0]["stiffness"]["k7"]["median"] = 4.0e8
-    made["meter"][1]["stiffness"]["k7"]["median"] = 8.0e8  # the truth is 8.4e8
-    models, single, meter = meaning(made)
+    order = [summary().claims[0]._replace(id=f"ordering-{n}", true_in=n, of=9) for n in (9, 8)]
+    claims = (*order, order[0]._replace(id="ordering-fitted-9", true_in=0))
+
+    def sentences(without: float, with_meter: float) -> list[str]:
+        """With these medians of k7; the truth is 8.4e8."""
+        made = record()
+        made["meter"][0]["stiffness"]["k7"]["median"] = without
+        made["meter"][1]["stiffness"]["k7"]["median"] = with_meter
+        return meaning(replace(from_record(ReproductionSummary, made), claims=claims))
+
+    models, single, meter = sentences(4.0e8, 8.0e8)
     assert "9 · 8 of 9 seeds" in models
     assert "0 of 9 where the rigid body is fitted" in models
     assert "12 of 14 intervals hold" in single  # 6 parameters × 2 seeds, none of k7
     assert "400 N/µm, with it to 800, and the truth is 840" in meter
     assert "sits in k7" in meter
-    made["meter"][1]["stiffness"]["k7"]["median"] = 3.0e8  # farther off: the meter explains nothing
-    assert "sits in k7" not in meaning(made)[2]
+    assert "sits in k7" not in sentences(4.0e8, 3.0e8)[2]  # farther off: the meter explains nothing
 
 
 def test_an_interrupted_run_says_how_far_it_came() -> None:
@@ -85,7 +92,7 @@ def test_an_interrupted_run_says_how_far_it_came() -> None:
 
 
 def test_what_the_meter_changes_stands_beside_the_fit_without_it() -> None:
-    table = tables.meter_table(record())
+    table = tables.meter_table(summary())
     found = rows(table)
     assert [row[0] for row in found] == ["no meter", "a known meter", "a fitted delay"]
     assert found[0][1:4] == ["200 (180–220)", "201 (180.9–221.1)", "202 (181.8–222.2)"]
@@ -93,7 +100,7 @@ def test_what_the_meter_changes_stands_beside_the_fit_without_it() -> None:
 
 
 def test_table_1_is_in_newtons_per_micrometre() -> None:
-    found = rows(tables.table1(record()))
+    found = rows(tables.table1(summary()))
     assert found[0] == ["k1", "100", "150", "123 (111–136)", "120", "2 of 2", "+50", "−25", "5.5", "determined: 2"]
     assert found[6][4:6] == ["840", "0 of 2"]
     assert found[6][9] == "only in combination: 1; not confirmed: 1"
@@ -101,22 +108,22 @@ def test_table_1_is_in_newtons_per_micrometre() -> None:
 
 
 def test_table_3_marks_the_least_of_a_column() -> None:
-    found = rows(tables.table3(record()))
+    found = rows(tables.table3(summary()))
     assert found[1][:3] == ["(50, 70)", "★ 148.0 (148–148)".replace("★ ", "★\N{NO-BREAK SPACE}"), "166.25"]
     assert not any("★" in cell for cell in (*found[0], *found[2]))
-    assert "(70, 50): the paper's choice" in tables.table3(record()).note
+    assert "(70, 50): the paper's choice" in tables.table3(summary()).note
 
 
 def test_a_search_without_success_has_no_number() -> None:
-    assert rows(tables.treatments_table(record()))[1] == ["treatment literal", "3,550", "0.13 (0.117–0.143)", MISSING]
+    assert rows(tables.treatments_table(summary()))[1] == ["treatment literal", "3,550", "0.13 (0.117–0.143)", MISSING]
 
 
 def test_edges_are_microseconds_with_their_sign() -> None:
-    assert rows(tables.edges_table(record()))[0] == ["160 MPa", "rigid body", "−93.5 (−84.2 to −102.9)", MISSING]
+    assert rows(tables.edges_table(summary()))[0] == ["160 MPa", "rigid body", "−93.5 (−84.2 to −102.9)", MISSING]
 
 
 def test_the_fitted_rigid_body_is_in_the_drawings_units() -> None:
-    table = tables.rigid_table(record())
+    table = tables.rigid_table(summary())
     assert rows(table) == [
         ["lift of the stop, µm", "100", "10 to 1000", "212 (191–233)"],
         ["volume of the control chamber, mm³", "18", "1.8 to 180", "50 (45–55)"],
@@ -124,7 +131,7 @@ def test_the_fitted_rigid_body_is_in_the_drawings_units() -> None:
 
 
 def test_the_tables_have_as_many_cells_as_columns() -> None:
-    found = record()
+    found = summary()
     for make in (
         tables.table1,
         tables.table3,
@@ -139,7 +146,7 @@ def test_the_tables_have_as_many_cells_as_columns() -> None:
 
 
 def test_figure_4_has_medians_and_quartiles() -> None:
-    (panel,) = figures.convergence(record()).panels
+    (panel,) = charts.convergence(summary()).panels
     assert panel.series[1].y == (300.0, 200.0, 156.0)
     assert {(band.look, band.low[0], band.high[0]) for band in panel.bands} == {
         ("mean", 1900.0, 2100.0),
@@ -149,14 +156,14 @@ def test_figure_4_has_medians_and_quartiles() -> None:
 
 
 def test_figure_5_is_relative_to_theory() -> None:
-    (panel,) = figures.search_boxes(record()).panels
+    (panel,) = charts.search_boxes(summary()).panels
     assert panel.categories == tuple(f"k{i}" for i in range(1, 8))
     assert panel.boxes[0].boxes[0] == (0.5, 0.8, 1.0, 1.2, 1.9)
     assert panel.boxes[0].label == "seed 4"
 
 
 def test_figure_6_shows_one_seed_with_gaps_where_a_simulation_failed() -> None:
-    found = figures.rates(record(), traces())
+    found = charts.rates(summary(), traces())
     assert [f.title for f in found] == [
         "Rate of injection at 160 MPa (fit) (Fig. 6)",
         "Rate of injection at 120 MPa (validation) (Fig. 6)",

@@ -33,6 +33,9 @@ def folder(done: Reproduction, record: dict[str, Any], tmp_path_factory: pytest.
 
 
 def test_a_repetition_depends_on_its_seed_alone(short: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    few = {c: study.TABLE3[c] for c in (*study.CONFIGURATIONS[:1], study.BEST)}
+    monkeypatch.setattr(study, "TABLE3", few)
+    monkeypatch.setattr(study, "CONFIGURATIONS", tuple(few))
     first, other = reproduce(short, (1, 2), threads=2).repetitions
     monkeypatch.setattr(run, "measure", measure)
     (alone,) = reproduce(short, (2,), threads=1).repetitions
@@ -134,10 +137,11 @@ def test_random_points_are_the_first_population(done: Reproduction) -> None:
         np.testing.assert_array_equal(j, objective.costs(first.best.members[0]).costs)
 
 
-def test_the_method_finds_the_truth_when_the_model_contains_it() -> None:
+@pytest.mark.parametrize("seeds", [1, pytest.param(3, marks=pytest.mark.slow)])
+def test_the_method_finds_the_truth_when_the_model_contains_it(seeds: int) -> None:
     ideal = bench("virtual-lino-2016-ideal")
     fit = measure(ideal, 1)[0]
-    costs = [search(ideal, fit, study.BEST.settings, seed).cost for seed in range(1, 4)]
+    costs = [search(ideal, fit, study.BEST.settings, seed).cost for seed in range(1, seeds + 1)]
     space = study.space(ideal.injector)
     start = Objective(ideal.injector, space.names, [fit], ideal.time_step).costs(space.reference[None, :]).costs[0]
     assert np.median(costs) < 0.01 * start

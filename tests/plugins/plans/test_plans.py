@@ -18,9 +18,8 @@ from commonrail.engine.simulate import simulate
 from commonrail.engine.status import Status
 from commonrail.physics.injector import Injector
 from commonrail.plugins.plans.data import PlanData
-from commonrail.plugins.plans.page import part_verdict, without_rate
 from commonrail.plugins.plans.run import plan as run_plan
-from commonrail.plugins.plans.study import Bands, Measure, PlanTest, State, TestPlan, load_plan
+from commonrail.plugins.plans.study import Bands, Measure, PlanTest, State, TestPlan, load_plan, without_rate
 from commonrail.readers.injector import load_injector
 from tests.cli.conftest import Command
 from tests.data.samples import Sample, plan_table
@@ -286,8 +285,8 @@ def test_the_part_on_the_bench_is_judged(
 ) -> None:
     head = f"{HEAD},nominal [mm3],half_band [%],bench [mm3]"
     file = plan_file(tmp_path, f"{head}\nVL,160,700,50,10,{bench[0]}\nEM,100,400,20,20,{bench[1]}\n")
-    rows = run_plan(regulated, file, threads=1).record()["data"]["rows"]
-    assert part_verdict(rows)[0] == word
+    result = run_plan(regulated, file, threads=1)
+    assert result.judged.verdict == result.record()["verdict"] == word
 
 
 def test_a_test_that_fails_has_a_reason_and_the_others_a_number(regulated: Injector) -> None:

@@ -11,10 +11,12 @@ import pytest
 
 import commonrail as cr
 from commonrail.base.errors import CommonrailError
+from commonrail.base.record import from_record
 from commonrail.calibration.study_file import edit_study
 from commonrail.plugins.new.study import WEIGHT, StatedByUser, write_new
 from commonrail.plugins.update import run as update_run
 from commonrail.plugins.update.page import update_lines
+from commonrail.plugins.update.record import UpdateRecord
 from commonrail.plugins.update.study import LOCAL, make_updated_study, read_addition
 from commonrail.readers.toml import read_toml
 from commonrail.runs.folder import read_result
@@ -94,8 +96,9 @@ def test_a_held_out_set_that_is_met_worse_is_said_first(updated: cr.fit.Update) 
     found = json.loads(json.dumps(updated.content))
     one = next(e for e in found["errors"] if e["name"] == "check")
     one |= {"after": {"size": 2.0 * one["before"]["size"] + 1e-3, "in_tolerances": False}, "rises": True}
-    assert "check" in update_lines(found)[0]
-    assert update_lines(found)[0] not in updated.content["lines"]
+    first = update_lines(from_record(UpdateRecord, found))[0]
+    assert "check" in first
+    assert first not in updated.content["lines"]
 
 
 def test_an_error_that_rises_is_found(updated: cr.fit.Update) -> None:

@@ -222,7 +222,7 @@ class Optimiser(ABC):
             If the search has finished.
         """
         if self.finished:
-            raise StudyError(f"the search has finished ({self.reason}): read its best member")
+            raise StudyError(f"the search has finished ({self.reason}): read its best member", code="finished")
         if self._asked is None:
             self._started = self._rng.bit_generator.state
             self._work = self._step()
@@ -238,7 +238,7 @@ class Optimiser(ABC):
             If nothing was asked for, or there is not one answer for each trial.
         """
         if self._asked is None or self._work is None:
-            raise StudyError("answers were told before any trials were asked for: ask first")
+            raise StudyError("answers were told before any trials were asked for: ask first", code="not-asked")
         trials, checked = self._asked, _checked(answers, self._asked)
         if trials.question is not Question.COSTS_AGAIN:
             finite = np.isfinite(checked)
@@ -275,20 +275,24 @@ class Optimiser(ABC):
             if key not in state or not np.array_equal(state[key], mine):
                 raise ConfigurationError(
                     f"state: its {key} differs from this search's: restore it with the space and settings that it was "
-                    "saved with"
+                    "saved with",
+                    code="other-search",
                 )
         try:
             self._rng.bit_generator.state = state["rng"]
         except (KeyError, TypeError, ValueError) as error:
             kind = type(self._rng.bit_generator).__name__
             raise ConfigurationError(
-                f"state: it holds no state for a {kind} generator, use the kind it was saved with"
+                f"state: it holds no state for a {kind} generator, use the kind it was saved with",
+                code="other-generator",
             ) from error
         if not all(isinstance(count, int) and count >= 0 for count in (state["steps"], *state["counts"].values())):
-            raise ConfigurationError("state: its counts are no whole numbers")
+            raise ConfigurationError("state: its counts are no whole numbers", code="damaged-state")
         best = Best(np.array(state["best"], dtype=float), float(state["cost"]))
         if best.x.shape != (self.space.dimension,) or not inside(self.space.to_unit(best.x)) or np.isnan(best.cost):
-            raise ConfigurationError("state: its best point lies outside the bounds or has no cost; take a whole state")
+            raise ConfigurationError(
+                "state: its best point lies outside the bounds or has no cost; take a whole state", code="damaged-state"
+            )
         self.steps, self.counts, self._asked, self.best = state["steps"], Counts(**state["counts"]), None, best
         self._restore(state)
 
@@ -334,7 +338,8 @@ def _checked(answers: ArrayLike, trials: Trials) -> Floats:
         what, item = ("residuals", "row") if residuals else ("costs", "cost")
         raise StudyError(
             f"{what}: an array of shape {array.shape} was given for {len(trials.x)} trials, expected one {item} for "
-            "each trial in the order asked for"
+            "each trial in the order asked for",
+            code="wrong-shape",
         )
     if residuals:
         return array

@@ -428,9 +428,13 @@ class DifferentialEvolution(Optimiser):
         members = self.settings.members if self.steps else 0
         unit, costs, violations = (np.array(state[name], dtype=float) for name in ("unit", "costs", "violations"))
         if [a.shape for a in (unit, costs, violations)] != [(members, self.space.dimension), (members,), (members,)]:
-            raise ConfigurationError(f"state: its population is not one of {members} members; take a whole state")
+            raise ConfigurationError(
+                f"state: its population is not one of {members} members; take a whole state", code="damaged-state"
+            )
         if not (inside(unit) and np.all(costs > -np.inf) and np.all(violations >= 0.0)):
-            raise ConfigurationError("state: its population lies outside the bounds or has costs that are no numbers")
+            raise ConfigurationError(
+                "state: its population lies outside the bounds or has costs that are no numbers", code="damaged-state"
+            )
         self._take(unit, costs, violations)
 
 
@@ -439,11 +443,15 @@ def _check_start(space: Space, start: ArrayLike | None, members: int) -> Floats:
     if points.ndim != 2 or points.shape[1] != space.dimension or len(points) > members:
         raise ConfigurationError(
             f"start: an array of shape {points.shape} was given, expected at most {members} rows "
-            f"of {space.dimension} values"
+            f"of {space.dimension} values",
+            code="wrong-shape",
         )
     refused = np.flatnonzero(~space.satisfies(points))
     if len(refused):
-        raise ConfigurationError(f"start: row {refused[0] + 1} breaks the bounds or a constraint, correct or remove it")
+        raise ConfigurationError(
+            f"start: row {refused[0] + 1} breaks the bounds or a constraint, correct or remove it",
+            code="infeasible-start",
+        )
     return points.astype(float)
 
 

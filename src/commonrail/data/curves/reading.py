@@ -35,7 +35,7 @@ def read_curves(model: RateModel, context: Context) -> list[tuple[FoundCurve, Op
     }
     stated = [key for key, is_stated in ways.items() if is_stated]
     if len(stated) > 1:
-        raise at.error(f"{' and '.join(stated)} are different ways to find several curves; keep one")
+        raise at.error(f"{' and '.join(stated)} are different ways to find several curves; keep one", code="conflict")
     if not stated:
         time = Column(model.time, "s", model.time_unit, increasing=True)
         table = context.columns(model.file, at, [time, Column(model.rate, RATES, model.rate_unit)], form=model.form)
@@ -58,11 +58,12 @@ def _at_point(model: RateModel, curve: FoundCurve, at: Place) -> RateModel:
     from_name = {key: value for key, value in stated.items() if value is not None and not _of_each(key, model)}
     for key in from_name:
         if getattr(model, key) is not None or (key == "energising_time" and model.energisings is not None):
-            raise (at / key).error("each curve of the file has its own; remove this key")
+            raise (at / key).error("each curve of the file has its own; remove this key", code="idle-key")
     if model.drive is not None and not _of_each("drive", model):
         raise (at / "drive").error(
             "one measured drive cannot belong to several curves; name columns by the pattern of the key columns, as in "
-            '{ column = "I_{p}bar" }, or read each curve from a block of its own'
+            '{ column = "I_{p}bar" }, or read each curve from a block of its own',
+            code="shared-drive",
         )
     return model.model_copy(update=from_name)
 
@@ -74,7 +75,10 @@ def _point(model: RateModel, samples: Samples, context: Context, courses: Mappin
     if pulses[0].start >= bounds[-1]:
         raise ConfigurationError(
             f"{at}: the samples that count end at {to_text(float(bounds[-1]), 's')}, before the first "
-            f"energising at {to_text(pulses[0].start, 's')}; correct the window or the energising."
+            f"energising at {to_text(pulses[0].start, 's')}; correct the window or the energising.",
+            code="energising-after-data",
+            file=at.file,
+            place=at.key,
         )
     start = min(float(bounds[0]), pulses[0].start)
     steps = math.ceil((float(bounds[-1]) - start) / context.time_step - 1e-6)
@@ -82,10 +86,13 @@ def _point(model: RateModel, samples: Samples, context: Context, courses: Mappin
         raise ConfigurationError(
             f"{at}: the samples that count reach over {to_text(float(bounds[-1]) - start, 's')}, longer than a "
             f"simulation may be, {to_text(LONGEST, 's')}: {samples.range()}; give a window, or correct the unit if the "
-            "times are wrong."
+            "times are wrong.",
+            code="too-long",
+            file=at.file,
+            place=at.key,
         )
     if model.rail_pressure is None:
-        raise (at / "rail_pressure").error("this key is missing; add it")
+        raise (at / "rail_pressure").error("this key is missing; add it", code="missing")
     rail, cylinder, low = (courses.get(key, getattr(model, key)) for key in _PRESSURES)
     drive = _drive(model, context, pulses[0].start, courses)
     with locate_errors(at):
@@ -97,7 +104,9 @@ def _point(model: RateModel, samples: Samples, context: Context, courses: Mappin
 def list_pulses(model: RateModel, at: Place) -> tuple[Energising, ...]:
     """Energisings that a block states, a single one from time 0."""
     if (model.energising_time is None) == (model.energisings is None):
-        raise at.error('give either energising_time = "700 us" or energisings = [{ start = …, duration = … }]')
+        raise at.error(
+            'give either energising_time = "700 us" or energisings = [{ start = …, duration = … }]', code="conflict"
+        )
     if model.energising_time is not None:
         with locate_errors(at / "energising_time"):
             return (Energising(0.0, model.energising_time),)
@@ -121,7 +130,10 @@ def _check_drive(model: RateModel, context: Context) -> None:
     if bool(drive_unit(injector)) != (model.drive is not None):
         raise ConfigurationError(
             f"{context.at / 'drive'}: the injector {injector.name} has drive_kind "
-            f'"{injector.variant.drive.value}"; give a measured drive if, and only if, it is a trace.'
+            f'"{injector.variant.drive.value}"; give a measured drive if, and only if, it is a trace.',
+            code="drive-kind",
+            file=context.at.file,
+            place=(context.at / "drive").key,
         )
 
 
@@ -132,7 +144,8 @@ def _from_zero(drive: Trace, first: float, at: Place) -> Trace:
     if not before.any():
         raise (at / "zero_at_rest").error(
             f"the drive has no sample before the first energising at {to_text(first, 's')}, so that its zero is "
-            "unknown; give a longer trace, or omit this key"
+            "unknown; give a longer trace, or omit this key",
+            code="no-zero",
         )
     return Trace.of(time, value - float(np.mean(value[before])))
 
@@ -161,10 +174,11 @@ def read_named_columns(model: RateModel, context: Context) -> list[FoundCurve]:
     if not points:
         shown = ", ".join(f'"{name}"' for name in sheet.names[:MOST_SHOWN])
         raise (at / "columns").error(
-            f'no column of {sheet.path} fits "{pattern.text}"; it has {shown}{", …" * (len(sheet.names) > MOST_SHOWN)}'
+            f'no column of {sheet.path} fits "{pattern.text}"; it has {shown}{", …" * (len(sheet.names) > MOST_SHOWN)}',
+            code="no-columns",
         )
     if len(points) > MOST_CURVES:
-        raise (at / "columns").error(f"{len(points)} columns fit, and at most {MOST_CURVES} are read")
+        raise (at / "columns").error(f"{len(points)} columns fit, and at most {MOST_CURVES} are read", code="too-many")
     time = Column(model.time, "s", model.time_unit, increasing=True)
     columns = [Column(point.column, RATES, model.rate_unit, required=False) for point in points]
     tables = take_each(sheet, time, columns)
@@ -190,7 +204,10 @@ def courses_at(curves: Sequence[FoundCurve], model: RateModel, context: Context)
             _check_drive(model, context)
         at, is_own = context.at / key, item.file is None
         if is_own and item.form != PLAIN:
-            raise at.error("encoding, decimal and sheet of a course are those of a file of its own; state file too")
+            raise at.error(
+                "encoding, decimal and sheet of a course are those of a file of its own; state file too",
+                code="missing-file-key",
+            )
         sheet = context.sheet(item.file or model.file, at, model.form if is_own else item.form)
         names = [item.column] * len(curves)
         if _of_each(key, model):
@@ -200,7 +217,8 @@ def courses_at(curves: Sequence[FoundCurve], model: RateModel, context: Context)
                 fitting = [point.column for point in points if _is_at(point, curve)]
                 if len(fitting) != 1:
                     raise (at / "column").error(
-                        f'{len(fitting)} columns of {sheet.path} fit "{item.column}" at {curve.label}, and one must'
+                        f'{len(fitting)} columns of {sheet.path} fit "{item.column}" at {curve.label}, and one must',
+                        code="open-column",
                     )
                 names[i] = fitting[0]
         unit = drive_unit(context.injector) if key == "drive" else "Pa"
@@ -256,7 +274,8 @@ def _average_shots(points: Sequence[NamedPoint], samples: Sequence[Samples], at:
         if len(rows) > 1 and not first.shot:
             raise at.error(
                 f'the columns "{first.column}" and "{points[rows[1]].column}" are at one operating point; mark what '
-                "numbers repeated shots with {shot}"
+                "numbers repeated shots with {shot}",
+                code="repeated",
             )
         curves.append(mean_curve([samples[i] for i in rows], first.rail_pressure, first.energising_time))
     return curves
@@ -278,7 +297,11 @@ def traces_below_points(model: RateModel, context: Context) -> list[FoundCurve]:
     }
     wide = find_traces(grid, model.time, stated)
     if len(wide.names) > MOST_CURVES:
-        raise InputError(f"{path}: the table has {len(wide.names)} traces, and at most {MOST_CURVES} are read.")
+        raise InputError(
+            f"{path}: the table has {len(wide.names)} traces, and at most {MOST_CURVES} are read.",
+            code="too-many",
+            file=path,
+        )
     note(f"{path}: read as {len(wide.names)} traces below their operating points; {'; '.join(grid.said)}.")
     rail, time = wide.points.get("rail pressure"), wide.points.get("energising time")
     points = [

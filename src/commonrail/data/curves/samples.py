@@ -122,11 +122,13 @@ def read_samples(table: Table, column: str, model: RateModel, at: Place) -> Samp
     empty = np.flatnonzero(np.isnan(rate))
     if len(empty):
         if not np.isnan(rate[empty[0] :]).all():
-            raise table.place(column, int(empty[0])).error("a number is expected: others follow in this column")
+            raise table.place(column, int(empty[0])).error(
+                "a number is expected: others follow in this column", code="not-a-number"
+            )
         time, rate = time[: empty[0]], rate[: empty[0]]
     if len(rate) < LEAST_SAMPLES:
         raise Place(str(table.path), f'column "{column}"').error(
-            f"there are {len(rate)} samples, and at least {LEAST_SAMPLES} are needed"
+            f"there are {len(rate)} samples, and at least {LEAST_SAMPLES} are needed", code="too-few"
         )
     where = f'the column "{model.time}" of {table.path}'
     return Samples(_bounds(model, time, at), rate, table.units[column], table.written_units[model.time], where)
@@ -136,14 +138,15 @@ def _bounds(model: RateModel, time: Floats, at: Place) -> Floats:
     """Bounds of the intervals that the samples are means over."""
     if model.sampling == "centred":
         if model.first_bound is not None:
-            raise (at / "first_bound").error('this key belongs to sampling = "mean"; remove it')
+            raise (at / "first_bound").error('this key belongs to sampling = "mean"; remove it', code="idle-key")
         return bounds_around(time)
     first = 2.0 * time[0] - time[1]
     if model.first_bound is not None:
         first = model.first_bound
         if not first < time[0]:
             raise (at / "first_bound").error(
-                f"{to_text(first, 's')} must lie before the first sample at {to_text(float(time[0]), 's')}"
+                f"{to_text(first, 's')} must lie before the first sample at {to_text(float(time[0]), 's')}",
+                code="order",
             )
     return np.concatenate(([first], time))
 
@@ -170,7 +173,10 @@ def within_window(samples: Samples, model: RateModel, at: Place) -> Samples:
         cure = samples.misread(begin, end) or "; widen the window, or correct the unit if the times are wrong"
         raise ConfigurationError(
             f"{at / 'window'}: only {max(len(inside) - 1, 0)} samples lie in the window from {to_text(begin, 's')} to "
-            f"{to_text(end, 's')}, and at least {LEAST_SAMPLES} are needed; {samples.range()}{cure}."
+            f"{to_text(end, 's')}, and at least {LEAST_SAMPLES} are needed; {samples.range()}{cure}.",
+            code="too-few",
+            file=at.file,
+            place=(at / "window").key,
         )
     first, last = int(inside[0]), int(inside[-1])
     return samples._replace(bounds=samples.bounds[first : last + 1].copy(), rate=samples.rate[first:last])
@@ -184,13 +190,21 @@ def _slack(samples: Samples) -> float:
 def _check_window(samples: Samples, begin: float, end: float, at: Place) -> None:
     bounds, slack = samples.bounds, _slack(samples)
     if not begin < end:
-        raise ConfigurationError(f'{at}: the window must begin before it ends, as in ["0 us", "1200 us"].')
+        raise ConfigurationError(
+            f'{at}: the window must begin before it ends, as in ["0 us", "1200 us"].',
+            code="order",
+            file=at.file,
+            place=at.key,
+        )
     if begin < bounds[0] - slack or end > bounds[-1] + slack:
         cure = (
             samples.misread(begin, end) or "; choose a window within them, or correct the unit if the times are wrong"
         )
         raise ConfigurationError(
-            f"{at}: the window reaches from {to_text(begin, 's')} to {to_text(end, 's')}, and {samples.range()}{cure}."
+            f"{at}: the window reaches from {to_text(begin, 's')} to {to_text(end, 's')}, and {samples.range()}{cure}.",
+            code="window-outside",
+            file=at.file,
+            place=at.key,
         )
 
 
@@ -203,6 +217,7 @@ def raster(begin: float, end: float, step: float, at: Place) -> Floats:
     if not LEAST_SAMPLES <= count <= MOST_SAMPLES:
         raise at.error(
             f"a step of {to_text(step, 's')} makes {count} samples of the time from {to_text(begin, 's')} to "
-            f"{to_text(end, 's')}, and {LEAST_SAMPLES} to {MOST_SAMPLES} are allowed"
+            f"{to_text(end, 's')}, and {LEAST_SAMPLES} to {MOST_SAMPLES} are allowed",
+            code="wrong-number",
         )
     return np.asarray(begin + step * np.arange(count + 1, dtype=np.float64))

@@ -78,10 +78,15 @@ def cut_shots(model: RateModel, context: Context) -> list[FoundCurve]:
     assert shots is not None
     if model.window is None:
         raise ConfigurationError(
-            f'{at}: shots need a window, counted from the start of energising, as in window = ["-0.1 ms", "2 ms"].'
+            f'{at}: shots need a window, counted from the start of energising, as in window = ["-0.1 ms", "2 ms"].',
+            code="missing-window",
+            file=at.file,
+            place=at.key,
         )
     if model.time_zero:
-        raise (at / "time_zero").error("shots count from their triggers; state shots.offset, and remove this key")
+        raise (at / "time_zero").error(
+            "shots count from their triggers; state shots.offset, and remove this key", code="idle-key"
+        )
     path = context.sheet(model.file, at, model.form).path
     begin, end = model.window
     trigger = _channel(Column(shots.trigger, TRIGGERS, otherwise="1"), model, context)
@@ -90,7 +95,8 @@ def cut_shots(model: RateModel, context: Context) -> list[FoundCurve]:
     if abs(shots.offset) >= period:
         raise (at / "shots" / "offset").error(
             f"{to_text(shots.offset, 's')} leads to the shot of another trigger, as they are {to_text(period, 's')} "
-            "apart; count from the trigger of the shot"
+            "apart; count from the trigger of the shot",
+            code="other-shot",
         )
     starts = edges + shots.offset
     rate = _take_channel(Column(model.rate, RATES, model.rate_unit), model, context)
@@ -102,7 +108,10 @@ def cut_shots(model: RateModel, context: Context) -> list[FoundCurve]:
     if not complete.any():
         raise InputError(
             f"{at / 'window'}: no shot of {path} is whole: the window reaches from {to_text(begin, 's')} to "
-            f"{to_text(end, 's')} about {len(starts)} triggers, and {record.range()}."
+            f"{to_text(end, 's')} about {len(starts)} triggers, and {record.range()}.",
+            code="no-whole-shot",
+            file=at.file,
+            place=(at / "window").key,
         )
     curves = _points(path, model, context, record, starts[complete], bounds)
     counts = sorted({curve.shots for curve in curves})
@@ -140,12 +149,14 @@ def _points(
         if values is not None and not (values > 0.0).all():
             i = int(np.argmin(values > 0.0))
             raise InputError(
-                f"{path}: the {what} of the shot at {to_text(float(starts[i]), 's')} is not greater than zero."
+                f"{path}: the {what} of the shot at {to_text(float(starts[i]), 's')} is not greater than zero.",
+                code="out-of-range",
+                file=path,
             )
     groups = group_rows(places, shots.same)
     if len(groups) > MOST_CURVES:
         raise (context.at / "shots").error(
-            f"the shots are at {len(groups)} operating points, and at most {MOST_CURVES} are read"
+            f"the shots are at {len(groups)} operating points, and at most {MOST_CURVES} are read", code="too-many"
         )
     curves = []
     for rows in groups:
@@ -168,7 +179,8 @@ def _edges(trigger: _Channel, shots: ShotsModel, dead: float, path: Path, at: Pl
     if not len(rises):
         raise (at / "trigger").error(
             f'"{shots.trigger}" of {path} never rises through {level:.6g} {trigger.unit}; its values reach from '
-            f"{low:.6g} to {high:.6g}"
+            f"{low:.6g} to {high:.6g}",
+            code="no-trigger",
         )
     share = (level - value[rises]) / (value[rises + 1] - value[rises])
     times = trigger.time[rises] + share * (trigger.time[rises + 1] - trigger.time[rises])

@@ -171,7 +171,7 @@ def read_sister(model: SisterModel, context: Context) -> Sister:
     at = context.at / "sister"
     table = context.columns(model.file, at, columns, 1, model.form)
     if not model.flow_ratio > 0.0:
-        raise (at / "flow_ratio").error("the ratio of the flows must be greater than zero")
+        raise (at / "flow_ratio").error("the ratio of the flows must be greater than zero", code="out-of-range")
     return Sister(np.column_stack([table.columns[name] for name in units]), model.flow_ratio, model.source)
 
 

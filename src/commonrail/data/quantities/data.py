@@ -397,13 +397,20 @@ def divide(data: _Map, model: HoldOutModel, at: Place) -> tuple[_Map, _Map]:
     remains on one side.
     """
     if data.role is not Role.FIT:
-        raise at.error('only data with role = "fit" can hold rows out; remove hold_out')
+        raise at.error('only data with role = "fit" can hold rows out; remove hold_out', code="not-of-fit")
     if not (model.rail_pressure or model.energising_time):
-        raise at.error('name rail pressures or energising times, as in { rail_pressure = ["120 MPa"] }')
+        raise at.error(
+            'name rail pressures or energising times, as in { rail_pressure = ["120 MPa"] }', code="missing-value"
+        )
     held_out = _select_any(data, 0, model.rail_pressure, "Pa", at / "rail_pressure")
     held_out |= _select_any(data, 1, model.energising_time, "s", at / "energising_time") & data.judged
     if not (data.judged & ~held_out).any():
-        raise ConfigurationError(f"{at}: every quantity of {data.name} would be held out; leave some for the fit.")
+        raise ConfigurationError(
+            f"{at}: every quantity of {data.name} would be held out; leave some for the fit.",
+            code="nothing-left",
+            file=at.file,
+            place=at.key,
+        )
     return chosen_rows(data, ~held_out), chosen_rows(data, held_out, held_out_name(data.name), Role.VALIDATION)
 
 
@@ -428,7 +435,10 @@ def _select_any(data: QuantityData, column: int, targets: Sequence[float], unit:
         if not np.isclose(present, value, rtol=SAME, atol=0.0).any():
             available = ", ".join(to_text(float(v), unit) for v in np.unique(present)[:12])
             raise ConfigurationError(
-                f"{at}: {data.name} has no quantity at {to_text(value, unit)}; it has {available}."
+                f"{at}: {data.name} has no quantity at {to_text(value, unit)}; it has {available}.",
+                code="missing-row",
+                file=at.file,
+                place=at.key,
             )
         matching |= select_rows(data, column, value)
     return matching

@@ -37,7 +37,9 @@ def found_table(path: Path, form: FileForm, units: GivenUnits, quantity: str, *,
     """
     located_map = replace(read_found_map(path, form, units), column=quantity)
     if matrix and not located_map.form.startswith("a matrix"):
-        raise InputError(f'{path}: this is {located_map.form} and no matrix; state layout = "found".')
+        raise InputError(
+            f'{path}: this is {located_map.form} and no matrix; state layout = "found".', code="no-matrix", file=path
+        )
     note(f"{path}: read as {located_map.form}; {'; '.join(located_map.said)}.")
     return take_columns(located_map, [*COLUMNS[:2], Column(quantity, ("m3", "kg"), domain=Domain.NON_NEGATIVE)], 1)
 
@@ -79,7 +81,7 @@ def _quantity(item: Any) -> tuple[float, str]:
     except InputError:
         value, unit = Unit("m3").read(item), "m3"
     if not value > 0.0:
-        raise fault(f"the quantity must be greater than zero, not {to_text(value, unit)}")
+        raise fault(f"the quantity must be greater than zero, not {to_text(value, unit)}", code="out-of-range")
     return value, unit
 
 
@@ -145,14 +147,17 @@ def read_rows(model: MapModel, context: Context) -> list[MapRow]:
     if drive_unit(injector):
         raise ConfigurationError(
             f'{at}: the injector {injector.name} has drive_kind "{injector.variant.drive.value}", '
-            "which quantities cannot give; set it to regulated or pwm."
+            "which quantities cannot give; set it to regulated or pwm.",
+            code="drive-kind",
+            file=at.file,
+            place=at.key,
         )
     rows = _map_rows(model, context, at) + _dead_time_rows(model, context, at)
     if not (model.absolute > 0.0 and model.relative >= 0.0):
-        raise at.error("absolute must be greater than zero and relative zero or greater")
+        raise at.error("absolute must be greater than zero and relative zero or greater", code="out-of-range")
     dead: DeadTimesModel | None = getattr(model, "dead_times", None)
     if dead is not None and dead.tolerance is not None and not dead.tolerance > 0.0:
-        raise (at / "dead_times" / "tolerance").error("the tolerance must be greater than zero")
+        raise (at / "dead_times" / "tolerance").error("the tolerance must be greater than zero", code="out-of-range")
     return rows
 
 
@@ -205,17 +210,26 @@ def _choose(table: Table, filters: Mapping[str, tuple[Sequence[float] | None, st
             if not hits.any():
                 available = ", ".join(to_text(float(v), unit) for v in np.unique(values)[:12])
                 raise ConfigurationError(
-                    f"{at / column}: {table.path} has no row at {to_text(value, unit)}; it has {available}."
+                    f"{at / column}: {table.path} has no row at {to_text(value, unit)}; it has {available}.",
+                    code="missing-row",
+                    file=at.file,
+                    place=(at / column).key,
                 )
         keep &= near.any(axis=0)
     if not keep.any():
         raise ConfigurationError(
-            f"{at}: no row of {table.path} is at a rail pressure and an energising time that were asked for."
+            f"{at}: no row of {table.path} is at a rail pressure and an energising time that were asked for.",
+            code="no-row",
+            file=at.file,
+            place=at.key,
         )
     if np.count_nonzero(keep) > MOST_POINTS:
         raise ConfigurationError(
             f"{at}: {np.count_nonzero(keep)} rows of {table.path} would be simulated, and at most {MOST_POINTS} are; "
-            "choose some with rail_pressure and energising_time."
+            "choose some with rail_pressure and energising_time.",
+            code="too-many",
+            file=at.file,
+            place=at.key,
         )
     return [int(i) for i in np.flatnonzero(keep)]
 
@@ -225,7 +239,7 @@ def _point(table: Table, row: int, model: MapModel, context: Context) -> Operati
     rail = float(table.columns["rail_pressure"][row])
     for column, value in (("energising_time", energising), ("rail_pressure", rail)):
         if not value > 0.0:
-            raise table.place(column, row).error("the value must be greater than zero")
+            raise table.place(column, row).error("the value must be greater than zero", code="out-of-range")
     with locate_errors(Place(str(table.path), f"{table.row} {table.rows[row]}")):
         point = OperatingPoint(
             rail, energising, model.cylinder_pressure, model.return_pressure, horizon=energising + AFTER_ENERGISING

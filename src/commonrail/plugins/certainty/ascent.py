@@ -9,8 +9,7 @@ import numpy as np
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.base.stages import tell
 from commonrail.calibration.optimisers.least_squares import Descents, FeasibleSet, Model, Rules, advance, answered
-from commonrail.plugins.certainty.covariance import Covariance, covariance_of
-from commonrail.plugins.certainty.likelihood import Likelihood, forward_slopes, prior_slopes_at, weights_of
+from commonrail.plugins.certainty.likelihood import Likelihood, prior_slopes_at
 
 FACTORS = (0.03, 1.0, 30.0)  # dampings tried side by side, times the current one
 FEW = 5  # free parameters, up to which steps are straight: bending them saves no step and costs a third of the points
@@ -22,8 +21,7 @@ class Ascent(NamedTuple):
     unit: Floats  # (k, d), positions between the bounds
     cost: Floats  # (k,), −2 ln of likelihood and priors, without constants; +inf where the start failed
     errors: Floats  # (k, n), residuals there
-    # (k, d, n), one-sided derivatives there; NaN of an ascent that does not know them, zero for a fixed parameter
-    slopes: Floats
+    slopes: Floats  # (k, d, n), one-sided derivatives there, zero for a fixed parameter; NaN where they are not known
 
     @property
     def best(self) -> Ascent:
@@ -33,21 +31,18 @@ class Ascent(NamedTuple):
 
 
 class _Criterion(NamedTuple):
-    """−2 ln of likelihood and priors, as damped least squares lowers it; innovations end with those of the priors."""
+    """−2 ln of likelihood and priors, for damped least squares; innovations end with the residuals of the priors."""
 
     likelihood: Likelihood
 
     def innovations(self, residuals: Floats, unit: Floats) -> Floats:
-        likelihood = self.likelihood
         complete = np.isfinite(residuals).all(axis=-1, keepdims=True)
-        data = np.where(complete, likelihood.whiten(np.where(complete, residuals, 0.0)), np.nan)
-        priors = likelihood.priors.residuals(likelihood.space.from_unit(unit.reshape(-1, unit.shape[-1])))
-        return np.concatenate([data, priors.reshape(*unit.shape[:-1], -1)], axis=-1)
+        data = np.where(complete, self.likelihood.whiten(np.where(complete, residuals, 0.0)), np.nan)
+        return np.concatenate([data, self.likelihood.prior_residuals(unit)], axis=-1)
 
     def tangents(self, slopes: Floats, unit: Floats) -> Floats:
-        likelihood = self.likelihood
-        priors = [prior_slopes_at(likelihood, point).T for point in unit]
-        return np.concatenate([likelihood.whiten(slopes), np.array(priors).reshape(*unit.shape, -1)], axis=2)
+        priors = [prior_slopes_at(self.likelihood, point).T for point in unit]
+        return np.concatenate([self.likelihood.whiten(slopes), np.array(priors).reshape(*unit.shape, -1)], axis=2)
 
     def costs(self, innovations: Floats) -> Floats:
         likelihood, n = self.likelihood, self.likelihood.size
@@ -55,10 +50,7 @@ class _Criterion(NamedTuple):
         return np.where(np.isfinite(cost), cost, np.inf)
 
     def weights(self, innovations: Floats) -> Floats:
-        weights = np.ones_like(innovations)
-        n = self.likelihood.size
-        weights[:, :n] = weights_of(self.likelihood, innovations[:, :n])
-        return weights
+        return self.likelihood.weights(innovations)
 
     def curvature(self, innovations: Floats) -> Floats:
         return np.ones(len(innovations))
@@ -74,19 +66,17 @@ def climb(
     turns: int = 25,
     tolerance: float = 1e-2,
 ) -> Ascent:
-    """Ascend from positions to the most likely values that each leads to.
+    """Ascend from positions (k, d) within the constraints to the most likely values that each leads to.
 
-    `likelihood`: with its noise; `unit` (k, d): positions between the bounds, within the constraints; `fixed` (k,) or
-    (k, h): parameters that each ascent leaves where they are; `errors` (k, n): residuals at the positions, if they are
-    known; `slopes` (k, d, n): their one-sided derivatives, as those of `Ascent`; `turns`: largest number of steps;
-    `tolerance`: fall of −2 ln L that counts as none: where the linear model promises no more, or two steps in a row
-    bring no more, an ascent ends.
+    `likelihood`: with its noise; `fixed` (h,): parameters that stay; `errors` (k, n), `slopes` (k, d, n): at the
+    positions, if they are known, as in `Ascent`; `turns`: largest number of steps; `tolerance`: fall of −2 ln L that
+    counts as none: an ascent ends where the linear model promises no more, or two steps in a row bring no more.
     """
     if errors is None:
         errors = likelihood.residuals(likelihood.space.from_unit(unit))
     free = np.ones(unit.shape, bool)
     if fixed is not None:
-        free[np.arange(len(unit))[:, None], fixed.reshape(len(unit), -1)] = False
+        free[:, fixed] = False
     bent = bool(free.sum(axis=1).max(initial=0) > FEW)
     criterion, rules = _Criterion(likelihood), Rules(likelihood.forward, tolerance, FACTORS, bent, free)
     ends = Descents.begin(unit, errors, slopes)
@@ -103,11 +93,3 @@ def linearised(likelihood: Likelihood, unit: Floats, slopes: Floats, errors: Flo
     """Quadratic model of −2 ln of likelihood and priors about a position (d,), by slopes (d, n) and errors (n,)."""
     now = Descents.begin(unit[None], errors[None], slopes[None])
     return Model.of(FeasibleSet.of(likelihood.space), _Criterion(likelihood), now)
-
-
-def covariance_at(likelihood: Likelihood, end: Ascent) -> tuple[Covariance, Floats]:
-    """Covariance and derivatives (d, n) of the residuals at the end of one ascent."""
-    slopes = end.slopes[0]
-    if np.isnan(slopes[0, 0]):
-        slopes = forward_slopes(likelihood, end.unit, end.errors)[0]
-    return covariance_of(likelihood, end.unit[0], slopes, end.errors[0]), slopes

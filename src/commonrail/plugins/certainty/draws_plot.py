@@ -32,8 +32,14 @@ def draw_posterior(certainty: Certainty, ax: Any, kind: str) -> Any:
     units = certainty.estimate.likelihood.units
     labels = [f"{name} [{unit}]" for name, unit in zip(certainty.names, units, strict=False)]
     for i, value in enumerate(certainty.point):
-        if corner:
-            _corner_row(axes[i], points, i, value)
+        if corner:  # histogram of parameter i, and its draws over those of the parameters before it
+            axes[i, i].hist(points[:, i], BINS, color=FAMILIES[0], alpha=0.5)
+            axes[i, i].axvline(value, color=LOOKS["best"][0], linewidth=1.0)
+            axes[i, i].set_yticks([])
+            for j in range(i):
+                axes[i, j].plot(points[:, j], points[:, i], ".", markersize=1.0, color=FAMILIES[0], alpha=0.3)
+            for unused in axes[i, i + 1 :]:
+                unused.set_axis_off()
         else:
             axes[i, 0].plot(points[:, i], linewidth=0.5, color=FAMILIES[0])
             axes[i, 0].axhline(value, color=LOOKS["best"][0], linewidth=1.0)
@@ -42,14 +48,3 @@ def draw_posterior(certainty: Certainty, ax: Any, kind: str) -> Any:
     for j in range(columns):
         axes[-1, j].set_xlabel(labels[j] if corner else "draw")
     return axes if corner else axes[:, 0]
-
-
-def _corner_row(row: Any, points: Any, i: int, value: float) -> None:
-    """Histogram of parameter i, and its draws over those of the parameters before it."""
-    row[i].hist(points[:, i], BINS, color=FAMILIES[0], alpha=0.5)
-    row[i].axvline(value, color=LOOKS["best"][0], linewidth=1.0)
-    row[i].set_yticks([])
-    for j in range(i):
-        row[j].plot(points[:, j], points[:, i], ".", markersize=1.0, color=FAMILIES[0], alpha=0.3)
-    for axes in row[i + 1 :]:
-        axes.set_axis_off()

@@ -13,7 +13,6 @@ import numpy as np
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown, load_library
 from commonrail.base.record import to_record
-from commonrail.base.text import number
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
 from commonrail.plugins.certainty.draws import Draws
 from commonrail.plugins.certainty.estimate import Estimate
@@ -28,8 +27,8 @@ class Certainty(Shown):
     Attributes
     ----------
     estimate : Estimate
-        Most likely values of the study's parameters and of the uncertain quantities of the bench, which follow them;
-        `estimate.likelihood` is the likelihood with its fitted noise.
+        Most likely values of the study's parameters, then of the uncertain quantities of the bench; its `likelihood`
+        has the fitted noise.
     point : (d,)
         Calibrated values [SI]: the most likely ones, or those of the search where they stay.
     draws : Draws
@@ -48,6 +47,8 @@ class Certainty(Shown):
     verdicts : list of Assessment
     combinations : mapping of str to (float, float, float)
         Value and ends of the interval [SI] of each stated combination.
+    widening : float
+        Share of the error that wider bounds are expected to take away, where bounds were met.
     """
 
     presenter = "commonrail.plugins.certainty.notebook:CERTAINTY"
@@ -64,6 +65,7 @@ class Certainty(Shown):
     withdrawn: str
     verdicts: list[Assessment]
     combinations: Mapping[str, tuple[float, float, float]]
+    widening: float = 0.0
 
     def plot(self, ax: Any = None, kind: str = "corner") -> Any:  # type: ignore[override]
         """Draw the draws of the posterior with matplotlib.
@@ -109,8 +111,7 @@ class Certainty(Shown):
     def points(self) -> Floats:
         """Draws (m, d) [SI] of the study's parameters, equally likely, about the calibrated values.
 
-        Where these stay those of the search, the draws are moved from the most likely values to them, within bounds and
-        constraints.
+        Where these stay those of the search, the draws are moved to them, within bounds and constraints.
         """
         space, unit = self.estimate.likelihood.space, self.draws.unit
         move = space.to_unit(np.append(self.point, self.estimate.point[self.d :])) - self.estimate.unit
@@ -121,100 +122,90 @@ class Certainty(Shown):
     def record(self) -> dict[str, Any]:
         """JSON-able form, the key "certainty" of a result."""
         estimate, draws = self.estimate, self.draws
-        return {
-            "level": self.level,
-            "starts": estimate.starts,
-            "agreeing": estimate.agreeing,
-            "settled": estimate.settled,
-            "simulated": estimate.simulated,
-            "draws": {
-                "k_hat": number(draws.k_hat),
-                "effective": number(draws.effective),
-                "gap": number(draws.gap),
-                "rounds": draws.rounds,
-                "converged": draws.converged,
-                "walked": draws.walked,
-                "checked": draws.checked,
-                "refused": draws.refusal,
-            },
-            "withdrawn": self.withdrawn,
-            "parameters": [_parameter(self, i) for i in range(self.d)],
-            "bench": [_of_bench(self, i) for i in range(self.d, len(estimate.unit))],
-            "combinations": [
-                {"sum": text, "value": value, "lower": low, "upper": high}
-                for text, (value, low, high) in self.combinations.items()
-            ],
-            "noise": _noise(estimate),
-            "discrepancy": max(noise.share for noise in estimate.likelihood.noises),
-            "tests": [to_record(test) for test in self.tests],
-        }
-
-
-def _parameter(certainty: Certainty, i: int) -> dict[str, Any]:
-    estimate = certainty.estimate
-    value, low, high = float(certainty.point[i]), float(certainty.low[i]), float(certainty.high[i])
-    judged = certainty.verdicts[i]
-    return {
-        "name": certainty.names[i],
-        "value": value,
-        "most_likely": float(estimate.point[i]),
-        "lower": number(low),
-        "upper": number(high),
-        "percent": number(50.0 * (high - low) / abs(value)) if value else None,
-        "standard_error": number(float(np.std(certainty.points[:, i]))),
-        "verdict": judged.verdict.value,
-        "sentence": judged.sentence,
-        "cure": judged.cure,
-        "shares": _shares(estimate, i),
-    }
-
-
-def _of_bench(certainty: Certainty, i: int) -> dict[str, Any]:
-    """Uncertain quantity of the bench: what is stated, and what the data make of it."""
-    estimate = certainty.estimate
-    parameter = estimate.likelihood.space.parameters[i]
-    points = estimate.likelihood.space.from_unit(certainty.draws.unit)[:, i]
-    prior = parameter.prior
-    return {
-        "name": parameter.name,
-        "unit": parameter.unit,
-        "stated": None if prior is None else prior.value,
-        "deviation": None if prior is None else prior.sigma,
-        "source": parameter.source,
-        "value": float(estimate.point[i]),
-        "standard_error": number(float(np.std(points))),
-        "correlations": dict(zip(certainty.names, certainty.correlation[i, : certainty.d].tolist(), strict=True)),
-    }
-
-
-def _shares(estimate: Estimate, i: int) -> dict[str, float | None]:
-    """Shares of the variance by noise that come from each data set, and from the priors."""
-    likelihood = estimate.likelihood
-    names = [block.name for block in likelihood.blocks] + (["priors"] if len(likelihood.priors) else [])
-    return {name: number(float(s)) for name, s in zip(names, estimate.covariance.shares[:, i], strict=False)}
-
-
-def _noise(estimate: Estimate) -> list[dict[str, Any]]:
-    """Noise of each data set as it was fitted, and the share of the data set in −2 ln L."""
-    likelihood = estimate.likelihood
-    costs = likelihood.block_costs(likelihood.whiten(estimate.errors))
-    total = max(float(costs.sum()), 1e-300)
-    return [
-        {
-            "name": block.name,
-            "law": noise.law.value,
-            "order": noise.autoregression.order,
-            "sigma": noise.sigma,
-            "relative": noise.relative,
-            "innovation": noise.scale * noise.density.deviation,
-            "unit": block.unit,
-            "stated": noise.stated,
-            "values": block.size,
-            "share": float(cost) / total,
-            "parameters": float(used),
-            "discrepancy": block.noise.discrepancy,
-        }
-        for block, noise, cost, used in zip(
-            likelihood.blocks, likelihood.noises, costs, estimate.covariance.used, strict=True
+        record: dict[str, Any] = to_record(
+            {
+                "level": self.level,
+                "starts": estimate.starts,
+                "agreeing": estimate.agreeing,
+                "settled": estimate.settled,
+                "simulated": estimate.simulated,
+                "draws": {
+                    "k_hat": draws.k_hat,
+                    "effective": draws.effective,
+                    "gap": draws.gap,
+                    "rounds": draws.rounds,
+                    "converged": draws.converged,
+                    "walked": draws.walked,
+                    "checked": draws.checked,
+                    "refused": draws.refusal,
+                },
+                "withdrawn": self.withdrawn,
+                "parameters": [self._parameter(i) for i in range(self.d)],
+                "bench": [self._bench_quantity(i) for i in range(self.d, len(estimate.unit))],
+                "combinations": [
+                    {"sum": text, "value": value, "lower": low, "upper": high}
+                    for text, (value, low, high) in self.combinations.items()
+                ],
+                "noise": self._noise(),
+                "discrepancy": max(noise.share for noise in estimate.likelihood.noises),
+                "widening": self.widening,
+                "tests": self.tests,
+            }
         )
-    ]
+        return record
+
+    def _parameter(self, i: int) -> dict[str, Any]:
+        likelihood, shares = self.estimate.likelihood, self.estimate.covariance.shares
+        sources = [block.name for block in likelihood.blocks] + (["priors"] if len(likelihood.priors) else [])
+        value, low, high, judged = float(self.point[i]), self.low[i], self.high[i], self.verdicts[i]
+        return {
+            "name": self.names[i],
+            "value": value,
+            "most_likely": self.estimate.point[i],
+            "lower": low,
+            "upper": high,
+            "percent": 50.0 * (high - low) / abs(value) if value else None,
+            "standard_error": np.std(self.points[:, i]),
+            "verdict": judged.verdict,
+            "sentence": judged.sentence,
+            "cure": judged.cure,
+            "shares": dict(zip(sources, shares[:, i], strict=False)),
+        }
+
+    def _bench_quantity(self, i: int) -> dict[str, Any]:
+        """Uncertain quantity of the bench: as stated, and by the data."""
+        space = self.estimate.likelihood.space
+        parameter = space.parameters[i]
+        return {
+            "name": parameter.name,
+            "unit": parameter.unit,
+            "stated": parameter.prior and parameter.prior.value,
+            "deviation": parameter.prior and parameter.prior.sigma,
+            "source": parameter.source,
+            "value": self.estimate.point[i],
+            "standard_error": np.std(space.from_unit(self.draws.unit)[:, i]),
+            "correlations": dict(zip(self.names, self.correlation[i], strict=False)),
+        }
+
+    def _noise(self) -> list[dict[str, Any]]:
+        """Fitted noise of each data set, and the share of the data set in −2 ln L."""
+        likelihood, used = self.estimate.likelihood, self.estimate.covariance.used
+        costs = likelihood.block_costs(likelihood.whiten(self.estimate.errors))
+        total = max(float(costs.sum()), 1e-300)
+        return [
+            {
+                "name": block.name,
+                "law": noise.law,
+                "order": noise.autoregression.order,
+                "sigma": noise.sigma,
+                "relative": noise.relative,
+                "innovation": noise.scale * noise.density.deviation,
+                "unit": block.unit,
+                "stated": noise.stated,
+                "values": block.size,
+                "share": costs[i] / total,
+                "parameters": used[i],
+                "discrepancy": block.noise.discrepancy,
+            }
+            for i, (block, noise) in enumerate(likelihood.pairs)
+        ]

@@ -8,6 +8,7 @@ law. Weights of the objective play no part: the noise says what a data set is wo
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -16,8 +17,7 @@ from commonrail.base.arrays import Bools, Floats
 from commonrail.base.choices import Drive, Precision
 from commonrail.base.hooks import check_stop
 from commonrail.calibration.influence import around_position
-from commonrail.calibration.objective import Goal, Objective
-from commonrail.calibration.optimisers.least_squares import answered, differences
+from commonrail.calibration.objective import Goal
 from commonrail.calibration.parameter import Priors
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study, objective_of
@@ -32,7 +32,8 @@ FINER = 4.0  # parts of the time step of a study with which its error is found
 class Likelihood:
     """Likelihood of data under a model whose parameters vary.
 
-    `Likelihood.of(study)` makes that of a study. Points are arrays (m, d) in SI, columns in the order of `names`.
+    `Likelihood.of(study)` makes the likelihood of a study. Points are arrays (m, d) in SI, columns in the order of
+    `names`.
 
     Parameters
     ----------
@@ -44,6 +45,8 @@ class Likelihood:
         Residuals (m, n) of points [SI], simulated − measured, in the units of the blocks; NaN where a simulation fails.
     forward : float
         Step of one-sided differences, in positions between the bounds.
+    finer : function of (m, d), optional
+        Residuals with a finer time step.
 
     Attributes
     ----------
@@ -51,9 +54,8 @@ class Likelihood:
         Of the parameters; SI units.
     size : int
         Number of residuals of all blocks.
-    forward : float
     noises : tuple of FittedNoise
-        Of the blocks, in order. Of a new likelihood they are unknown: `estimate` or `with_noises` sets them.
+        Of the blocks, in order; none in a new likelihood. `estimated` and `with_noises` set them.
     simulated, failed : int
         Points simulated, and those that failed.
     """
@@ -79,47 +81,47 @@ class Likelihood:
     def of(cls, study: Study, threads: int | None = None) -> Likelihood:
         """Likelihood of the fitted data of a study, at its time step in f64.
 
-        Parameters
-        ----------
-        study : Study
-        threads : int, optional
-            All usable processors by default; the result does not depend on it.
-
-        Raises
-        ------
-        StudyError
-            If the study has no data to fit.
+        The result does not depend on the number of threads, by default all usable processors. Raises `StudyError` if
+        the study has no data to fit.
         """
         goal, exact = Goal(conditions=study.conditions), replace(study, precision=Precision.F64)
         objective = objective_of(exact, threads, goal)
         blocks: list[Block] = []
         for data in objective.data:
             blocks.append(block_of(data, blocks[-1].rows.stop if blocks else 0))
-        weights = np.concatenate([row_weights(data) for data in objective.data])
+        roots = np.sqrt(np.concatenate([row_weights(data) for data in objective.data]))
         rounding = np.concatenate([block.rounding for block in blocks])
 
-        def residuals(points: Floats, objective: Objective = objective) -> Floats:
-            errors = objective.residuals(points)[:, : len(weights)] / np.sqrt(weights)
+        def residuals(points: Floats, time_step: float | None = None) -> Floats:
+            other = None if time_step is None else replace(exact, time_step=time_step, same_bits=False)
+            errors = (objective if other is None else objective_of(other, threads, goal)).residuals(points)
+            errors = errors[:, : len(roots)] / roots
             return np.where(np.abs(errors) < rounding, 0.0, errors)
 
-        def finer(points: Floats) -> Floats:
-            fine = replace(exact, time_step=study.time_step / FINER, same_bits=False)
-            return residuals(points, objective_of(fine, threads, goal))
-
         rough = study.injector.variant.drive is Drive.PWM or not all(block.ordered for block in blocks)
-        forward = FORWARD_ROUGH if rough else FORWARD
-        return cls(study.space, with_shots(blocks, objective.data), residuals, forward=forward, finer=finer)
+        return cls(
+            study.space,
+            with_shots(blocks, objective.data),
+            residuals,
+            forward=FORWARD_ROUGH if rough else FORWARD,
+            finer=lambda points: residuals(points, study.time_step / FINER),
+        )
+
+    @property
+    def pairs(self) -> list[tuple[Block, FittedNoise]]:
+        """Blocks with their noises."""
+        return list(zip(self.blocks, self.noises, strict=True))
 
     def with_noises(self, noises: Sequence[FittedNoise]) -> Likelihood:
         """The same likelihood with other noise; it counts simulations of its own."""
-        other = Likelihood(self.space, self.blocks, self._residuals, forward=self.forward, finer=self.finer)
-        other.noises = tuple(noises)
+        other = copy(self)
+        other.noises, other.simulated, other.failed = tuple(noises), 0, 0
         return other
 
     def with_residuals(self, residuals: Callable[[Floats], Floats]) -> Likelihood:
         """The same likelihood, with its noise, whose residuals (m, n) of points (m, d) another function gives."""
-        other = Likelihood(self.space, self.blocks, residuals, forward=self.forward)
-        other.noises = self.noises
+        other = self.with_noises(self.noises)
+        other._residuals, other.finer = residuals, None
         return other
 
     def estimated(
@@ -131,12 +133,7 @@ class Likelihood:
         correlated: bool = True,
         like: Sequence[FittedNoise] | None = None,
     ) -> Likelihood:
-        """The same likelihood with the noise that residuals (n,) at the best values show.
-
-        `used`: parameters that each block pays for; `fitted_courses` (d, n): courses that the residuals may be
-        off by, see `noise_fit.estimate`; `correlated`: estimate autocorrelations too; `like`: as for
-        `fit_noises`.
-        """
+        """The same likelihood with the noise that residuals (n,) at the best values show; as `fit_noises`."""
         fitted_courses = np.zeros((0, self.size)) if fitted_courses is None else fitted_courses
         return self.with_noises(fit_noises(self.blocks, errors, used, fitted_courses, correlated=correlated, like=like))
 
@@ -145,8 +142,6 @@ class Likelihood:
 
         `KeyboardInterrupt` if a stop was asked for, within `hold_interrupts`.
         """
-        if not len(points):  # a profile of the only parameter has no other to fit
-            return np.empty((0, self.size))
         check_stop()
         errors = self._residuals(points)
         broken: Bools = np.asarray(~np.isfinite(errors).all(axis=1))
@@ -157,17 +152,26 @@ class Likelihood:
     def whiten(self, errors: Floats) -> Floats:
         """Standardised innovations (…, n) of residuals or of their derivatives (…, n)."""
         innovations = np.empty_like(errors)
-        for block, noise in zip(self.blocks, self.noises, strict=True):
+        for block, noise in self.pairs:
             innovations[..., block.rows] = noise.whiten(errors[..., block.rows])
         return innovations
 
     def block_costs(self, innovations: Floats) -> Floats:
         """−2 ln L of each block (…, blocks) of innovations (…, n), without its constants; NaN where one is."""
-        parts = [
-            np.sum(noise.density.cost(innovations[..., block.rows]), axis=-1)
-            for block, noise in zip(self.blocks, self.noises, strict=True)
-        ]
-        return np.stack(parts, axis=-1)
+        costs = [np.sum(noise.density.cost(innovations[..., block.rows]), axis=-1) for block, noise in self.pairs]
+        return np.stack(costs, axis=-1)
+
+    def weights(self, innovations: Floats) -> Floats:
+        """Weights (…, n) that the laws give innovations (…, n)."""
+        weights = np.ones_like(innovations)
+        for block, noise in self.pairs:
+            weights[..., block.rows] = noise.density.weight(innovations[..., block.rows])
+        return weights
+
+    def prior_residuals(self, unit: Floats) -> Floats:
+        """Distances (…, p) from the priors at positions (…, d), in their standard deviations."""
+        residuals = self.priors.residuals(self.space.from_unit(unit.reshape(-1, unit.shape[-1])))
+        return residuals.reshape(*unit.shape[:-1], -1)
 
     def scaled(self, unit: Floats) -> Floats:
         """SI value per unit of position (d,) at a position (d,)."""
@@ -175,21 +179,14 @@ class Likelihood:
 
 
 def central_slopes(likelihood: Likelihood, unit: Floats) -> Floats:
-    """Derivatives (k, d, n) of the residuals with respect to positions between the bounds, at positions (k, d).
+    """Derivatives (d, n) of the residuals with respect to positions, at a position (d,); zero where a candidate fails.
 
-    From differences to both sides, simulated in one batch. Zero where a candidate fails.
+    From differences to both sides, simulated in one batch.
     """
-    near = [around_position(likelihood.space, neighbours) for neighbours in unit]
-    errors = likelihood.residuals(np.concatenate([neighbours.values[1:] for neighbours in near]))
-    below, above = np.moveaxis(errors.reshape(len(unit), 2, -1, likelihood.size), 1, 0)
-    slopes = (above - below) / np.array([neighbours.width for neighbours in near])[..., None]
+    near = around_position(likelihood.space, unit)
+    below, above = likelihood.residuals(near.values[1:]).reshape(2, -1, likelihood.size)
+    slopes = (above - below) / near.width[:, None]
     return np.where(np.isfinite(slopes), slopes, 0.0)
-
-
-def forward_slopes(likelihood: Likelihood, unit: Floats, errors: Floats, free: Bools | None = None) -> Floats:
-    """One-sided derivatives (k, d, n) at positions (k, d) with residuals (k, n), as `least_squares.differences`."""
-    steps = np.full(len(unit), likelihood.forward)
-    return answered(differences(likelihood.space, unit, errors, steps, free), likelihood.residuals)
 
 
 def prior_slopes_at(likelihood: Likelihood, unit: Floats) -> Floats:
@@ -199,11 +196,3 @@ def prior_slopes_at(likelihood: Likelihood, unit: Floats) -> Floats:
     if len(priors):
         slopes[np.arange(len(priors)), priors.columns] = likelihood.scaled(unit)[priors.columns] / priors.sigmas
     return slopes
-
-
-def weights_of(likelihood: Likelihood, innovations: Floats) -> Floats:
-    """Weights (…, n) that the laws give innovations (…, n)."""
-    weights = np.ones_like(innovations)
-    for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True):
-        weights[..., block.rows] = noise.density.weight(innovations[..., block.rows])
-    return weights

@@ -1,7 +1,7 @@
-"""Certainty of given values without a search: the most likely values are those of a linear model about the given ones.
+"""Certainty of given values without a search, for fleets: by a linear model about them, from 2 d + 1 simulations.
 
-It costs 2 d + 1 simulations, for fleets. The distance of the given values from the most likely ones, which another loss
-or an unfinished search leaves, counts as an error of theirs.
+The distance of the given values from the most likely ones, which another loss or an unfinished search leaves, counts as
+their error.
 """
 
 from __future__ import annotations
@@ -35,11 +35,10 @@ class Near(NamedTuple):
 
 
 def certify_near(study: Study, best: Mapping[str, float], threads: int | None = None) -> dict[str, Near]:
-    """Certainty of the values of a fit, by the name of the parameter.
+    """Certainty of the values [SI] of a fit, as `Calibration.best`, by the name of the parameter.
 
-    Noise and top of the linear model are estimated in turn; the residuals are those that it leaves at the top.
-
-    `best`: values [SI], as `Calibration.best`. Raises `SimulationError` if the values cannot be simulated.
+    Noise and optimum of the linear model are estimated in turn, from the residuals that it leaves at the optimum.
+    Raises `SimulationError` if the values cannot be simulated.
     """
     free, d = with_uncertain_free(study), study.space.dimension
     likelihood = Likelihood.of(free, threads)
@@ -48,26 +47,27 @@ def certify_near(study: Study, best: Mapping[str, float], threads: int | None = 
     errors = likelihood.residuals(point[None])[0]
     if not np.isfinite(errors).all():
         raise SimulationError("The best values cannot be simulated, so nothing can be said of their certainty.")
-    slopes, top = central_slopes(likelihood, unit[None])[0], unit
+    slopes, top = central_slopes(likelihood, unit), unit
     noisy = likelihood.estimated(errors, [0.0] * len(likelihood.blocks), correlated=False)
     for last in range(ROUNDS + 1):
         step = linearised(noisy, top, slopes, errors).full_step()[0][0]
         top, errors = top + step, errors + step @ slopes
         if last < ROUNDS:
-            estimate_covariance = covariance_of(noisy, unit, slopes, errors)
-            noisy = noisy.estimated(errors, estimate_covariance.used.tolist(), estimate_covariance.root.T @ slopes)
+            covariance = covariance_of(noisy, unit, slopes, errors)
+            noisy = noisy.estimated(errors, covariance.used.tolist(), covariance.root.T @ slopes)
     end = Ascent(unit[None], np.zeros(1), errors[None], slopes[None])
     result = replace(estimate_at(noisy, end, slopes), gain=0.0)
     total = result.covariance.noise + np.outer(top - unit, top - unit)
-    deviations = np.sqrt(np.diag(total)) * np.abs(likelihood.scaled(unit))
     result = replace(result, covariance=result.covariance._replace(noise=total))
-    half = result.half_widths() * np.abs(likelihood.scaled(unit))
-    ends = (point - half)[:d], (point + half)[:d]
-    covariance = bounded(total)
-    correlation = covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    scale = np.abs(likelihood.scaled(unit))
+    half = result.half_widths() * scale
+    deviations = bounded(total)
+    correlation = deviations / np.sqrt(np.outer(np.diag(deviations), np.diag(deviations)))
     at_top = replace(result, unit=top, point=likelihood.space.from_unit(top))  # where the residuals are
-    judged = verdicts_of(result, d, ends, correlation, withdrawal(result, lack_of_fit(at_top, d)))
+    reason = withdrawal(result, lack_of_fit(at_top, d))
+    judged = verdicts_of(result, d, ((point - half)[:d], (point + half)[:d]), correlation, reason)
+    standard_errors = (np.sqrt(np.diag(total)) * scale).tolist()
     return {
         name: Near(float(f"{error:.{DIGITS}g}") if np.isfinite(error) else None, verdict.verdict)
-        for name, error, verdict in zip(study.space.names, deviations.tolist(), judged, strict=False)
+        for name, error, verdict in zip(study.space.names, standard_errors, judged, strict=False)
     }

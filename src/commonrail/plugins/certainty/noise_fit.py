@@ -1,4 +1,4 @@
-"""Blocks of residuals: one for each data set of a fit, with its noise as stated and as fitted."""
+"""Noise of each data set of a fit, from its residuals: law, correlation, growth with the rate, discrepancy."""
 
 from __future__ import annotations
 
@@ -16,11 +16,6 @@ from commonrail.base.errors import ConfigurationError
 from commonrail.data.base import DataSet
 from commonrail.data.noise import NOISE, Correlation, Law, Noise
 
-# Laws of noise: cost, weight and slope of a standardised residual u, and what belongs to its density.
-#
-# The cost ρ is −2 ln of the density without its constant, ψ = ρ′/2, the weight is ψ/u, and the slope is ψ′. The slope
-# of the Laplace law is a kernel density estimate: its mean over residuals is twice their density at zero.
-
 FREEDOM = 4.0  # of Student's t
 ROUNDING = 0.2  # of the corner of the Laplace law, and width of the kernel of its density, in scales
 _NORMAL = 1.4826  # standard deviation of a normal sample over its median magnitude
@@ -28,49 +23,48 @@ _TURNS = 60
 
 
 class DensityLaw(NamedTuple):
-    """A law."""
+    """Law of a standardised residual u: functions of arrays, and constants of its density.
 
-    # function of (…): ρ, ψ/u and ψ′ of standardised residuals
-    cost: Callable[[Floats], Floats]
-    weight: Callable[[Floats], Floats]
-    slope: Callable[[Floats], Floats]
+    The slope of the Laplace law is a kernel density estimate: its mean over residuals is twice their density at zero.
+    """
+
+    cost: Callable[[Floats], Floats]  # ρ, which is −2 ln of the density without its constant
+    weight: Callable[[Floats], Floats]  # ψ/u with ψ = ρ′/2
+    slope: Callable[[Floats], Floats]  # ψ′
     constant: float  # −2 ln of the density at zero, with scale 1
     deviation: float  # standard deviation over the scale
-    tail: Callable[[Floats], Floats]  # function of (…): probability that a standardised residual exceeds a value u ≥ 0
+    tail: Callable[[Floats], Floats]  # probability that a residual exceeds u ≥ 0
 
 
 def _rounded(u: Floats) -> Floats:
     return np.asarray(np.sqrt(u * u + ROUNDING**2))
 
 
-_STUDENT_CONSTANT = 2.0 * (
-    math.lgamma(0.5 * FREEDOM) + 0.5 * math.log(FREEDOM * math.pi) - math.lgamma(0.5 * (FREEDOM + 1.0))
-)
-
 LAWS: dict[Law, DensityLaw] = {
     Law.GAUSSIAN: DensityLaw(
-        lambda u: u * u,
-        np.ones_like,
-        np.ones_like,
-        math.log(2.0 * math.pi),
-        1.0,
-        lambda u: np.asarray(special.ndtr(-u)),
+        cost=lambda u: u * u,
+        weight=np.ones_like,
+        slope=np.ones_like,
+        constant=math.log(2.0 * math.pi),
+        deviation=1.0,
+        tail=lambda u: np.asarray(special.ndtr(-u)),
     ),
     Law.STUDENT: DensityLaw(
-        lambda u: np.asarray((FREEDOM + 1.0) * np.log1p(u * u / FREEDOM)),
-        lambda u: np.asarray((FREEDOM + 1.0) / (FREEDOM + u * u)),
-        lambda u: np.asarray((FREEDOM + 1.0) * (FREEDOM - u * u) / (FREEDOM + u * u) ** 2),
-        _STUDENT_CONSTANT,
-        math.sqrt(FREEDOM / (FREEDOM - 2.0)),
-        lambda u: np.asarray(special.stdtr(FREEDOM, -u)),
+        cost=lambda u: np.asarray((FREEDOM + 1.0) * np.log1p(u * u / FREEDOM)),
+        weight=lambda u: np.asarray((FREEDOM + 1.0) / (FREEDOM + u * u)),
+        slope=lambda u: np.asarray((FREEDOM + 1.0) * (FREEDOM - u * u) / (FREEDOM + u * u) ** 2),
+        constant=2.0
+        * (math.lgamma(0.5 * FREEDOM) + 0.5 * math.log(FREEDOM * math.pi) - math.lgamma(0.5 * (FREEDOM + 1.0))),
+        deviation=math.sqrt(FREEDOM / (FREEDOM - 2.0)),
+        tail=lambda u: np.asarray(special.stdtr(FREEDOM, -u)),
     ),
     Law.LAPLACE: DensityLaw(
-        lambda u: 2.0 * (_rounded(u) - ROUNDING),
-        lambda u: 1.0 / _rounded(u),
-        lambda u: ROUNDING**2 / _rounded(u) ** 3,
-        2.0 * math.log(2.0),
-        math.sqrt(2.0),
-        lambda u: np.asarray(0.5 * np.exp(-u)),
+        cost=lambda u: 2.0 * (_rounded(u) - ROUNDING),
+        weight=lambda u: 1.0 / _rounded(u),
+        slope=lambda u: ROUNDING**2 / _rounded(u) ** 3,
+        constant=2.0 * math.log(2.0),
+        deviation=math.sqrt(2.0),
+        tail=lambda u: np.asarray(0.5 * np.exp(-u)),
     ),
 }
 
@@ -82,44 +76,38 @@ def as_normal(law: Law, u: Floats) -> Floats:
     return np.asarray(-special.ndtri(np.maximum(LAWS[law].tail(np.abs(u)), np.finfo(float).tiny)))
 
 
-def unequal(errors: Floats) -> Floats:
-    """Errors that are not exactly zero, or all where none is.
+def samples_of(errors: Floats) -> Floats:
+    """Errors that are not exactly zero, or all if each is zero.
 
-    Meters and evaluations state exactly zero before and after an injection, as the model does: such agreement is no
-    sample of the noise, and as one it would make outliers of all others.
+    Meters and evaluations state exactly zero before and after an injection, as the model does. Such an agreement is not
+    a sample of the noise, and would make outliers of all other values.
     """
     nonzero = errors[errors != 0.0]
     return nonzero if len(nonzero) else errors
 
 
-def sample_count(errors: Floats) -> int:
-    """Number of samples of the noise among errors (n,), see `unequal`; of several series (k, n) those of any."""
-    return int(errors.shape[-1] - agreed(errors))
-
-
-def agreed(errors: Floats) -> int:
-    """Number of values of errors (n,), or of all series (k, n), that agree exactly; none where all do."""
+def count_exact(errors: Floats) -> int:
+    """Number of values of errors (n,), or of all series (k, n), that agree exactly; 0 if all values do."""
     exact = (np.atleast_2d(errors) == 0.0).all(axis=0)
     return 0 if exact.all() else int(np.count_nonzero(exact))
 
 
-def scale_of(law: Law, errors: Floats, freedom: float) -> float:
-    """Scale of errors (n,): the root of Σ weight · error²/freedom, which the weights depend on.
+def sample_count(errors: Floats) -> int:
+    """Number of samples of the noise among errors (n,), or among those of several series (k, n)."""
+    return int(errors.shape[-1] - count_exact(errors))
 
-    `law`: not "auto"; `errors` (n,); `freedom`: degrees of freedom: errors that are not exactly zero, less what the fit
-    has used.
-    """
+
+def scale_of(law: Law, errors: Floats, freedom: float) -> float:
+    """Scale of errors (n,) under a law other than "auto": root of Σ weight · error²/freedom, which the weights need."""
     if law is Law.GAUSSIAN:
         return float(np.sqrt(np.sum(errors**2) / freedom))
-    variance = max((_NORMAL * float(np.median(np.abs(unequal(errors))))) ** 2, np.finfo(float).tiny)
+    variance = max((_NORMAL * float(np.median(np.abs(samples_of(errors))))) ** 2, np.finfo(float).tiny)
     for _ in range(_TURNS):
         variance = float(np.sum(LAWS[law].weight(errors / math.sqrt(variance)) * errors**2) / freedom)
         if not variance > 0.0:
             return 0.0
     return math.sqrt(variance)
 
-
-# Autoregressive noise: Burg's reflection coefficients, order by AIC, and the whitening that belongs to them.
 
 MOST = 15  # largest order
 _SHARE = 0.1  # of the samples that the order may reach
@@ -128,10 +116,7 @@ BIAS = 2.0  # of the first reflection coefficient of a series whose mean is know
 
 
 class Autoregression:
-    """Stationary autoregressive noise, described by its reflection coefficients.
-
-    `reflections` (order,): partial autocorrelations, each between −1 and 1; none for white noise.
-    """
+    """Stationary autoregressive noise by its reflection coefficients (order,): partial autocorrelations."""
 
     def __init__(self, reflections: Floats) -> None:
         self.reflections = np.clip(np.asarray(reflections, float), -_LIMIT, _LIMIT)
@@ -156,10 +141,7 @@ class Autoregression:
         return float(np.sqrt(np.prod(1.0 - self.reflections**2)))
 
     def whiten(self, errors: Floats) -> Floats:
-        """Innovations (…, n) of errors (…, n), all with the deviation of the last ones.
-
-        The first samples are predicted from those that there are, so that nothing is lost at the begin.
-        """
+        """Innovations (…, n) of errors (…, n), all with the deviation of the last; no sample is lost at the begin."""
         order = min(self.order, errors.shape[-1])
         innovations = np.array(errors, float)
         for lag, factor in enumerate(self.predictors[-1], 1):
@@ -172,21 +154,20 @@ class Autoregression:
         return innovations
 
 
-def estimate(series: Floats, most: int = MOST) -> Autoregression:
+def fit_autoregression(series: Floats) -> Autoregression:
     """Autoregression of the order with the least AIC, by Burg's method.
 
     Residuals are smaller than the noise, and less correlated, because the fit has followed it. Their sums of products
-    are therefore completed by those of what the fit may be off by, as in expectation maximisation.
+    are therefore completed, as in expectation maximisation, by those of the possible errors of the fitted values.
 
     `series` (1 + d, n): residuals, then d courses with unit weights that the fitted values may be off by: columns of a
-    root of the covariance of the parameters, times the derivatives; `most`: largest order; at most a tenth of the
-    samples is taken.
+    root of the covariance of the parameters, times the derivatives.
     """
     samples = sample_count(series[0])
     forward, backward = np.array(series, float), np.array(series, float)
     reflections: list[float] = []
     criterion = [0.0]
-    for _ in range(min(most, int(_SHARE * samples))):
+    for _ in range(min(MOST, int(_SHARE * samples))):
         ahead, behind = forward[:, 1:], backward[:, :-1]
         energy = float(np.sum(ahead**2) + np.sum(behind**2))
         if not energy > 0.0:
@@ -201,38 +182,26 @@ def estimate(series: Floats, most: int = MOST) -> Autoregression:
     return Autoregression(selected)
 
 
-# Growth of the noise with the rate: standard deviations of sigma + relative · rate, as shots scatter about their mean.
-#
-# The logarithms of the magnitudes of innovations are those of their standard deviations, beside noise of one and the
-# same distribution. The growth is that of the least squares of these logarithms, which outliers hardly move; there is
-# one where it gains more of 2 ln L than chance does.
-
-LEAST = 50  # values of the noise, below which none is looked for
+LEAST = 50  # values of the noise, below which no growth is looked for
 # Of 2 ln L, which chance exceeds in 0.16 % (chi-squared of one degree of freedom; 0.15 and 0.2 % of 20 000 series of
 # 400 and 100 values).
 GAIN = 10.0
-LARGEST_GROWTH = (
-    100.0  # deviation at the highest rate over that at zero, above which the latter is taken for that of a hundredth
-)
-GRID = np.geomspace(0.1, LARGEST_GROWTH, 61)
+GRID = np.geomspace(0.1, 100.0, 61)  # deviation at the highest rate over the one at zero, less 1
 # Of the root mean square of a series, below which a value is an exact agreement and no sample: measured noise is more
 # than 5 % of it even where shots scatter by 1 % and the sensor by 0.02 mm³/ms.
 AGREED = 1e-4
 
 
 class Growth(NamedTuple):
-    """Standard deviations of values relative to each other."""
+    """Standard deviations of values relative to each other, in proportion to 1 + slope · rate."""
 
     shape: Floats  # (n,) or (1,), their logarithms add up to zero
-    least: float  # that at a rate of zero
-    slope: float  # rise over `least` for one unit of the rate
+    least: float  # value at a rate of zero
+    slope: float  # 0 for values of one standard deviation
 
     @classmethod
     def of(cls, rate: Floats, slope: float) -> Growth:
-        """Growth in proportion to 1 + slope · rate.
-
-        `rate` (n,): negative ones count as zero; `slope`: zero for values of one standard deviation.
-        """
+        """Growth of values with rates (n,), of which negative ones count as zero."""
         if not slope:
             return EVEN
         grown = 1.0 + slope * np.maximum(rate, 0.0)
@@ -245,11 +214,13 @@ class Growth(NamedTuple):
 
 
 EVEN = Growth(np.ones(1), 1.0, 0.0)
-"""Values of one standard deviation."""
 
 
 def growth_of(innovations: Floats, rate: Floats) -> Growth:
-    """Growth that innovations (n,) show with the rates (n,) of their values; `EVEN` where chance would show as much."""
+    """Growth that innovations (n,) show with the rates (n,) of their values; `EVEN` where chance would show as much.
+
+    The growth is the least-squares fit of the logarithms of their magnitudes, which outliers hardly move.
+    """
     top = float(np.max(rate, initial=0.0))
     size = np.abs(innovations)
     live = size > AGREED * np.sqrt(np.mean(size**2))
@@ -274,22 +245,18 @@ _CLIP = 3.0  # deviations to which outliers are cut before the autocorrelation i
 
 @dataclass(frozen=True)
 class FittedNoise:
-    """Noise of a block as it was fitted.
-
-    The covariance of a value's errors is that of autoregressive noise of one scale, and that of `courses`, each of
-    which all values may be off by together.
-    """
+    """Fitted noise of a block: autoregressive noise of one scale, and `courses` that all values may be off by."""
 
     law: Law  # not "auto"
     scale: float  # of an innovation, in the unit of the residuals; `density.deviation` of it are a standard deviation
     freedom: float  # degrees of freedom of the scale; infinite where it is exactly known
     autoregression: Autoregression = WHITE
-    stated: bool = False  # the scale is stated, or that of repeated measurements: it does not come from the residuals
+    stated: bool = False  # the scale is stated or of repeated measurements, and not estimated from the residuals
     growth: Growth = EVEN  # standard deviations of the values relative to each other
-    scatter: float = 0.0  # what all values are off by together, as a share of them
+    scatter: float = 0.0  # common error of all values, as a share of them
     courses: Floats = field(default_factory=lambda: np.empty((0, 0)))  # (k, n), one standard deviation of each
     share: float = 0.0  # discrepancy of the model that was estimated, as a share of the values
-    drift: Floats | None = None  # (k, n), those of the courses that are a slow drift, which was estimated
+    drift: Floats | None = None  # (k, n), the courses that are an estimated slow drift
 
     @property
     def density(self) -> DensityLaw:
@@ -308,12 +275,12 @@ class FittedNoise:
 
     @property
     def relative(self) -> float:
-        """Share of the rate that `sigma` grows by."""
+        """Share of the rate by which `sigma` grows."""
         return self.sigma * self.growth.slope
 
     def mean_slope(self, innovations: Floats) -> float:
         """Mean slope of the law over innovations (n,), 0.05 at least."""
-        return max(float(self.density.slope(unequal(innovations)).mean()), 0.05)
+        return max(float(self.density.slope(samples_of(innovations)).mean()), 0.05)
 
     def at(self, rate: Floats) -> FittedNoise:
         """The same noise of a curve with other rates (m,), in the same unit; without an estimated discrepancy."""
@@ -360,12 +327,11 @@ class FittedNoise:
         return np.asarray((vectors[:, seen] / np.sqrt(values[seen])).T @ moves), values[seen]
 
     def _innovations(self, errors: Floats) -> Floats:
-        """Those of noise that is independent from sample to sample, the courses left aside."""
+        """Standardised innovations without the courses."""
         return self.autoregression.whiten(errors / self.growth.shape) / self.scale
 
 
-# Discrepancy of a model, in proportion to the values, with which data sets of any number of samples are comparable: the
-# time that a needle's motion takes; distances in a map between which an error of the model changes; chosen.
+# Lengths of correlation of a model's discrepancy, chosen: the time that a needle's motion takes; distances in a map.
 LENGTH, TIME_LENGTH, PRESSURE_LENGTH = 50e-6, 0.2e-3, 40e6  # [s], [s], [Pa]
 SMALL_VALUE = 0.03  # of the largest value of a map, below which its discrepancy is no smaller
 HEIGHT = (2.0 / math.pi) ** 0.25  # of bumps a length apart whose squares add up to 1
@@ -402,14 +368,12 @@ class Block:
         return np.where(self.at_zero == 0.0, _ROUNDING * np.max(np.abs(self.at_zero), initial=0.0), 0.0)
 
     def courses(self, deviations: Floats, length: float, pressure_length: float = math.inf) -> Floats:
-        """Courses (k, n) with independent unit weights that add up to a discrepancy with a correlation in between.
+        """Courses (k, n) with independent unit weights that add up to a discrepancy with a Gaussian correlation.
 
-        They are bumps a length apart, whose sum has a Gaussian correlation and a variance that is even to 1.4 %: along
-        a course in time, or over the energising times and rail pressures of a map. Without a length there are none:
-        white discrepancy is part of the noise.
+        They are bumps a length apart, along a course in time or over the energising times and rail pressures of a map;
+        the variance of their sum is even to 1.4 %. Without a length there are none: it is then part of the noise.
 
-        `deviations` (n,): standard deviation at each value, in the unit of the residuals; `length`, `pressure_length`:
-        distances over which it is correlated [s], [Pa].
+        `deviations` (n,): standard deviations, in the unit of the residuals; `length`, `pressure_length`: [s], [Pa].
         """
         if not (length and deviations.any()):
             return np.zeros((0, self.size))
@@ -438,10 +402,9 @@ class Block:
         return self.courses(deviations, self.noise.length, self.noise.pressure_length)
 
     def model_courses(self, rate: Floats) -> Floats:
-        """Courses (k, n) of a discrepancy of one unit, in proportion to the values: what no parameter can mend.
+        """Courses (k, n) of a discrepancy of one unit, in proportion to simulated values (n,).
 
-        `rate` (n,): simulated values, in the unit of the residuals. Of a curve the largest within a length counts, so
-        that an edge that comes too late is one.
+        Of a curve the largest value within a length counts, so that an edge that comes too late is a discrepancy.
         """
         if self.ordered:
             interval = float(np.median(np.diff(self.places[:, 0]))) if self.size > 1 else LENGTH
@@ -461,34 +424,26 @@ class Block:
         return np.asarray(np.cos(np.arange(HALF_PERIODS + 1)[:, None] * phase) * self.offset)
 
 
-def spread(block: Block, courses: Floats, size: int) -> Floats:
-    """Courses (k, n) of a block as residuals (k, size) of a fit, zero in the other blocks."""
-    widened = np.zeros((len(courses), size))
-    widened[:, block.rows] = courses
-    return widened
-
-
 def block_of(data: DataSet, start: int) -> Block:
     """Block of a data set whose residuals begin at a row."""
-    zero = _plain(data, np.zeros(len(data.measured)))
-    scale = data.residual_scale
-    stated = data.noise
-    sigma = None if stated.sigma is None else stated.sigma * scale
-    noise = replace(stated, sigma=sigma, discrepancy=stated.discrepancy * scale)
+    n, scale = len(data.measured), data.residual_scale
+    root = np.sqrt(row_weights(data))
+    zero, unit = (np.asarray(data.residuals(np.full((1, n), value))[0] / root) for value in (0.0, 1.0))
+    sigma = None if data.noise.sigma is None else data.noise.sigma * scale
     return Block(
-        data.name,
-        slice(start, start + len(zero)),
-        noise,
-        data.residual_unit,
-        data.bounds is not None,
-        np.where(data.judged, zero, 0.0),
-        np.where(data.judged, _plain(data, np.ones(len(zero))) - zero, 0.0),
-        coordinates_of(data),
+        name=data.name,
+        rows=slice(start, start + n),
+        noise=replace(data.noise, sigma=sigma, discrepancy=data.noise.discrepancy * scale),
+        unit=data.residual_unit,
+        ordered=data.bounds is not None,
+        at_zero=np.where(data.judged, zero, 0.0),
+        offset=np.where(data.judged, unit - zero, 0.0),
+        places=coordinates_of(data),
     )
 
 
 def row_weights(data: DataSet) -> Floats:
-    """Weights (n,) of the residuals of a data set, which its likelihood is free of.
+    """Weights (n,) in the residuals of a data set, which its likelihood does not have.
 
     Repeated quantities say nothing of the dead times of a map: these keep a standard deviation of one tolerance.
     """
@@ -498,19 +453,18 @@ def row_weights(data: DataSet) -> Floats:
     return weights
 
 
-def _plain(data: DataSet, values: Floats) -> Floats:
-    """Residuals without their weights."""
-    return np.asarray(data.residuals(values[None])[0] / np.sqrt(row_weights(data)))
-
-
 def coordinates_of(data: DataSet) -> Floats:
     """Time [s] and rail pressure [Pa] of each value (n, 2); the time of a quantity is its first energising time."""
+    pressures = [point.initial_pressures()[0] for point in data.points]
     if data.bounds is not None:
         middle = 0.5 * (data.bounds[1:] + data.bounds[:-1])
-        return np.column_stack([middle, np.full(len(middle), data.points[0].initial_pressures()[0])])
-    points = data.points
-    durations = [point.pulses[0].duration if point.pulses else 0.0 for point in points]
-    return np.column_stack([durations, [point.initial_pressures()[0] for point in points]])
+        return np.column_stack([middle, np.full(len(middle), pressures[0])])
+    return np.column_stack([[point.pulses[0].duration if point.pulses else 0.0 for point in data.points], pressures])
+
+
+PASSES = 3  # of noise and courses in turn
+FEW_VALUES = 5  # of a map, below which its noise is not estimated
+SMALLEST = np.finfo(float).tiny ** 0.25  # scale of a noise: its fourth power is not zero
 
 
 def fit_noise(
@@ -523,14 +477,13 @@ def fit_noise(
     rate: Floats | None = None,
     more: Floats | None = None,
 ) -> FittedNoise:
-    """Noise of a block from its residuals at the best values.
+    """Noise of a block from its residuals (n,) at the best values.
 
-    `errors` (n,); `used`: parameters that the block pays for: trace of its part of the influence matrix;
-    `fitted_courses` (d, n): courses that the fitted values may be off by, see `estimate`; `correlated`: estimate
-    the autocorrelation where the noise model has one, and look for outliers and for growth with the rate; `rate`
-    (n,): rates that the noise may grow with, in the unit of the residuals; the simulated ones by default. They have
-    no noise: weights by measured ones would favour values that are too low. `more` (k, n): courses that the values
-    are off by besides those that the study states.
+    `used`: parameters that the block pays for: trace of its part of the influence matrix; `fitted_courses` (d, n):
+    courses that the fitted values may be off by, see `fit_autoregression`; `correlated`: look for autocorrelation,
+    outliers and growth with the rate; `rate` (n,): rates that the noise may grow with, by default the simulated ones,
+    since weights by measured ones would favour values that are too low; `more` (k, n): courses in addition to those
+    that the study states.
     """
     rate = errors - block.at_zero if rate is None else rate
     fitted_courses = np.zeros((0, len(errors))) if fitted_courses is None else fitted_courses
@@ -541,36 +494,28 @@ def fit_noise(
         return replace(block.shots, courses=courses)
     if not len(courses):
         return _fit(block, errors, used, fitted_courses, correlated, rate)
-    noise = replace(_rough(block, errors), courses=courses)
-    for _ in range(PASSES):  # the noise is what the courses leave
+    # white noise of differences between neighbours, which courses hardly contain, or of a third of the residuals
+    size = np.diff(errors) / math.sqrt(2.0) if block.ordered and len(errors) > 1 else errors / 3.0
+    scale = max(float(np.sqrt(np.mean(samples_of(size) ** 2))), 1e-6 * float(np.max(np.abs(errors), initial=0.0)))
+    noise = FittedNoise(Law.GAUSSIAN, max(scale, SMALLEST), math.inf, courses=courses)
+    for _ in range(PASSES):
         rest, spent = errors - noise.explained(errors), used + noise.absorbed
         rest = rest if not errors.any() else np.where(errors == 0.0, 0.0, rest)  # exact agreement stays no sample
-        noise = replace(
-            _fit(block, rest, spent, fitted_courses, correlated, rate), courses=courses, scatter=block.noise.scatter
-        )
+        noise = _fit(block, rest, spent, fitted_courses, correlated, rate)
+        noise = replace(noise, courses=courses, scatter=block.noise.scatter)
     return noise
-
-
-PASSES = 3  # of noise and courses in turn
-FEW_VALUES = 5  # of a map, below which its noise is not estimated
-
-
-def _rough(block: Block, errors: Floats) -> FittedNoise:
-    """White noise of differences between neighbours, which courses hardly contain, or of a third of the residuals."""
-    size = np.diff(errors) / math.sqrt(2.0) if block.ordered and len(errors) > 1 else errors / 3.0
-    scale = max(float(np.sqrt(np.mean(unequal(size) ** 2))), 1e-6 * float(np.max(np.abs(errors), initial=0.0)))
-    return FittedNoise(Law.GAUSSIAN, max(scale, np.finfo(float).tiny ** 0.25), math.inf)
 
 
 def _fit(
     block: Block, errors: Floats, used: float, fitted_courses: Floats, correlated: bool, rate: Floats
 ) -> FittedNoise:
-    """Noise whose courses are taken away from the errors (n,)."""
+    """Noise of errors (n,) without courses."""
     growth = _growth(block, errors, rate, fitted_courses) if correlated else EVEN
     errors, fitted_courses = errors / growth.shape, fitted_courses / growth.shape
-    law = _law(block, errors, fitted_courses, correlated)
-    free = correlated and block.ordered and block.noise.correlation is not Correlation.WHITE
-    regression = _regression(errors, fitted_courses, law) if free else WHITE
+    law = block.noise.law
+    if law is Law.AUTO:
+        law = _recognise_law(block, errors, fitted_courses) if correlated else Law.GAUSSIAN
+    regression = _regression(block, errors, fitted_courses, law) if correlated else WHITE
     sigma = block.noise.sigma
     if sigma is not None:
         floor = block.noise.discrepancy if not block.noise.length else 0.0
@@ -581,12 +526,44 @@ def _fit(
         widened = math.hypot(sigma, floor)
         freedom = block.noise.freedom * (widened / sigma) ** 4  # Satterthwaite: the discrepancy is exactly known
         scale = widened * regression.innovation_share / LAWS[law].deviation
-    else:
-        freedom = max(sample_count(errors) - used, 1.0)
-        scale = max(scale_of(law, regression.whiten(errors), freedom), np.finfo(float).tiny ** 0.25)
-        if not block.ordered and sample_count(errors) < FEW_VALUES:  # their own tolerance is all that is known of them
-            return FittedNoise(law, max(scale, 1.0 / LAWS[law].deviation), math.inf, regression, True, growth)
-    return FittedNoise(law, scale, freedom, regression, sigma is not None, growth)
+        return FittedNoise(law, scale, freedom, regression, True, growth)
+    freedom = max(sample_count(errors) - used, 1.0)
+    scale = max(scale_of(law, regression.whiten(errors), freedom), SMALLEST)
+    if not block.ordered and sample_count(errors) < FEW_VALUES:  # their own tolerance is all that is known of them
+        return FittedNoise(law, max(scale, 1.0 / LAWS[law].deviation), math.inf, regression, True, growth)
+    return FittedNoise(law, scale, freedom, regression, growth=growth)
+
+
+def _growth(block: Block, errors: Floats, rate: Floats, fitted_courses: Floats) -> Growth:
+    """Growth of the noise with the rate: as stated, or as the innovations show it."""
+    if not block.ordered:
+        return EVEN
+    if block.noise.sigma is not None:
+        return Growth.of(rate, block.noise.relative / block.noise.sigma)
+    innovations = _regression(block, errors, fitted_courses, Law.STUDENT).whiten(errors)
+    sampled = errors != 0.0 if errors.any() else np.ones(len(errors), bool)  # exact agreement is no sample
+    growth = growth_of(innovations[sampled], rate[sampled])
+    return growth.at(rate) if growth.slope else EVEN
+
+
+def _recognise_law(block: Block, errors: Floats, fitted_courses: Floats) -> Law:
+    """Student's t where many innovations are outliers, else the normal distribution."""
+    innovations = samples_of(np.abs(_regression(block, errors, fitted_courses, Law.STUDENT).whiten(errors)))
+    robust = _NORMAL * float(np.median(innovations))
+    many = len(innovations) >= FAR_LEAST and np.mean(innovations > FAR * robust) > FAR_SHARE
+    return Law.STUDENT if many else Law.GAUSSIAN
+
+
+def _regression(block: Block, errors: Floats, fitted_courses: Floats, law: Law) -> Autoregression:
+    """Autoregression of the errors (n,) of a course in time; outliers are cut where the law expects them."""
+    if not block.ordered or block.noise.correlation is Correlation.WHITE:
+        return WHITE
+    cut = errors
+    if law is not Law.GAUSSIAN:
+        limit = _CLIP * _NORMAL * float(np.median(np.abs(samples_of(errors))))
+        cut = np.clip(errors, -limit, limit)
+    share = np.sqrt(np.sum(cut**2) / max(float(np.sum(errors**2)), 1e-300))
+    return fit_autoregression(np.vstack([cut, share * fitted_courses]))
 
 
 # Size of a discrepancy or of a drift: that of the largest likelihood, if it gains more than chance does.
@@ -619,40 +596,32 @@ def fit_noises(
     """Noise of all blocks of a fit, with a discrepancy of the model that is one share of the values of all of them.
 
     One share makes data sets comparable: by scales of their own a curve of 900 samples would outweigh a map of 88
-    quantities. Where a study states discrepancies, or gains nothing by one, there is none. `errors`,
-    `fitted_courses` as for `fit_noise`, of all blocks; `like`: noises whose discrepancy and drifts are taken, which
-    are otherwise estimated.
+    quantities. There is no share where a study states discrepancies, or the likelihood gains too little. Arguments as
+    for `fit_noise`, of all blocks; `like`: noises whose discrepancy and drifts are taken and not estimated.
     """
-    parts = [
-        (b, errors[b.rows], block_used, fitted_courses[:, b.rows]) for b, block_used in zip(blocks, used, strict=True)
-    ]
-    drifts = (
-        [_drift(*arguments) if correlated else None for arguments in parts]
-        if like is None
-        else [prior_noise.drift for prior_noise in like]
-    )
-    first = [
-        replace(fit_noise(*arguments, correlated=correlated, more=more), drift=more)
-        for arguments, more in zip(parts, drifts, strict=True)
-    ]
-    if any(block.noise.discrepancy for block in blocks) or not correlated:
-        return first
-    courses = [b.model_courses(e - b.at_zero) for b, e, _, _ in parts]
-    if like is None and not any(_shows(*three) for three in zip(first, parts, courses, strict=True)):
-        return first
+    parts = [(b, errors[b.rows], paid, fitted_courses[:, b.rows]) for b, paid in zip(blocks, used, strict=True)]
+    if like is not None:
+        drifts = [noise.drift for noise in like]
+    else:
+        drifts = [_drift(*arguments) if correlated else None for arguments in parts]
 
-    def trial(size: float) -> tuple[float, list[FittedNoise]]:
-        noises = [
-            replace(fit_noise(*arguments, more=_stacked(size * courses_of_block, drift)), share=size, drift=drift)
-            for arguments, courses_of_block, drift in zip(parts, courses, drifts, strict=True)
-        ]
+    model_courses = [b.model_courses(e - b.at_zero) for b, e, _, _ in parts]
+
+    def fit(size: float) -> tuple[float, list[FittedNoise]]:
+        """Cost and noises with a discrepancy of a size."""
+        noises = []
+        for arguments, courses, drift in zip(parts, model_courses, drifts, strict=True):
+            more = _stacked(size * courses, drift) if size else drift
+            noises.append(replace(fit_noise(*arguments, correlated=correlated, more=more), share=size, drift=drift))
         return sum(cost_of(b, noise, e) for noise, (b, e, _, _) in zip(noises, parts, strict=True)), noises
 
+    open_to_share = correlated and not any(block.noise.discrepancy for block in blocks)
     if like is not None:
-        share = max(noise.share for noise in like)
-        return trial(share)[1] if share else first
-    begin = sum(cost_of(b, noise, e) for noise, (b, e, _, _) in zip(first, parts, strict=True)) - SHARE_GAIN
-    return _lowest(trial, SHARES, begin) or first
+        return fit(max(noise.share for noise in like) if open_to_share else 0.0)[1]
+    cost, plain = fit(0.0)
+    if not (open_to_share and any(map(_shows, plain, parts, model_courses))):
+        return plain
+    return _lowest(fit, SHARES, cost - SHARE_GAIN) or plain
 
 
 def _shows(noise: FittedNoise, arguments: tuple[Block, Floats, float, Floats], courses: Floats) -> bool:
@@ -698,63 +667,17 @@ def _drift(block: Block, errors: Floats, used: float, fitted_courses: Floats) ->
     courses = plain.sigma * block.drift_courses() / max(float(np.max(np.abs(block.offset))), 1e-300)
 
     def trial(size: float) -> tuple[float, Floats]:
-        return cost_of(
-            block, fit_noise(block, errors, used, fitted_courses, more=size * courses), errors
-        ), size * courses
+        noise = fit_noise(block, errors, used, fitted_courses, more=size * courses)
+        return cost_of(block, noise, errors), size * courses
 
     return _lowest(trial, DRIFTS, cost_of(block, plain, errors) - GAIN)
 
 
-def _growth(block: Block, errors: Floats, rate: Floats, fitted_courses: Floats) -> Growth:
-    """Growth of the noise with the rate: as stated, or as the innovations show it."""
-    if not block.ordered:
-        return EVEN
-    if block.noise.sigma is not None:
-        return Growth.of(rate, block.noise.relative / block.noise.sigma)
-    white = block.noise.correlation is Correlation.WHITE
-    innovations = (WHITE if white else _regression(errors, fitted_courses, Law.STUDENT)).whiten(errors)
-    sampled = errors != 0.0 if errors.any() else np.ones(len(errors), bool)  # exact agreement is no sample
-    growth = growth_of(innovations[sampled], rate[sampled])
-    return growth.at(rate) if growth.slope else EVEN
-
-
-def _law(block: Block, errors: Floats, fitted_courses: Floats, correlated: bool) -> Law:
-    if block.noise.law is not Law.AUTO:
-        return block.noise.law
-    if not correlated:
-        return Law.GAUSSIAN
-    white = WHITE
-    if block.ordered and block.noise.correlation is not Correlation.WHITE:
-        white = _regression(errors, fitted_courses, Law.STUDENT)
-    innovations = unequal(np.abs(white.whiten(errors)))
-    robust = _NORMAL * float(np.median(innovations))
-    many = len(innovations) >= FAR_LEAST and np.mean(innovations > FAR * robust) > FAR_SHARE
-    return Law.STUDENT if many else Law.GAUSSIAN
-
-
-def _regression(errors: Floats, fitted_courses: Floats, law: Law) -> Autoregression:
-    """Autoregression of errors, outliers cut; what the fit may be off by is then smaller in proportion."""
-    cut = _cut(errors, law)
-    share = np.sqrt(np.sum(cut**2) / max(float(np.sum(errors**2)), 1e-300))
-    return estimate(np.vstack([cut, share * fitted_courses]))
-
-
-def _cut(errors: Floats, law: Law) -> Floats:
-    """Errors, outliers cut where the law expects them."""
-    if law is Law.GAUSSIAN:
-        return errors
-    limit = _CLIP * _NORMAL * float(np.median(np.abs(unequal(errors))))
-    return np.clip(errors, -limit, limit)
-
-
-# Noise from repeated shots: differences between data sets of one operating point, which no model takes part in.
-
-
 def with_shots(blocks: Sequence[Block], data: Sequence[DataSet]) -> tuple[Block, ...]:
-    """Blocks whose noise models name repeated shots, with the noise of these.
+    """Blocks whose noise models name repeated shots, with the noise of the differences between these, without a model.
 
-    `data`: in the same order. Raises `ConfigurationError` if a group has a single data set, or its data sets differ in
-    kind or number of values.
+    `data`: in the order of the blocks. Raises `ConfigurationError` if a group has a single data set, or its data sets
+    differ in kind or number of values.
     """
     groups: dict[str, list[int]] = {}
     for i, block in enumerate(blocks):
@@ -772,14 +695,9 @@ def with_shots(blocks: Sequence[Block], data: Sequence[DataSet]) -> tuple[Block,
         mean = -shots.mean(axis=0)
         deviations = shots + mean
         used = sample_count(deviations)  # the mean shot
-        noise = fit_noise(
-            replace(
-                blocks[members[0]], noise=replace(blocks[members[0]].noise, shots="", discrepancy=0.0, scatter=0.0)
-            ),
-            deviations.reshape(-1),
-            used,
-            rate=np.tile(mean, len(members)),
-        )
+        first = blocks[members[0]]
+        first = replace(first, noise=replace(first.noise, shots="", discrepancy=0.0, scatter=0.0))
+        noise = fit_noise(first, deviations.reshape(-1), used, rate=np.tile(mean, len(members)))
         for i in members:
             updated[i] = replace(blocks[i], shots=replace(noise.at(mean), stated=True))
     return tuple(updated)

@@ -20,6 +20,7 @@ from commonrail.plugins.certainty.estimate import Estimate, assimilated, bounded
 from commonrail.plugins.certainty.file import Certainty
 from commonrail.plugins.certainty.lack_of_fit import fixed_changes, lack_of_fit, withdrawal
 from commonrail.plugins.certainty.likelihood import Likelihood
+from commonrail.plugins.certainty.relief import Relief
 from commonrail.plugins.certainty.uncertain import with_uncertain_free
 from commonrail.plugins.certainty.verdict import verdicts_of
 
@@ -183,7 +184,8 @@ def assess(
     verdicts = verdicts_of(judged, d, (low, high), correlation, reason, limit=limit, level=level)
     points = points[:, :d]
     sums = {text: _combined(float(row @ values), points @ row, level) for text, row in rows.items()}
-    return Certainty(result, values, draws, d, level, low, high, correlation, tests, reason, verdicts, sums)
+    widening = Relief(result).of_bounds()
+    return Certainty(result, values, draws, d, level, low, high, correlation, tests, reason, verdicts, sums, widening)
 
 
 def _combined(value: float, drawn_sums: Floats, level: float) -> tuple[float, float, float]:

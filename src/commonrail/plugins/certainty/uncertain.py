@@ -36,8 +36,7 @@ HALVINGS = 40  # of the interval that holds an end of the domain
 def with_uncertain_free(study: Study) -> Study:
     """Study whose uncertain quantities are its last parameters, with their deviations as priors; fitted data alone.
 
-    Raises `ConfigurationError` if a quantity is free too, has two deviations, counts pieces, has no value that it
-    could deviate from, or has no effect on the data.
+    Raises `ConfigurationError` for a statement that does not fit the study.
     """
     fitted: list[DataSet] = []
     added: dict[str, Parameter] = {}
@@ -57,25 +56,24 @@ def with_uncertain_free(study: Study) -> Study:
 
 
 def _of_data(study: Study, data: DataSet) -> tuple[DataSet, list[Parameter]]:
-    """Data set behind a meter, and its uncertain quantities as parameters."""
-    meter = data.meter or Meter(UNNAMED)
-    stated, free = data.noise.deviations, study.space.names
-    parameters = []
-    for key, deviation in stated.items():
+    """Data set with a meter, and its uncertain quantities as parameters."""
+    meter, stated, parameters = data.meter or Meter(UNNAMED), data.noise.deviations, []
+    usual = {
+        key: deviation
+        for key, deviation in USUAL.items()
+        if key in data.meter_inputs and key not in stated and meter.parameter(key) not in study.space.names
+    }
+    for key, deviation in {**stated, **usual}.items():
         name = meter.parameter(key) if key in OF_METER else FUEL_TEMPERATURE if key == TEMPERATURE else key
-        _check(study, data, key, name)
+        source = STATED if key in stated else ASSUMED
+        if source == STATED:
+            _check(study, data, key, name)
         if key in OF_METER:
             default = QUANTITIES[key].default
             value = meter.values.get(key, 0.0 if default is None else default)
         else:
             value = study.injector.values[name]
-        parameters.append(_parameter(name, float(value), deviation, STATED))
-    for key, deviation in USUAL.items():
-        name = meter.parameter(key)
-        if key in data.meter_inputs and key not in stated and name not in free:
-            default = QUANTITIES[key].default
-            value = meter.values.get(key, 0.0 if default is None else default)
-            parameters.append(_parameter(name, float(value), deviation, ASSUMED))
+        parameters.append(_parameter(name, float(value), deviation, source))
     return (data if data.meter is not None else data.changed(meter=meter)), parameters
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import click
 
 from commonrail.base.stages import telling
-from commonrail.cli.console import Bar, print_json, print_lines, print_table, show_stages_on
+from commonrail.cli.console import Bar, print_json, print_text, show_stages_on
 from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import Json, Threads, check_folder
 
@@ -41,7 +41,7 @@ def certainty(
     """
     from commonrail.calibration.record import CalibrationRecord, read_as
     from commonrail.plugins.certainty.run import certainty as certify
-    from commonrail.report.fit.certainty import certainty_lines, certainty_tables
+    from commonrail.report.fit.certainty import certainty_lines, certainty_tables, verdict_sentence
     from commonrail.report.page import write_report
     from commonrail.runs.fit import Listener, estimate_again
     from commonrail.runs.folder import read_fit, read_result
@@ -64,8 +64,7 @@ def certainty(
         print_json(result | {"certainty": record["certainty"]})
         return
     fit = read_as(CalibrationRecord, record)
-    for table in certainty_tables(fit.certainty, fit.parameters):
-        print_table(table)
-    print_lines(certainty_lines(fit.certainty))
+    lines = [verdict_sentence(fit.parameters), *certainty_lines(fit.certainty)]
+    print_text(lines, certainty_tables(fit.certainty, fit.parameters))
     if report is not None:
         click.echo(f"report: {report}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -39,58 +38,40 @@ def verdicts_of(
     limit: float = LIMIT,
     level: float = 0.95,
 ) -> list[Assessment]:
-    """Verdict on each of the study's parameters.
+    """Verdict on each of the study's d parameters, the first ones.
 
-    `d`: number of the study's parameters, the first ones; `interval`: ends (d,) [SI]; `correlation` (d + k, d + k): of
-    the draws, k quantities of the bench last; `reason`: of `withdrawal`; `limit`: half width over value, up to which a
-    parameter is determined; `level`: of the intervals.
+    `interval`: ends (d,) [SI]; `correlation` (d + k, d + k): of the draws, k quantities of the bench last; `reason`: of
+    `withdrawal`; `limit`: half width over value, up to which a parameter is determined; `level`: of the intervals.
     """
     scale = np.abs(estimate.likelihood.scaled(estimate.unit))
     alone = student(estimate.covariance.freedom, level) * estimate.covariance.alone * scale
-    halves = 0.5 * (interval[1] - interval[0])
-    cases = [_Case(i, d, half, float(alone[i]), correlation[i]) for i, half in enumerate(halves.tolist())]
-    return [Assessment(*_words(estimate, case, reason, limit), case.half) for case in cases]
-
-
-class _Case(NamedTuple):
-    """Parameter that is judged: its column, the number of the study's parameters, half widths of its interval [SI] and
-    of that where all others are known, and its correlations (d + k,)."""
-
-    column: int
-    d: int
-    half: float
-    alone: float
-    correlation: Floats
-
-
-def _words(estimate: Estimate, case: _Case, reason: str, limit: float) -> tuple[ParameterVerdict, str, str]:
-    """Verdict, its sentence and its cure."""
-    column = case.column
-    parameter, value = estimate.likelihood.space.parameters[column], float(estimate.point[column])
-    figure = _percent(case.half, abs(value))
-    if parameter.is_at_bound(value):
-        cure = "widen the bound if the part allows it, or read the value as something the model lacks"
-        return ParameterVerdict.AT_BOUND, f"at a bound ({figure})", cure
-    if wall := _constraint(estimate, column):
-        cure = "measure what tells its members apart, or check the constraint"
-        return ParameterVerdict.CONSTRAINED, f'held by the constraint "{wall}" ({figure})', cure
-    verdict = ParameterVerdict.by_width(case.half, case.alone, value, limit)
-    if verdict is ParameterVerdict.DETERMINED:
-        if reason:
+    assessments = []
+    for i, half in enumerate((0.5 * (interval[1] - interval[0])).tolist()):
+        parameter, value = estimate.likelihood.space.parameters[i], float(estimate.point[i])
+        figure, verdict = _percent(half, abs(value)), ParameterVerdict.by_width(half, float(alone[i]), value, limit)
+        if parameter.is_at_bound(value):
+            verdict, sentence = ParameterVerdict.AT_BOUND, f"at a bound ({figure})"
+            cure = "widen the bound if the part allows it, or read the value as something the model lacks"
+        elif wall := _constraint(estimate, i):
+            verdict, sentence = ParameterVerdict.CONSTRAINED, f'held by the constraint "{wall}" ({figure})'
+            cure = "measure what tells its members apart, or check the constraint"
+        elif verdict is ParameterVerdict.DETERMINED and reason:
+            verdict, sentence = ParameterVerdict.NOT_CONFIRMED, f"{figure}; not confirmed, because {reason}"
             cure = "search from more starts" if "converged" in reason else "mend what the test shows, then fit again"
-            return ParameterVerdict.NOT_CONFIRMED, f"{figure}; not confirmed, because {reason}", cure
-        return ParameterVerdict.DETERMINED, f"determined to {figure}", ""
-    if blamed := _blamed(estimate, case):
-        name, deviation = blamed
-        cure = f"know {name} better than to {deviation}, and state it in the noise of the data"
-        return ParameterVerdict.COMBINED, f"only in combination with {name} ({figure})", cure
-    if verdict is ParameterVerdict.COMBINED:
-        others = _partners(estimate, case)
-        words = f" with {join_words(others)}" if others else ""
-        cure = "measure at another rail pressure or energising time, or state a prior of one of them"
-        return ParameterVerdict.COMBINED, f"only in combination{words} ({figure})", cure
-    cure = "measure it on the part, or where it acts more; the fitted value means nothing"
-    return ParameterVerdict.INSENSITIVE, f"the data are insensitive to it ({figure})", cure
+        elif verdict is ParameterVerdict.DETERMINED:
+            sentence, cure = f"determined to {figure}", ""
+        elif blamed := _blamed(estimate, d, correlation[i]):
+            verdict, sentence = ParameterVerdict.COMBINED, f"only in combination with {blamed[0]} ({figure})"
+            cure = f"know {blamed[0]} better than to {blamed[1]}, and state it in the noise of the data"
+        elif verdict is ParameterVerdict.COMBINED:
+            others = _partners(estimate, i, correlation[i])
+            sentence = f"only in combination{f' with {join_words(others)}' if others else ''} ({figure})"
+            cure = "measure at another rail pressure or energising time, or state a prior of one of them"
+        else:
+            sentence = f"the data are insensitive to it ({figure})"
+            cure = "measure it on the part, or where it acts more; the fitted value means nothing"
+        assessments.append(Assessment(verdict, sentence, cure, half))
+    return assessments
 
 
 def _percent(half: float, value: float) -> str:
@@ -102,37 +83,32 @@ def _percent(half: float, value: float) -> str:
 
 
 def _constraint(estimate: Estimate, column: int) -> str:
-    """Text of an active constraint that the parameter is part of, empty for none."""
-    space = estimate.likelihood.space
-    feasible = FeasibleSet.of(space)
-    touched = feasible.active(estimate.unit, near=1e-4)[: feasible.constraints]
-    for row in np.flatnonzero(touched):
-        if feasible.rows[row, column] != 0.0:
-            return _row_text(feasible.rows[row], space.names)
+    """Active constraint of the parameter: a relation of two, or the names of a longer sum; empty for none."""
+    names, feasible = estimate.likelihood.names, FeasibleSet.of(estimate.likelihood.space)
+    for i in np.flatnonzero(feasible.active(estimate.unit, near=1e-4)[: feasible.constraints]):
+        row = feasible.rows[i]
+        if row[column] != 0.0:
+            above, below = np.flatnonzero(row > 0.0).tolist(), np.flatnonzero(row < 0.0).tolist()
+            if len(above) == len(below) == 1:
+                return f"{names[below[0]]} < {names[above[0]]}"
+            return f"between {join_words([names[i] for i in np.flatnonzero(row).tolist()])}"
     return ""
 
 
-def _row_text(row: Floats, names: Sequence[str]) -> str:
-    """Relation of two parameters, or the names of all in a longer sum."""
-    above, below = np.flatnonzero(row > 0.0).tolist(), np.flatnonzero(row < 0.0).tolist()
-    if len(above) == len(below) == 1:
-        return f"{names[below[0]]} < {names[above[0]]}"
-    return f"between {join_words([names[i] for i in np.flatnonzero(row).tolist()])}"
-
-
-def _blamed(estimate: Estimate, case: _Case) -> tuple[str, str] | None:
+def _blamed(estimate: Estimate, d: int, correlation: Floats) -> tuple[str, str] | None:
     """Quantity of the bench that makes most of a parameter's variance, and its standard deviation in words."""
-    parameters = estimate.likelihood.space.parameters
-    strongest = case.d + int(np.argmax(np.abs(case.correlation[case.d :]))) if case.d < len(parameters) else 0
-    prior = parameters[strongest].prior
-    if strongest < case.d or case.correlation[strongest] ** 2 <= MOSTLY or prior is None:
+    if d == len(correlation):
         return None
-    return parameters[strongest].name, quantity(prior.sigma, parameters[strongest].unit, 2)
+    strongest = d + int(np.argmax(np.abs(correlation[d:])))
+    parameter = estimate.likelihood.space.parameters[strongest]
+    if correlation[strongest] ** 2 <= MOSTLY or parameter.prior is None:
+        return None
+    return parameter.name, quantity(parameter.prior.sigma, parameter.unit, 2)
 
 
-def _partners(estimate: Estimate, case: _Case) -> list[str]:
+def _partners(estimate: Estimate, column: int, correlation: Floats) -> list[str]:
     """Parameters that imitate this one best."""
-    related = np.abs(case.correlation)
-    related[case.column] = 0.0
+    related = np.abs(correlation)
+    related[column] = 0.0
     order = np.argsort(-related, kind="stable")[:MOST_NAMED]
     return [estimate.likelihood.names[i] for i in order if related[i] >= NAMED]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from commonrail.base.errors import SimulationError
-from commonrail.cli.console import SIMULATING, print_json, print_lines, print_table, say
+from commonrail.cli.console import SIMULATING, print_json, print_synthetic, print_text, say
 from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import Json, Settings, Threads, read_models
 
@@ -106,11 +106,10 @@ def _warnings(comparison: Comparison, models: Sequence[NamedModel]) -> list[dict
 
 
 def _print(record: dict[str, Any]) -> None:
+    from commonrail.base.record import from_record
+    from commonrail.plugins.compare.file import ComparisonRecord
     from commonrail.plugins.compare.page import comparison_lines, comparison_tables
 
-    if record["synthetic"]:
-        print_lines([f"SYNTHETIC: {record['synthetic']}"])
-    print_lines(comparison_lines(record))
-    click.echo("")
-    for table in comparison_tables(record):
-        print_table(table)
+    comparison = from_record(ComparisonRecord, record)
+    print_synthetic(comparison.synthetic)
+    print_text(comparison_lines(comparison), comparison_tables(comparison))

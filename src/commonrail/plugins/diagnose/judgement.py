@@ -10,12 +10,13 @@ from commonrail.base.arguments import Quantity
 from commonrail.base.display import Shown
 from commonrail.base.errors import InputError
 from commonrail.base.hooks import quiet
+from commonrail.base.record import to_record
 from commonrail.data.records import record_head
 from commonrail.physics.injector import Injector
 from commonrail.plugins.diagnose.faults import FaultTable
 from commonrail.plugins.diagnose.run import SOUND, Diagnosis, diagnose
 from commonrail.plugins.diagnose.trim import STEP, PartTrim, trim
-from commonrail.plugins.plans.run import PlanResult
+from commonrail.plugins.plans.run import InjectorFacts, PlanResult
 from commonrail.plugins.plans.run import plan as run_plan
 from commonrail.plugins.plans.study import TestPlan, load_plan
 
@@ -40,15 +41,20 @@ class PartJudgement(Shown):
     trim: PartTrim | None
     reason: str = ""
 
+    @property
+    def verdict(self) -> str:
+        """Verdict of the plan: "pass", "fail", or "open" if a test has no result."""
+        return self.plan.judged.verdict or "open"
+
     def record(self) -> dict[str, Any]:
-        """JSON-able form, SI units; its `verdict` is "pass", "fail", or "open" where a test has no result."""
-        plan, diagnosis = self.plan.record(), self.diagnosis.record()
+        """JSON-able form, SI units."""
+        data = self.plan.score.data
         return {
-            **record_head("judgement", f"Part on the bench: {diagnosis['plan']}", plan["synthetic"]),
-            "injector": plan["injector"],
-            "verdict": plan["verdict"],
-            "plan": plan,
-            "diagnosis": diagnosis,
+            **record_head("judgement", f"Part on the bench: {data.name}", data.synthetic),
+            "injector": to_record(InjectorFacts.of(self.plan.injector)),
+            "verdict": self.verdict,
+            "plan": self.plan.record(),
+            "diagnosis": self.diagnosis.record(),
             "trim": None if self.trim is None else self.trim.record(),
             "reason": self.reason,
         }

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +17,8 @@ from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.hooks import note
-from commonrail.base.text import join_words, numbers
+from commonrail.base.record import Key, to_record
+from commonrail.base.text import join_words
 from commonrail.data.records import record_head
 from commonrail.data.simulator import Simulator
 from commonrail.engine.operating_point import Energising
@@ -35,9 +37,16 @@ from commonrail.plugins.diagnose.evidence import (
 )
 from commonrail.plugins.diagnose.faults import SEAT_LEAK, FaultTable, Parts, load_faults, load_shipped_faults
 from commonrail.plugins.plans.data import PlanData
-from commonrail.plugins.plans.page import note_without_rate
-from commonrail.plugins.plans.run import injector_record
-from commonrail.plugins.plans.study import BENCH_PRESSURES, Measure, PlanTest, State, TestPlan, load_plan
+from commonrail.plugins.plans.run import InjectorFacts
+from commonrail.plugins.plans.study import (
+    BENCH_PRESSURES,
+    Measure,
+    PlanTest,
+    State,
+    TestPlan,
+    load_plan,
+    note_without_rate,
+)
 
 USUAL = 2.0  # standard deviations of measured sound parts; a result within them is makers' scatter: 95 %
 DRAWS = 64  # sound parts simulated for each size of each fault
@@ -126,11 +135,65 @@ class NextTest(NamedTuple):
     """
 
     test: PlanTest
-    sound: float
     names: tuple[str, str]
+    sound: float
     expected: tuple[float, float]
     deviation: tuple[float, float]
     separation: float
+
+    @property
+    def decides(self) -> bool:
+        """True if the test separates the two diagnoses."""
+        return self.separation >= DECIDES
+
+    def record(self) -> dict[str, Any]:
+        """JSON-able form, SI units."""
+        facts: dict[str, object] = {
+            "rail_pressure": self.test.rail_pressure,
+            "energising_time": self.test.energisings[0].duration,
+            "measure": self.test.measure,
+            "stroke_rate": self.test.stroke_rate,
+            "names": self.names,
+            "sound": self.sound,
+            "expected": self.expected,
+            "deviation": self.deviation,
+            "separation": self.separation,
+            "tells": self.decides,
+        }
+        return to_record(facts)
+
+
+class PossibleDiagnosis(NamedTuple):
+    """Diagnosis with its probability and its `fit`, the share of parts that lie as far from their mean.
+
+    `size`: middle and ends of the 90 % interval of the fault's `parameter` as texts; empty for a sound part.
+    """
+
+    name: str
+    probability: float
+    fit: float
+    meaning: str
+    parameter: str
+    size: tuple[str, ...]
+    source: str
+
+
+class MeasuredTest(NamedTuple):
+    """Quantities of a test [m³]: measured, mean and standard deviation of sound parts, and with the leading diagnosis.
+
+    `usual`: whether sound parts scatter as far as the measured quantity.
+    """
+
+    name: Annotated[str, Key("test")]
+    measure: Measure
+    rail_pressure: float
+    energising_time: float
+    measured: float
+    sound: float
+    deviation: float
+    leading: float
+    state: State
+    usual: bool
 
 
 @dataclass(frozen=True, repr=False)
@@ -199,64 +262,63 @@ class Diagnosis(Shown):
 
     def record(self) -> dict[str, Any]:
         """JSON-able form, SI units."""
-        judged, best = self.judged, self.judged.order[0]
-        sound, leading = self.responses[0], self.responses[best]
-        at = int(np.argmax(judged.weights[best]))
-        rows = [
-            {
-                "test": test.name,
-                "measure": test.measure.value,
-                "rail_pressure": test.rail_pressure,
-                "energising_time": test.energisings[0].duration,
-                "measured": test.bench,
-                "sound": float(sound.mean[0, j]),
-                "deviation": float(self._deviation[j]),
-                "leading": float(leading.mean[at, j]),
-                "state": state.value,
-                "usual": bool(abs(test.bench - sound.mean[0, j]) <= USUAL * self._deviation[j]),
-            }
-            for j, (test, state) in enumerate(zip(self.data.tests, _states(self.data), strict=True))
-        ]
-        return {
-            **record_head("diagnosis", f"Diagnosis: {self.data.name}", self.data.synthetic),
-            "injector": injector_record(self.injector),
+        facts: dict[str, object] = {
+            "injector": InjectorFacts.of(self.injector),
             "plan": self.data.name,
             "noise": self.noise,
             "sound": self.sound,
-            "nominal": bool(np.any(self.factors != 1.0)),
+            "nominal": self.by_nominal,
             "time_step": self.time_step,
             "verdict": self.verdict,
-            "leading": list(self.leading),
-            "diagnoses": [self._row(i) for i in judged.order],
-            "tests": rows,
-            "next": [_next_record(item) for item in self.next],
+            "leading": self.leading,
+            "diagnoses": self.diagnoses,
+            "tests": self.tests,
+            "next": [test.record() for test in self.next],
         }
+        return record_head("diagnosis", f"Diagnosis: {self.data.name}", self.data.synthetic) | to_record(facts)
 
     @property
-    def _deviation(self) -> Floats:
-        """Standard deviation of each quantity of measured sound parts (tests,) [m³]."""
-        sound = self.responses[0]
-        noise = bench_noise(self.data.tests, self.noise)
-        return np.hypot(np.sqrt(np.diag(sound.scatter[0])), noise.deviation(sound.mean[0]))
+    def by_nominal(self) -> bool:
+        """True if the plan's nominal quantities are those of a sound part."""
+        return bool(np.any(self.factors != 1.0))
 
-    def _row(self, i: int) -> dict[str, Any]:
-        response = self.responses[i]
-        row = {
-            "name": response.name,
-            "probability": float(self.judged.probabilities[i]),
-            "fit": float(self.judged.fit[i]),
-        }
-        if response.fault is None:
-            return {**row, "meaning": "within makers' tolerances", "parameter": "", "size": [], "source": ""}
-        sizes = [response.fault.size_text(self.injector, s) for s in self.size(response.name)]
-        source = f"{response.fault.source.mark}: {response.fault.source.text}"
-        return {
-            **row,
-            "meaning": response.fault.meaning,
-            "parameter": response.fault.names[0],
-            "size": sizes,
-            "source": source,
-        }
+    @cached_property
+    def tests(self) -> tuple[MeasuredTest, ...]:
+        """Measured quantities next to those of sound parts and of the leading diagnosis."""
+        sound, best = self.responses[0], self.judged.order[0]
+        leading = self.responses[best].mean[np.argmax(self.judged.weights[best])]
+        noise = bench_noise(self.data.tests, self.noise).deviation(sound.mean[0])
+        columns = (sound.mean[0], np.hypot(np.sqrt(np.diag(sound.scatter[0])), noise), leading)
+        rows = zip(self.data.tests, _states(self.data), *(column.tolist() for column in columns), strict=True)
+        return tuple(
+            MeasuredTest(
+                name=test.name,
+                measure=test.measure,
+                rail_pressure=test.rail_pressure,
+                energising_time=test.energisings[0].duration,
+                measured=test.bench or 0.0,
+                sound=mean,
+                deviation=deviation,
+                leading=faulty,
+                state=state,
+                usual=abs((test.bench or 0.0) - mean) <= USUAL * deviation,
+            )
+            for test, state, mean, deviation, faulty in rows
+        )
+
+    @cached_property
+    def diagnoses(self) -> tuple[PossibleDiagnosis, ...]:
+        """All diagnoses, the most probable first."""
+        return tuple(map(self._diagnosis, self.judged.order))
+
+    def _diagnosis(self, i: int) -> PossibleDiagnosis:
+        response, fault = self.responses[i], self.responses[i].fault
+        numbers = response.name, float(self.judged.probabilities[i]), float(self.judged.fit[i])
+        if fault is None:
+            return PossibleDiagnosis(*numbers, "within makers' tolerances", "", (), "")
+        sizes = tuple(fault.size_text(self.injector, size) for size in self.size(fault.name))
+        source = f"{fault.source.mark}: {fault.source.text}"
+        return PossibleDiagnosis(*numbers, fault.meaning, fault.names[0], sizes, source)
 
 
 def diagnose(
@@ -445,7 +507,7 @@ def next_tests(diagnosis: Diagnosis, bench: PlanBench, parts: Parts, centre: Flo
     sound = tried(Parts((), np.empty((1, 0))))[0, n:]
     names = diagnosis.responses[first].name, diagnosis.responses[second].name
     columns = (values.tolist() for values in (sound, mean, other, deviation, spread, separation))
-    rows = [NextTest(t, q, names, (a, b), (c, d), s) for t, q, a, b, c, d, s in zip(tests, *columns, strict=True)]
+    rows = [NextTest(t, names, q, (a, b), (c, d), s) for t, q, a, b, c, d, s in zip(tests, *columns, strict=True)]
     return tuple(rows[k] for k in np.argsort(-separation, kind="stable")[:3].tolist())
 
 
@@ -494,19 +556,3 @@ def _predict_tests(
         return None
     middle = np.mean(means, axis=0)
     return middle, np.sqrt(np.maximum(np.mean(variances, axis=0) + np.var(means, axis=0), 0.0))
-
-
-def _next_record(item: NextTest) -> dict[str, Any]:
-    test = item.test
-    return {
-        "rail_pressure": test.rail_pressure,
-        "energising_time": test.energisings[0].duration,
-        "measure": test.measure.value,
-        "stroke_rate": test.stroke_rate,
-        "names": list(item.names),
-        "sound": numbers([item.sound])[0],
-        "expected": list(item.expected),
-        "deviation": list(item.deviation),
-        "separation": item.separation,
-        "tells": item.separation >= DECIDES,
-    }

@@ -13,8 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from os import PathLike
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.hooks import note
+from commonrail.base.record import Key, to_record
 from commonrail.base.text import join_words, to_signed
 from commonrail.data.records import record_head
 from commonrail.engine.operating_point import Energising
@@ -41,7 +43,7 @@ from commonrail.plugins.diagnose.run import (
     take_measured_tests,
 )
 from commonrail.plugins.plans.data import PlanData
-from commonrail.plugins.plans.run import injector_record
+from commonrail.plugins.plans.run import InjectorFacts
 from commonrail.plugins.plans.study import BENCH_PRESSURES, Measure, PlanTest, TestPlan, load_plan
 
 STEP = 2e-6  # of a class [s]; chosen
@@ -66,6 +68,29 @@ class Trimming(NamedTuple):
     spread: Floats
     left: Floats
     deviation: Floats
+
+
+class TrimTest(NamedTuple):
+    """Test that gives a class of the code: quantities [m³], `distance` in standard deviations, `correction` [s]."""
+
+    name: Annotated[str, Key("test")]
+    rail_pressure: float
+    energising_time: float
+    measured: float
+    nominal: float
+    distance: float
+    steps: Annotated[int, Key("class")]
+    correction: float
+
+
+class CorrectedPoint(NamedTuple):
+    """Point of the map with its correction [s]; `spread` and `left` as in `Trimming` [m³]."""
+
+    rail_pressure: float
+    energising_time: float
+    correction: float
+    spread: float
+    left: float
 
 
 @dataclass(frozen=True, repr=False)
@@ -121,32 +146,41 @@ class PartTrim(Shown):
 
     def record(self) -> dict[str, Any]:
         """JSON-able form, SI units."""
-        tests = [
-            {
-                "test": test.name,
-                "rail_pressure": test.rail_pressure,
-                "energising_time": test.energisings[0].duration,
-                "measured": test.bench,
-                "nominal": float(self.nominal[i]),
-                "distance": float(self.distances[i]),
-                "class": int(self.classes[i]),
-                "correction": float(self.classes[i] * self.step),
-            }
-            for i, test in enumerate(self.data.tests)
-        ]
-        points = [
-            {
-                "rail_pressure": test.rail_pressure,
-                "energising_time": test.energisings[0].duration,
-                "correction": float(self.corrections[i]),
-                "spread": float(self.trimming.spread[i]),
-                "left": float(self.trimming.left[i]),
-            }
-            for i, test in enumerate(self.points)
-        ]
-        head = record_head("trim", f"Trim: {self.data.name}", self.data.synthetic)
-        facts = {"injector": injector_record(self.injector), "plan": self.data.name, "step": self.step}
-        return head | facts | {"code": self.code, "tests": tests, "points": points}
+        facts: dict[str, object] = {
+            "injector": InjectorFacts.of(self.injector),
+            "plan": self.data.name,
+            "step": self.step,
+            "code": self.code,
+            "tests": self.tests,
+            "points": self.map,
+        }
+        return record_head("trim", f"Trim: {self.data.name}", self.data.synthetic) | to_record(facts)
+
+    @cached_property
+    def tests(self) -> tuple[TrimTest, ...]:
+        """Tests with the classes of the part."""
+        columns = (self.nominal, self.distances, self.classes, self.classes * self.step)
+        rows = zip(self.data.tests, *(column.tolist() for column in columns), strict=True)
+        return tuple(
+            TrimTest(
+                name=test.name,
+                rail_pressure=test.rail_pressure,
+                energising_time=test.energisings[0].duration,
+                measured=test.bench or 0.0,
+                nominal=nominal,
+                distance=distance,
+                steps=int(steps),
+                correction=correction,
+            )
+            for test, nominal, distance, steps, correction in rows
+        )
+
+    @cached_property
+    def map(self) -> tuple[CorrectedPoint, ...]:
+        """Corrections at the points of the map."""
+        columns = (self.corrections, self.trimming.spread, self.trimming.left)
+        rows = zip(self.points, *(column.tolist() for column in columns), strict=True)
+        return tuple(CorrectedPoint(p.rail_pressure, p.energisings[0].duration, *values) for p, *values in rows)
 
 
 def trim(

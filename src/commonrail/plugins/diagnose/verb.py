@@ -106,7 +106,7 @@ def trim(
     injector, tests, settings = bench.read(report)
     result = run(injector, tests, step=parse(step, "s", "--step"), **axes, **settings, **sound_parts.read())
     if out is not None:
-        write_text(out, corrections_text(result.record()))
+        write_text(out, corrections_text(result))
     bench.show(result, settings, report, trim_html, out)
 
 

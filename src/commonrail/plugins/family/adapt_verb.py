@@ -11,7 +11,7 @@ import click
 from commonrail.base.errors import InputError, StudyError
 from commonrail.base.text import number, quantity
 from commonrail.base.units import to_text
-from commonrail.cli.console import print_json, print_lines, print_pairs, print_rows, say
+from commonrail.cli.console import print_json, print_lines, print_pairs, print_rows, print_synthetic, print_text, say
 from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import CylinderPressure, Json, ReturnPressure, Threads, check_file, read_pressures
 
@@ -102,8 +102,7 @@ def adapt(
     if json:
         print_json(_record(adapted, out))
     else:
-        if adapted.injector.synthetic:
-            print_lines([f"SYNTHETIC: {adapted.injector.synthetic}"])
+        print_synthetic(adapted.injector.synthetic)
         free = len(adapted.calibration.best)
         pairs = [("flow factor", f"{adapted.flow_factor:.4f}"), ("parameters fitted", f"{free}")]
         if adapted.doubts.pulls:
@@ -156,7 +155,8 @@ def _advise(
         'Next: measure at the first point, write it into points.csv below "rail_pressure [MPa],energising_time [us],'
         'quantity [mm3]", then'
     )
-    print_lines([drawn, step])
+    print_text((), notes=[drawn])
+    print_lines([step])
     click.echo(f"  {again} --out model.toml")
 
 

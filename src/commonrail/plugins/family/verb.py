@@ -14,7 +14,7 @@ from commonrail.base.errors import InputError, SimulationError
 from commonrail.base.input import read_plain
 from commonrail.base.text import quantity
 from commonrail.base.units import parse
-from commonrail.cli.console import print_json, print_lines, print_rows, print_table, say
+from commonrail.cli.console import print_json, print_rows, print_synthetic, print_table, print_text, say
 from commonrail.cli.fit import Outcome, end_if_stopped, run_and_report
 from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import (
@@ -193,6 +193,7 @@ def _print_family(outcome: Outcome, json: bool, out: Path) -> None:
     """Print the result of a joint fit, or its record; exit status 130 if it was stopped. `out`: type file."""
     from commonrail.plugins.family.file import TEXTS
     from commonrail.plugins.family.injector_type import load_type
+    from commonrail.plugins.family.page import family_lines
     from commonrail.report.fit.tables import tables_of
 
     record, injector_type = outcome.record, load_type(out)
@@ -211,11 +212,12 @@ def _print_family(outcome: Outcome, json: bool, out: Path) -> None:
         }
         print_json(_type_record(injector_type, out) | figures)
     else:
-        for part_record in record["parts"]:
-            click.echo(part_record["name"])
-            for table in tables_of(part_record["data"], TEXTS):
-                print_table(table)
+        print_synthetic(injector_type.synthetic)
+        print_text(family_lines(record))
         _print_type(injector_type)
+        for part_record in record["parts"]:
+            for table in tables_of(part_record["data"], TEXTS):
+                print_table(replace(table, title=f"{part_record['name']}: {table.title}"))
         click.echo(f"report: {outcome.report}")
     _say_written(injector_type, out)
     end_if_stopped(outcome)
@@ -251,8 +253,6 @@ def _print_type(injector_type: InjectorType) -> None:
     """Print the parameters of a type with their spreads."""
     from commonrail.physics.injector import parameter_quantities
 
-    if injector_type.synthetic:
-        print_lines([f"SYNTHETIC: {injector_type.synthetic}"])
     units = {name: q.unit for name, q in parameter_quantities().items()}
     rows = [
         [p.name, quantity(p.value, units[p.name]), quantity(p.spread, units[p.name])] for p in injector_type.parameters

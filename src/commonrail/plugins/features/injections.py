@@ -13,8 +13,9 @@ import numpy as np
 
 from commonrail.base.arrays import Floats, IndexArray
 from commonrail.engine.operating_point import Energising
+from commonrail.plugins.features.levels import Levels
 from commonrail.plugins.features.rate_trace import RateTrace
-from commonrail.plugins.features.settings import FeatureSettings, Levels
+from commonrail.plugins.features.settings import FeatureSettings
 
 # Division of a trace into injections: runs above the threshold with hysteresis, split where injections fuse.
 
@@ -269,7 +270,7 @@ class TracedInjection:
         """Largest mean over the peak averaging within the injection [m³/s or kg/s]."""
         trace, course = self.trace, self.course
         segment, at = self.segment, self.at
-        width = max(float(self.settings.peak_averaging), trace.interval)
+        width = max(self.settings.peak_averaging, trace.interval)
         low = at.begin + (0.5 * width if segment.fused_before else 0.0)
         high = at.end - (0.5 * width if segment.fused_after else 0.0)
         inside = course.time[(course.time >= low) & (course.time <= high)]

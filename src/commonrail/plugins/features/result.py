@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from commonrail.base.text import number
+from commonrail.base.record import to_record
 from commonrail.engine.operating_point import Energising
 from commonrail.plugins.features.injections import FeatureStatus
+from commonrail.plugins.features.levels import Levels
 from commonrail.plugins.features.rate_trace import RATE_UNITS
-from commonrail.plugins.features.settings import Levels
 from commonrail.plugins.features.table import check_name, features_of_traces, find_feature
 
 _DECIMALS = {"s": 1, "m3/s": 2, "kg/s": 2}
@@ -49,13 +49,14 @@ class Injection:
 
     def record(self) -> dict[str, Any]:
         """JSON-able form [SI]; null for a missing number."""
-        return {
+        facts: dict[str, object] = {
             "energising": self.energising,
-            "statuses": [status.value for status in self.statuses],
+            "statuses": self.statuses,
             "messages": [status.sentence for status in self.statuses],
-            "values": {name: number(value) for name, value in self.values.items()},
-            "standard_errors": {name: number(value) for name, value in self.standard_errors.items()},
+            "values": self.values,
+            "standard_errors": self.standard_errors,
         }
+        return to_record(facts)
 
 
 @dataclass(frozen=True)
@@ -120,18 +121,19 @@ class Features:
 
     def record(self) -> dict[str, Any]:
         """JSON-able form [SI]; null for a missing number."""
-        return {
-            "status": self.status.value,
+        facts: dict[str, object] = {
+            "status": self.status,
             "message": self.status.sentence,
             "unit": self.unit,
-            "quantity": number(self.quantity),
-            "noise": number(self.noise),
-            "threshold": number(self.levels.threshold),
-            "averaging": number(self.levels.width),
-            "energisings": [{"start": p.start, "duration": p.duration} for p in self.energisings],
-            "energisings_without_injection": list(self.silent),
+            "quantity": self.quantity,
+            "noise": self.noise,
+            "threshold": self.levels.threshold,
+            "averaging": self.levels.width,
+            "energisings": self.energisings,
+            "energisings_without_injection": self.silent,
             "injections": [injection.record() for injection in self.injections],
         }
+        return to_record(facts)
 
 
 def feature_unit(name: str, unit: str = "m3/s") -> str:

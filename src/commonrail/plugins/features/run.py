@@ -22,9 +22,10 @@ from commonrail.plugins.features.injections import (
     find_instants,
     find_segments,
 )
+from commonrail.plugins.features.levels import CLEAR, Levels, resolve_levels
 from commonrail.plugins.features.rate_trace import RateTrace, rate_trace
 from commonrail.plugins.features.result import Features, Injection
-from commonrail.plugins.features.settings import CLEAR, FeatureSettings, Levels, resolve_levels
+from commonrail.plugins.features.settings import FeatureSettings
 from commonrail.plugins.features.table import features_of_traces
 
 
@@ -90,9 +91,9 @@ def _injections(trace: RateTrace, levels: Levels, settings: FeatureSettings) -> 
     if not parts:
         return []
     instants = [find_instants(trace, course, segment, levels) for segment in parts]
-    windows = list(_windows(trace, instants, parts, float(settings.tail)))
+    windows = list(_windows(trace, instants, parts, settings.tail))
     # number of the last energising that starts at least the least delay before the opening
-    starts = [pulse.start + float(settings.least_delay) for pulse in trace.energisings]
+    starts = [pulse.start + settings.least_delay for pulse in trace.energisings]
     numbers = [sum(start <= at.begin for start in starts) or None for at in instants]
     before = [Instant(), *(at.closing for at in instants[:-1])]
     injections = []

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from commonrail.base.arguments import fraction, instances
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.text import number as plain
-from commonrail.base.text import numbers
+from commonrail.base.record import Key, to_record
 from commonrail.plugins.features.rate_trace import spread
 from commonrail.plugins.features.result import Features, feature_unit
 from commonrail.plugins.features.table import features_of_traces
@@ -42,28 +41,21 @@ class ShotStatistic:
         Shots, from 1, beyond 3.5 robust standard deviations. They count in all other figures.
     """
 
-    name: str
+    name: Annotated[str, Key("feature")]
     unit: str
     injection: int
     count: int
     missing: int
     mean: float
-    deviation: float
     mean_interval: Interval
+    deviation: float
     deviation_interval: Interval
     outliers: tuple[int, ...]
 
     def record(self) -> dict[str, Any]:
         """JSON-able form [SI]; null for a missing number."""
-        return {
-            "feature": self.name,
-            **{key: getattr(self, key) for key in ("unit", "injection", "count", "missing")},
-            "mean": plain(self.mean),
-            "mean_interval": numbers([*self.mean_interval]),
-            "deviation": plain(self.deviation),
-            "deviation_interval": numbers([*self.deviation_interval]),
-            "outliers": list(self.outliers),
-        }
+        record: dict[str, Any] = to_record(self)
+        return record
 
 
 def shot_statistics(shots: Sequence[Features], level: float = 0.95) -> tuple[ShotStatistic, ...]:
@@ -100,8 +92,18 @@ def _statistic(name: str, shots: Sequence[Features], injection: int, level: floa
     scatter = spread(finite) if count >= FEWEST_TO_JUDGE else 0.0
     is_outlier = np.abs(values - np.median(finite)) > APART * scatter if scatter > 0.0 else np.zeros(len(values), bool)
     outliers = tuple(int(i) + 1 for i in np.flatnonzero(is_outlier))
-    counts = count, len(shots) - count
-    return ShotStatistic(name, unit, injection, *counts, mean, deviation, about_mean, about_deviation, outliers)
+    return ShotStatistic(
+        name=name,
+        unit=unit,
+        injection=injection,
+        count=count,
+        missing=len(shots) - count,
+        mean=mean,
+        mean_interval=about_mean,
+        deviation=deviation,
+        deviation_interval=about_deviation,
+        outliers=outliers,
+    )
 
 
 def _intervals(mean: float, deviation: float, count: int, level: float) -> tuple[Interval, Interval]:

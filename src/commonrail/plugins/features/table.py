@@ -160,7 +160,7 @@ def _peak_error(injection: TracedInjection) -> float:
     The largest of n means with the standard deviation σ exceeds the rate by up to σ √(2 ln n), the bound of the
     expected largest of n normal values, which adds to σ.
     """
-    width = max(float(injection.settings.peak_averaging), injection.trace.interval)
+    width = max(injection.settings.peak_averaging, injection.trace.interval)
     count = max((injection.ramps.end - injection.ramps.begin) / width, 1.0)
     return injection.levels.noise * math.sqrt(injection.levels.width / width * (1.0 + 2.0 * math.log(count)))
 

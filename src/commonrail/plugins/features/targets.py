@@ -6,33 +6,60 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from commonrail.base.arguments import instance, instances, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
+from commonrail.base.record import Key, to_record
 from commonrail.base.text import number
 from commonrail.data.base import Missing, Role, Score, Term, ToleratedData, make_term, read_labels, relative_to
 from commonrail.data.curves.data import RateData
 from commonrail.data.noise import NOISE, Noise
 from commonrail.data.quantities.returned import ReturnData
-from commonrail.data.records import MEASURED, point_record
+from commonrail.data.records import point_record
 from commonrail.data.simulator import ITSELF, Candidates, Simulator
 from commonrail.data.study_block import Context
 from commonrail.engine.solution import Batch
 from commonrail.engine.status import which_failed
 from commonrail.physics.meters import Meter
 from commonrail.plugins.features import targets_file
+from commonrail.plugins.features.levels import Levels
 from commonrail.plugins.features.rate_trace import RateTrace, rate_trace
 from commonrail.plugins.features.result import Features
 from commonrail.plugins.features.run import find_features
-from commonrail.plugins.features.settings import FeatureSettings, Levels
+from commonrail.plugins.features.settings import FeatureSettings
 from commonrail.plugins.features.table import find_feature
 from commonrail.plugins.features.targets_file import RETURNED, FeaturesModel, FeatureTarget
 
 NO_FEATURE = "NO_FEATURE"
+
+
+class FeatureRow(NamedTuple):
+    """Feature of an injection [SI]: measured, with its tolerance, and of models by label.
+
+    Read from a record, `models` is the whole row.
+    """
+
+    feature: str
+    injection: int
+    unit: str
+    meaning: str
+    tolerance: float
+    measured: float
+    models: Annotated[Mapping[str, Any], Key("")]
+
+    @property
+    def name(self) -> str:
+        """Name with the number of the injection; a return is of the whole stroke."""
+        return self.feature if self.feature == RETURNED else f"{self.feature} {self.injection}"
+
+    def error(self, label: str) -> float | None:
+        """Error of a model in tolerances."""
+        value = number(self.models.get(label))
+        return None if value is None else (value - self.measured) / self.tolerance
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,23 +218,20 @@ class FeatureData(ToleratedData):
 
     def record(self, scores: Mapping[str, FeatureScore]) -> dict[str, Any]:
         """One row per feature, and root mean squares in tolerances, by label."""
-        rows = [
-            {
-                "feature": target.feature,
-                "injection": target.injection,
-                "unit": find_feature(target.feature).unit,
-                "meaning": find_feature(target.feature).meaning,
-                "tolerance": target.tolerance,
-                MEASURED: target.value,
-                **{label: number(float(score.values[i])) for label, score in scores.items()},
-            }
+        rows = tuple(
+            FeatureRow(
+                feature=target.feature,
+                injection=target.injection,
+                unit=find_feature(target.feature).unit,
+                meaning=find_feature(target.feature).meaning,
+                tolerance=target.tolerance,
+                measured=target.value,
+                models={label: float(score.values[i]) for label, score in scores.items()},
+            )
             for i, target in enumerate(self.targets)
-        ]
-        return {
-            **point_record(self.curve.point),
-            "rows": rows,
-            "rms": {label: number(score.error) for label, score in scores.items()},
-        }
+        )
+        rms = {label: score.error for label, score in scores.items()}
+        return {**point_record(self.curve.point), **to_record({"rows": rows, "rms": rms})}
 
 
 @dataclass(frozen=True)

@@ -73,11 +73,11 @@ class FeaturesModel(RateModel):
     kind: Literal["features"]  # type: ignore[assignment]  # another kind with the keys of a curve
     file: str = ""
     features: list[TargetModel] = Field(min_length=1, max_length=MOST_TARGETS)
-    threshold: str | float = 0.1
-    split: Annotated[float, Unit("1")] = 0.5
+    threshold: str | float | None = None
+    split: Annotated[float, Unit("1")] | None = None
     averaging: Annotated[float, Unit("s")] | None = None
-    tail: Annotated[float, Unit("s")] = 500e-6
-    zero_at_rest: bool = False
+    tail: Annotated[float, Unit("s")] | None = None
+    zero_at_rest: bool | None = None
     stroke_period: Annotated[float, Unit("s")] | None = None
 
 
@@ -105,11 +105,11 @@ def make_settings(model: FeaturesModel, injector: Injector, point: OperatingPoin
     Errors name the place `at` of the block.
     """
     with locate_errors(at):
-        settings = FeatureSettings(**{name: getattr(model, name) for name in _SETTINGS})
-        stated = settings.threshold
-        if isinstance(stated, Threshold) and stated.unit == "kg/s":
-            by_volume = stated.value / mass_density(injector, stated.unit, point)
-            return replace(settings, threshold=Threshold(by_volume, "m3/s"))
+        stated = {name: value for name in _SETTINGS if (value := getattr(model, name)) is not None}
+        settings = FeatureSettings(**stated)
+        value, unit = settings.threshold
+        if unit == "kg/s":
+            return replace(settings, threshold=Threshold(value / mass_density(injector, unit, point), "m3/s"))
         return settings
 
 

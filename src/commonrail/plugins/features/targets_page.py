@@ -6,11 +6,22 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from commonrail.base.chart import MARKERS, Figure, Panel, Series
-from commonrail.base.table import BEST_LEGEND, SIGNS, Cell, Part, Table, judge_size, mark_least, table_from_parts
-from commonrail.base.text import field_unit, megapascal, number, pressure, several, to_fixed, to_signed
-from commonrail.data.records import JUDGED, MEASURED, Record, Texts, origin_word
+from commonrail.base.record import from_record
+from commonrail.base.table import BEST_LEGEND, SIGNS, Cell, Part, Table, judge_size, table_from_parts
+from commonrail.base.text import field_unit, megapascal, pressure, several, to_fixed, to_signed
+from commonrail.data.records import JUDGED, Record, Texts, origin_word
 from commonrail.plugins.features.result import choose_decimals
-from commonrail.report.data.view import Merit, Models, Plotted, View, present, start_words
+from commonrail.plugins.features.targets import FeatureRow
+from commonrail.report.data.view import (
+    Merit,
+    Models,
+    Plotted,
+    View,
+    column,
+    errors_by_label,
+    present,
+    start_words,
+)
 
 _STEPS = (1.0, 2.0)  # [tolerances]
 _LEGEND = "{small} within one tolerance, {medium} within two, {large} beyond.".format(**SIGNS)
@@ -47,67 +58,58 @@ class FeatureView(View):
     compared_figures = figures
 
 
-def _name(row: Record) -> str:
-    return f"{row['feature']} {row['injection']}" if row["feature"] != "return_quantity" else "return_quantity"
+def _rows(data: Record) -> list[FeatureRow]:
+    return [from_record(FeatureRow, row) for row in data["rows"]]
 
 
-def _format_value(row: Record, key: str) -> str:
-    return to_fixed(row.get(key), choose_decimals(row["unit"]), field_unit(row["unit"]).factor)
-
-
-def _error(row: Record, label: str) -> float | None:
-    """Error in tolerances."""
-    value = number(row.get(label))
-    return None if value is None else (value - row[MEASURED]) / row["tolerance"]
+def _format(row: FeatureRow, value: object) -> str:
+    return to_fixed(value, choose_decimals(row.unit), field_unit(row.unit).factor)
 
 
 def _values_table(data: Record, labels: Sequence[str], texts: Texts) -> Table:
-    def errors(row: Record) -> Iterator[str | Cell]:
-        factor, value = field_unit(row["unit"]).factor, number(row.get(JUDGED))
-        yield to_signed(None if value is None else (value - row[MEASURED]) * factor, choose_decimals(row["unit"]))
-        error = _error(row, JUDGED)
+    def errors(row: FeatureRow) -> Iterator[str | Cell]:
+        error = row.error(JUDGED)
+        difference = None if error is None else (row.models[JUDGED] - row.measured) * field_unit(row.unit).factor
+        yield to_signed(difference, choose_decimals(row.unit))
         yield Cell(to_signed(error, 2), judge_size(error, _STEPS))
 
     parts = (
         _HEAD,
-        Part(
-            (origin_word(data), "tolerance"),
-            lambda row: (_format_value(row, MEASURED), _format_value(row, "tolerance")),
-        ),
-        Part([texts[label] for label in labels], lambda row: [_format_value(row, label) for label in labels]),
+        Part((origin_word(data), "tolerance"), lambda row: (_format(row, row.measured), _format(row, row.tolerance))),
+        Part([texts[label] for label in labels], lambda row: [_format(row, row.models.get(label)) for label in labels]),
         Part(("error", "error, tolerances"), errors),
     )
     title = f"Features of {data['name']} ({data['role']}), {pressure(data['rail_pressure'])}"
-    return table_from_parts(
-        title, data["rows"], parts, f"Errors are {texts[JUDGED]} − {origin_word(data)}. {_LEGEND}", 2
-    )
+    note = f"Errors are {texts[JUDGED]} − {origin_word(data)}. {_LEGEND}"
+    return table_from_parts(title, _rows(data), parts, note, 2)
 
 
 def _errors_table(data: Record, labels: Sequence[str]) -> Table:
-    def errors(row: Record) -> list[Cell]:
-        return mark_least([_error(row, label) for label in labels], lambda error: to_signed(error, 2), _STEPS)
-
-    parts = (_HEAD, Part((origin_word(data),), lambda row: (_format_value(row, MEASURED),)), Part(labels, errors))
+    parts = (
+        _HEAD,
+        column(origin_word(data), lambda row: _format(row, row.measured)),
+        errors_by_label(labels, FeatureRow.error, lambda error: to_signed(error, 2), _STEPS),
+    )
     title = f"Errors of the features in tolerances: {data['name']}, {megapascal(data['rail_pressure'])} MPa"
-    return table_from_parts(title, data["rows"], parts, f"{_LEGEND} {BEST_LEGEND}", 2)
+    return table_from_parts(title, _rows(data), parts, f"{_LEGEND} {BEST_LEGEND}", 2)
 
 
 def _figure(data: Record, models: Models) -> Figure:
     """Errors in tolerances, one place per feature."""
-    rows = data["rows"]
+    rows = _rows(data)
     places = tuple(float(i) for i in range(len(rows)))
     series = [
-        Series(model.text, model.look, places, tuple(_error(row, label) for row in rows), MARKERS, model.family)
+        Series(model.text, model.look, places, tuple(row.error(label) for row in rows), MARKERS, model.family)
         for label, model in models.items()
     ]
     return Figure(
         f"Features of {data['name']}",
         f"Simulated − {origin_word(data)}, in units of the tolerance; the number counts injections.",
         "",
-        (Panel("error, tolerances", present(series), zero_line=True, categories=tuple(_name(row) for row in rows)),),
+        (Panel("error, tolerances", present(series), zero_line=True, categories=tuple(row.name for row in rows)),),
     )
 
 
-_HEAD = Part(("feature", "unit"), lambda row: (_name(row), field_unit(row["unit"]).text))
+_HEAD = Part(("feature", "unit"), lambda row: (row.name, field_unit(row.unit).text))
 
 VIEW = FeatureView()

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.errors import InputError
-from commonrail.base.units import parse
 from commonrail.cli import options
 from commonrail.cli.console import print_result, print_table, print_text
 from commonrail.cli.grammar import Argument, Option, table_verb
+from commonrail.plugins.features.settings import FeatureSettings
 
 if TYPE_CHECKING:
     from commonrail.engine.operating_point import Energising
@@ -38,17 +38,7 @@ def features(
     energising: Annotated[
         tuple[str, ...], Option(metavar="START:DURATION", help="One of several energisings; repeatable.")
     ] = (),
-    threshold: Annotated[
-        str, Option(help="Rate of opening and closing: a share of the largest, or e.g. 2mm3/ms.")
-    ] = "10%",
-    split: Annotated[str, Option(help="Share of the smaller peak below which fused injections are divided.")] = "50%",
-    averaging: Annotated[
-        str | None, Option(help="Time over which rates are averaged. [default: a sample; to 25us in noise]")
-    ] = None,
-    tail: Annotated[str, Option(help="Time beyond opening and closing that counts for the quantity.")] = "500us",
-    zero_at_rest: Annotated[
-        bool, Option("--zero-at-rest", help="Subtract the mean rate before the first energising.")
-    ] = False,
+    settings: FeatureSettings,
     separate: Annotated[
         bool, Option("--separate", help="The rates are of different operating points, not repeated shots.")
     ] = False,
@@ -74,13 +64,9 @@ def features(
     from commonrail.engine.operating_point import OperatingPoint
     from commonrail.plugins.features import file, page
     from commonrail.plugins.features.run import find_features
-    from commonrail.plugins.features.settings import FeatureSettings
     from commonrail.plugins.features.shot_statistics import shot_statistics
 
     options.check_file(out, "--out")
-    settings = FeatureSettings(
-        threshold, split=parse(split, "1", "--split"), averaging=averaging, tail=tail, zero_at_rest=zero_at_rest
-    )
     pulses: tuple[Energising, ...] = ()
     if energising_time is not None or energising:
         pulses = OperatingPoint(100e6, options.read_energisings(energising_time, energising)).pulses

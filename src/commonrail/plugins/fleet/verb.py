@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from commonrail.base.errors import SimulationError
-from commonrail.cli.console import Bar, Stage, print_json, print_lines, print_table, say
+from commonrail.cli.console import Bar, Stage, print_json, print_synthetic, print_text, say
 from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import ClusterAddress, Json, check_workers
@@ -79,16 +79,11 @@ def _print(run: FleetRun, report: Path) -> None:
     from commonrail.plugins.fleet.page import fleet_lines, fleet_tables, fleet_warnings
 
     result, clock = run.result, run.result.clock
-    if result.synthetic:
-        print_lines([f"SYNTHETIC: {result.synthetic}"])
-    print_lines(fleet_lines(result))
-    for line in fleet_warnings(result):
-        click.echo(f"warning: {line}")
+    print_synthetic(result.synthetic)
+    lines = [*fleet_lines(result), *(f"warning: {line}" for line in fleet_warnings(result))]
     if clock.run.calibrated_now:
         after = f", {clock.later_speed:.2f} injectors/s once the workers were up" if clock.later_speed else ""
         speed = f"{clock.speed:.2f} injectors/s{after}"
-        click.echo(f"{clock.run.calibrated_now} injectors in {clock.run.seconds:.1f} s: {speed}.")
-    click.echo("")
-    for table in fleet_tables(result):
-        print_table(table)
+        say(f"{clock.run.calibrated_now} injectors in {clock.run.seconds:.1f} s: {speed}.")
+    print_text(lines, fleet_tables(result))
     click.echo(f"report: {report}")

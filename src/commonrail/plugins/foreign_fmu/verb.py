@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from commonrail.base.errors import InputError
-from commonrail.cli.console import print_json, print_lines, print_table
+from commonrail.cli.console import print_json, print_synthetic, print_text
 from commonrail.cli.fit import end_if_stopped, run_and_report, stage_of
 from commonrail.cli.options import free_run_folder, stem_of
 from commonrail.cli.study_kind import RunOptions, StudyKind
@@ -61,10 +61,7 @@ def _run(title: str, folder: Path, search: Callable[..., object], json: bool) ->
         places = {"run": str(folder), "report": str(outcome.report)}
         print_json({"kind": "fmu calibration", **places, "result": record})
     else:
-        if record["synthetic"]:
-            print_lines([f"SYNTHETIC: {record['synthetic']}"])
-        for table in fmu_tables(record):
-            print_table(table)
-        print_lines(fmu_lines(record))
+        print_synthetic(record["synthetic"])
+        print_text(fmu_lines(record), fmu_tables(record))
         click.echo(f"report: {outcome.report}")
     end_if_stopped(outcome)

@@ -44,7 +44,7 @@ def map_html(maps: Mapping[str, InjectionMap], compared: Comparison | None = Non
     return page(
         f"Quantity map: {' and '.join(maps)}",
         [m.injector for m in maps.values()],
-        map_lines(maps, compared),
+        [*map_lines(maps, compared), *map_notes(maps)],
         curves,
         map_tables(maps, compared),
         facts=[("Conditions", "; ".join(describe_conditions(first)))],
@@ -93,13 +93,23 @@ def page(
 
 
 def map_lines(maps: Mapping[str, InjectionMap], compared: Comparison | None = None) -> list[str]:
-    """Sentences: size of the map, accuracy of its cells, and exceptions."""
-    lines = [sentence for label, m in maps.items() for sentence in _lines(label if len(maps) > 1 else "", m)]
+    """Sentences: error against measured data, size of the map, accuracy of its cells, and exceptions."""
+    lines = []
     if compared is not None:
         large, small = significant(100.0 * compared.rms_large, 3), significant(compared.rms_small * MM3, 3)
         what = f"{len(compared.measured.volume)} measured quantities of {compared.source}"
         lines.append(f"Against {what}: rms {large} % above 3 mm³, {small} mm³ below.")
-    return lines
+    return lines + [sentence for label, m in maps.items() for sentence in _lines(label if len(maps) > 1 else "", m)]
+
+
+def map_notes(maps: Mapping[str, InjectionMap]) -> list[str]:
+    """Sentences on the simulations and on the needle."""
+    return [
+        f"{label}: {m.simulations} injections were simulated; {int(m.inverse_ballistic.sum())} of all "
+        f"{count_noun(m.inverse.state.size, 'cell')} are ballistic, reached or not: the needle turns round below its "
+        "largest lift."
+        for label, m in maps.items()
+    ]
 
 
 def _lines(label: str, m: InjectionMap) -> list[str]:
@@ -111,7 +121,7 @@ def _lines(label: str, m: InjectionMap) -> list[str]:
         f"{opening}{count_noun(len(m.axes.rail_pressure), 'rail pressure')} × "
         f"{count_noun(len(m.axes.quantity), 'quantity', 'quantities')}; {searched.sum()} of "
         f"{count_noun(inverse.state.size, 'cell')} have simulated energising times, which deliver their quantity "
-        f"within {to_fixed(miss.max(initial=0.0), 3, MM3)} mm³ ({m.simulations} injections)."
+        f"within {to_fixed(miss.max(initial=0.0), 3, MM3)} mm³."
     ]
     counts = {
         CellState.BEYOND: "hold a quantity that the longest energising time does not deliver",
@@ -121,13 +131,8 @@ def _lines(label: str, m: InjectionMap) -> list[str]:
     }
     exceptions = [f"{m.count(state)} {words}" for state, words in counts.items() if m.count(state)]
     if exceptions:
-        lines.append(f"Of the cells {join_words(exceptions)}.")
-    if m.inverse_ballistic.any():
-        lines.append(
-            f"{int(m.inverse_ballistic.sum())} of all {count_noun(m.inverse.state.size, 'cell')} are ballistic, "
-            "reached or not: the needle turns round below its largest lift."
-        )
-    return [*lines, *_band_sentences(m), _monotonicity(m)]
+        lines.append(f"Of the cells{f' of {label}' if label else ''} {join_words(exceptions)}.")
+    return [*lines, *_band_sentences(m), opening + _monotonicity(m)]
 
 
 def _monotonicity(m: InjectionMap) -> str:
@@ -506,7 +511,7 @@ def _arrays(m: InjectionMap) -> Arrays:
 
 
 INJECTION_MAP = Presenter(
-    lambda m: map_lines({m.injector.name: m}),
+    lambda m: [*map_lines({m.injector.name: m}), *map_notes({m.injector.name: m})],
     lambda m: map_tables({m.injector.name: m}),
     lambda m: list(chain(*map_figures({m.injector.name: m}))),
     _arrays,

@@ -61,7 +61,7 @@ def sweep_lines(swept: Sweep) -> list[str]:
     lines = [f"{count} of {', '.join(names)}: {to_fixed(sound.min(), 2, MM3)} to {to_fixed(sound.max(), 2, MM3)} mm³."]
     if swept.two:
         second, fused = swept.second[np.isfinite(swept.second)], int(swept.fused.sum())
-        lines.append(f"{fused} are fused: the needle does not close between the two injections. {DWELL}")
+        lines.append(f"{fused} are fused: the needle does not close between the two injections.")
         if len(second):
             low, high = to_fixed(second.min(), 2, MM3), to_fixed(second.max(), 2, MM3)
             lines.append(f"The second injection, total less the first alone, has {low} to {high} mm³.")

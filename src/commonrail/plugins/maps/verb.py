@@ -138,7 +138,7 @@ def map_(
     from commonrail.plugins.maps.ecu_file import read_axes
     from commonrail.plugins.maps.file import check_map_file, map_record, write_map_file, write_map_like
     from commonrail.plugins.maps.inverse import Rules
-    from commonrail.plugins.maps.page import map_html, map_lines, map_tables
+    from commonrail.plugins.maps.page import map_html, map_lines, map_notes, map_tables
     from commonrail.plugins.maps.response import density_at
     from commonrail.plugins.maps.run import add_bands, injection_map
 
@@ -202,7 +202,7 @@ def map_(
     print_result(
         json,
         lambda: map_record(maps, compared),
-        lambda: print_text(map_lines(maps, compared), map_tables(maps, compared)),
+        lambda: print_text(map_lines(maps, compared), map_tables(maps, compared), map_notes(maps)),
         (*out, *quantity_out, report),
     )
 

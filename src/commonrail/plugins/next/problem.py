@@ -25,19 +25,14 @@ FIRM = 1e-12  # added to variances of positions, since a combination of them may
 
 
 class Response(NamedTuple):
-    """Candidate as a linear model of the positions of the parameters between their bounds.
-
-    `value`: mean quantity over the draws [m³], NaN if not defined or most simulations failed; `scale`: tolerance of a
-    quantity [m³], NaN for a curve; `rows` (r, d): derivatives of the whitened values with respect to the positions;
-    `plain` (d,): derivatives of a quantity in tolerances, zero for a curve.
-    """
+    """Candidate as a linear model of the positions of the parameters between their bounds."""
 
     candidate: Candidate
-    value: float
-    scale: float
-    rows: Floats
-    plain: Floats
-    failed: int
+    value: float  # mean quantity over the draws [m³], NaN if not defined or most simulations failed
+    scale: float  # tolerance of a quantity [m³], NaN for a curve
+    rows: Floats  # (r, d), derivatives of the whitened values with respect to the positions
+    plain: Floats  # (d,), derivatives of a quantity in tolerances, zero for a curve
+    failed: int  # simulations
 
 
 def regress(unit: Floats, values: Floats) -> Floats:
@@ -61,18 +56,14 @@ def simulate_responses(
     responses: dict[int, Response] = {}
     for kind in dict.fromkeys(candidate.kind for candidate in candidates):
         places = [i for i, candidate in enumerate(candidates) if candidate.kind == kind]
-        group = [candidates[i] for i in places]
-        sets = plan_data_sets(kind, [candidate.point for candidate in group], data)
+        sets = plan_data_sets(kind, [candidates[i].point for i in places], data)
         if isinstance(sets[0], QuantityData):
-            simulated = sets[0].simulated(simulator, points)
-            of_kind = [_quantity(c, sets[0], noises[kind], y, unit) for c, y in zip(group, simulated.T, strict=True)]
+            simulated = sets[0].simulated(simulator, points).T
+            for i, values in zip(places, simulated, strict=True):
+                responses[i] = _quantity(candidates[i], sets[0], noises[kind], values, unit)
         else:
-            pairs = zip(group, sets, strict=True)
-            of_kind = [
-                _curve(c, candidate, noises[kind], candidate.simulated(simulator, points), unit)
-                for c, candidate in pairs
-            ]
-        responses |= dict(zip(places, of_kind, strict=True))
+            for i, curve in zip(places, sets, strict=True):
+                responses[i] = _curve(candidates[i], curve, noises[kind], curve.simulated(simulator, points), unit)
     return [responses[i] for i in range(len(candidates))]
 
 
@@ -97,7 +88,10 @@ def _curve(candidate: Candidate, data: DataSet, noise: FittedNoise, values: Floa
     mean = values[sound].mean(axis=0)
     noise = noise.at(data.residual_scale * mean)
     slopes = regress(unit[sound], data.residuals(values[sound]))
-    tangents = _decorrelate(noise.whiten(slopes), block_of(data, 0), noise)
+    tangents, loads = noise.whiten(slopes), noise.whiten(block_of(data, 0).stated_courses())
+    if len(loads):  # the stated discrepancy of the curve
+        root = np.linalg.cholesky(np.eye(tangents.shape[-1]) + loads.T @ loads)
+        tangents = np.asarray(np.linalg.solve(root, tangents.T).T)
     # the rows of R of a QR decomposition tell as much as all samples
     value = float(np.sum(mean * value_widths(data))) if isinstance(data, RateData) else math.nan
     rows = np.asarray(np.linalg.qr(tangents.T, mode="r"), float)
@@ -131,7 +125,10 @@ def build_problem(
     loads, planned_loads = _discrepancies(likelihood, data, responses)
     d, size = draws.shape[1], draws.shape[1] + len(loads)
     tangents = likelihood.whiten(np.vstack([estimate.slopes, loads]))
-    joint = (tangents * _slope_weights(estimate)) @ tangents.T
+    innovations, slope_weights = estimate.likelihood.whiten(estimate.errors), np.ones(likelihood.size)
+    for block, noise in estimate.likelihood.pairs:  # information of each noise law relative to a Gaussian
+        slope_weights[block.rows] = noise.mean_slope(innovations[block.rows])
+    joint = (tangents * slope_weights) @ tangents.T
     crossed, of_loads = joint[:d, d:], joint[d:, d:] + np.eye(len(loads))
     information = np.zeros((size, size))
     information[:d, :d] = np.linalg.inv(bounded(np.cov(draws.T).reshape(d, d)) + FIRM * np.eye(d))
@@ -167,18 +164,8 @@ def _predictions(responses: Sequence[Response], loads: Floats, rows: Floats, d: 
     return aims
 
 
-def _slope_weights(estimate: Estimate) -> Floats:
-    """Information of each value's noise law relative to a Gaussian (n,)."""
-    likelihood, weights = estimate.likelihood, np.ones(estimate.likelihood.size)
-    innovations = likelihood.whiten(estimate.errors)
-    for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True):
-        weights[block.rows] = max(float(noise.density.slope(innovations[block.rows]).mean()), 0.05)
-    return weights
-
-
-# A discrepancy of the model is an error shared by measurements. Each is a load of unit variance on the measured and
-# planned values; loads are further unknowns with unit prior information. Loads of a single curve belong to its
-# covariance instead.
+# A discrepancy of the model is an error shared by measurements: loads of unit variance on measured and planned values,
+# which are further unknowns with unit prior information. Loads of a single curve belong to its covariance instead.
 
 
 def has_discrepancy(block: Block) -> bool:
@@ -197,15 +184,6 @@ def common_loads(block: Block, places: Floats) -> Floats:
     order = np.argsort(-weight, kind="stable")
     n = int(np.searchsorted(np.cumsum(weight[order]), KEPT * weight.sum())) + 1
     return np.asarray(loads[order[:n]])
-
-
-def _decorrelate(tangents: Floats, block: Block, noise: FittedNoise) -> Floats:
-    """Whiten derivatives (d, n) of a curve by its stated discrepancy, after whitening by the noise."""
-    loads = noise.whiten(block.stated_courses())
-    if not len(loads):
-        return tangents
-    root = np.linalg.cholesky(np.eye(tangents.shape[-1]) + loads.T @ loads)
-    return np.asarray(np.linalg.solve(root, tangents.T).T)
 
 
 def _first(data: Sequence[DataSet], response: Response) -> int:

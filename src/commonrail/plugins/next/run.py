@@ -45,18 +45,13 @@ OTHER_STARTS = 8  # further plans, which begin with the second best measurement,
 
 
 class Rules(NamedTuple):
-    """Limits of a plan.
+    """Limits of a plan."""
 
-    `costs` (c,): costs of the candidates; `levels` (c,): setting of the bench that each needs, such as a rail pressure;
-    each level in a plan costs `level_cost`; `blocked` (c, c): pairs of candidates that exclude each other (on the
-    diagonal: no repetition); `most`: largest number of measurements; `budget`: largest cost.
-    """
-
-    costs: Floats
-    levels: IndexArray
-    level_cost: float
-    blocked: Bools
-    most: int
+    costs: Floats  # (c,), of the candidates
+    levels: IndexArray  # (c,), setting of the bench that each needs, such as a rail pressure
+    level_cost: float  # of each level in a plan
+    blocked: Bools  # (c, c), pairs of candidates that exclude each other; on the diagonal: no repetition
+    most: int  # measurements
     budget: float = math.inf
 
     def cost(self, selection: Sequence[int]) -> float:
@@ -139,19 +134,18 @@ MOST_TRIED = 16  # places at which other kinds of measurement are tried
 
 
 class Measurement(NamedTuple):
-    """Measurement of a plan.
-
-    `value`: expected injected or returned quantity [m³], NaN if it could not be simulated; `deviation`: standard
-    deviation of this quantity before the plan [m³], without measurement noise, NaN for a curve; `factor`: typical
-    standard deviation of the criterion after the plan up to here, over the value before the plan; `ratio`: the same for
-    the standard error of the plan's `widest` parameter.
-    """
+    """Measurement of a plan."""
 
     candidate: Candidate
-    value: float
-    deviation: float
-    factor: float
-    ratio: float
+    value: float  # expected injected or returned quantity [m³], NaN if it could not be simulated
+    deviation: float  # of this quantity before the plan [m³], without measurement noise; NaN for a curve
+    factor: float  # typical standard deviation of the criterion after the plan up to here, over the one before the plan
+    ratio: float  # the same for the standard error of the plan's `widest` parameter
+
+    @property
+    def place(self) -> tuple[float, float, float]:
+        """Rail pressure [Pa], energising time [s] and dwell [s], as `locate`."""
+        return locate(self.candidate.point)
 
 
 @dataclass(frozen=True, repr=False)
@@ -205,10 +199,9 @@ def list_candidates(
     dwells: Sequence[float] = (),
     first_energising_time: float = 0.0,
 ) -> list[Candidate]:
-    """List candidates of kinds (with their costs) on a grid; default: the first kind of `KINDS` that was fitted.
+    """List candidates of kinds, with their costs, on a grid; default: the first kind of `KINDS` that was fitted.
 
-    Rail pressures [Pa] and energising times [s] cover the range of the data by default; dwells [s] and the first
-    energising time [s] are as in `grid`.
+    Rail pressures [Pa] and energising times [s] cover the range of the data by default; dwells as in `grid`.
     """
     data = of_role(study.data, Role.FIT)
     usual_kind = list_fitted_kinds(data)[0]
@@ -261,7 +254,10 @@ def next_measurements(
     free = with_uncertain_free(study)
     data = in_order(free.data)
     _check(all_candidates, data)
-    n, all_candidates = len(all_candidates), [*all_candidates, *_of_other_kinds(all_candidates, data)]
+    n = len(all_candidates)
+    other_kinds = [kind for kind in list_fitted_kinds(data) if kind not in {item.kind for item in all_candidates}]
+    stride = n // MOST_TRIED | 1  # odd: reaches all times of a grid
+    all_candidates += [Candidate(kind, item.point) for kind in other_kinds for item in all_candidates[:n:stride]]
     note("fitting the noise of the data ...")
     certainty = certify(study, best, threads=threads, seed=settings.seed)
     estimate, draws = certainty.estimate, certainty.draws.unit
@@ -291,11 +287,21 @@ def next_measurements(
             "No candidate is within the budget and far enough from the measured points, or none adds information; "
             "state other rail pressures and energising times, or a smaller distance."
         )
-    before, after = (_standard_errors(study, estimate, problem, selection) for selection in ([], plan))
+    scale = likelihood.scaled(estimate.unit)
+    before, after = (
+        dict(
+            zip(
+                study.space.names,
+                (np.sqrt(np.diag(problem.covariance(p))[: len(scale)]) * scale).tolist(),
+                strict=False,
+            )
+        )
+        for p in ([], plan)
+    )
     widest = max(study.space.parameters, key=lambda item: before[item.name] / (item.upper - item.lower)).name
     column = study.space.names.index(widest)
     others, scores = list[Measurement](), np.where(np.isfinite(rules.costs), problem.scores([]), np.inf)
-    for kind in dict.fromkeys(item.kind for item in all_candidates[n:]):
+    for kind in other_kinds:
         best_one = min((i for i, item in enumerate(all_candidates) if item.kind == kind), key=scores.__getitem__)
         others += _measurements(problem, [best_one], responses, column) if np.isfinite(scores[best_one]) else []
     return MeasurementPlan(
@@ -310,13 +316,6 @@ def next_measurements(
         widest=widest,
         alternatives=tuple(others),
     )
-
-
-def _of_other_kinds(candidates: Sequence[Candidate], data: Sequence[DataSet]) -> list[Candidate]:
-    """Candidates of the other fitted kinds, at some of the same points."""
-    stride = len(candidates) // MOST_TRIED | 1  # odd: reaches all times of a grid
-    kinds = [kind for kind in list_fitted_kinds(data) if kind not in {item.kind for item in candidates}]
-    return [Candidate(kind, item.point) for kind in kinds for item in candidates[::stride]]
 
 
 def _check(candidates: Sequence[Candidate], data: Sequence[DataSet]) -> None:
@@ -381,13 +380,6 @@ def _measurements(
         ratio = math.sqrt(problem.covariance(plan[:k])[column, column] / prior[column, column])
         factor = math.exp(problem.score(plan[:k]) - first)
         yield Measurement(response.candidate, response.value, deviation, factor, ratio)
-
-
-def _standard_errors(study: Study, estimate: Estimate, problem: Problem, plan: Sequence[int]) -> dict[str, float]:
-    """Standard errors of the parameters [SI] after a plan."""
-    scale = estimate.likelihood.scaled(estimate.unit)
-    deviations = np.sqrt(np.diag(problem.covariance(plan))[: len(scale)]) * scale
-    return dict(zip(study.space.names, deviations.tolist(), strict=False))
 
 
 def _column(study: Study, name: str) -> int:

@@ -27,15 +27,7 @@ _ROUND_PRESSURE, _ROUND_TIME = 1e6, 10e-6
 
 
 class Candidate(NamedTuple):
-    """Possible measurement.
-
-    Attributes
-    ----------
-    kind : str
-        One of `KINDS`.
-    point : OperatingPoint
-    cost : float
-    """
+    """Possible measurement, of one of the `KINDS`."""
 
     kind: str
     point: OperatingPoint
@@ -56,20 +48,19 @@ def grid(
     dwells: Sequence[float] = (),
     first_energising_time: float = 0.0,
 ) -> list[OperatingPoint]:
-    """Operating points for all combinations of pressures [Pa] and times [s]; otherwise as in `like`.
+    """Operating points for all combinations of pressures [Pa], times and dwells [s]; otherwise as in `like`.
 
-    Dwells separate the end of a first energising from the start of the second [s]; without dwells injections are
-    single. ConfigurationError for dwells without a first energising time, or a value beyond its limits.
+    Without dwells injections are single. ConfigurationError for dwells without a first energising time, or a value
+    beyond its limits.
     """
     if len(dwells) and not first_energising_time > 0.0:
         raise ConfigurationError("Dwells need the energising time of the first injection; state it.")
     operating_points = []
     for rail, time, dwell in itertools.product(rail_pressures, energising_times, dwells if len(dwells) else [None]):
-        pulses = (
-            (Energising(0.0, time),)
-            if dwell is None
-            else (Energising(0.0, first_energising_time), Energising(first_energising_time + dwell, time))
-        )
+        pulses: tuple[Energising, ...] = (Energising(0.0, time),)
+        if dwell is not None:
+            first = Energising(0.0, first_energising_time)
+            pulses = first, Energising(first_energising_time + dwell, time)
         operating_points.append(replace(like, rail_pressure=rail, energisings=pulses, horizon=None, start=0.0))
     return operating_points
 
@@ -80,20 +71,18 @@ def usual_axes(data: Sequence[DataSet]) -> tuple[Floats, Floats]:
     ConfigurationError if the data have a single rail pressure and energising time.
     """
     places = np.array([locate(point) for data_set in data for point in data_set.points])
-    pressures = _round_axis(places[:, 0], _PRESSURES, _ROUND_PRESSURE)
-    times = _round_axis(places[:, 1], _TIMES, _ROUND_TIME)
+    pressures, times = (
+        np.unique(
+            np.clip(step * np.round(np.linspace(column.min(), column.max(), n) / step), column.min(), column.max())
+        )
+        for column, n, step in ((places[:, 0], _PRESSURES, _ROUND_PRESSURE), (places[:, 1], _TIMES, _ROUND_TIME))
+    )
     if len(pressures) * len(times) == 1:
         raise ConfigurationError(
             "All data have the same rail pressure and energising time; state the rail pressures and energising times "
             "that the bench can run."
         )
     return pressures, times
-
-
-def _round_axis(values: Floats, n: int, step: float) -> Floats:
-    low, high = float(values.min()), float(values.max())
-    inner = step * np.round(np.linspace(low, high, n) / step)
-    return np.unique(np.clip(inner, low, high))
 
 
 def list_fitted_kinds(data: Sequence[DataSet]) -> list[str]:
@@ -116,23 +105,14 @@ def plan_data_sets(kind: str, points: Sequence[OperatingPoint], like: Sequence[D
     model = next((data_set for data_set in like if data_set.kind == kind), None)
     if isinstance(model, RateData):
         return [_plan_rate(model, point) for point in points]
-    if isinstance(model, QuantityData):
-        zeros = np.zeros(len(points))
-        return [
-            replace(
-                model,
-                points=tuple(points),
-                quantity=zeros,
-                dead_time=np.zeros(len(points), bool),
-                mass_density=float("nan"),
-                sister=None,
-                weight=1.0,
-            )
-        ]
-    raise ConfigurationError(
-        f'The study fits no data of the kind "{kind}", which would give noise and meter of a new measurement; plan for '
-        f"{' or '.join(list_fitted_kinds(like))}."
-    )
+    if not isinstance(model, QuantityData):
+        raise ConfigurationError(
+            f'The study fits no data of the kind "{kind}", which would give noise and meter of a new measurement; plan '
+            f"for {' or '.join(list_fitted_kinds(like))}."
+        )
+    zeros = np.zeros(len(points))
+    values = {"points": tuple(points), "quantity": zeros, "dead_time": zeros > 0.0}
+    return [model.changed(**values, mass_density=float("nan"), sister=None, weight=1.0)]
 
 
 def _plan_rate(model: RateData, point: OperatingPoint) -> RateData:
@@ -156,17 +136,12 @@ def _plan_rate(model: RateData, point: OperatingPoint) -> RateData:
 
 
 class Problem(NamedTuple):
-    """Linear model of measurements.
-
-    `information` (D, D): before any measurement, positive definite; `rows` (c, r, D): whitened derivatives of c
-    candidates with up to r independent values, padded with zeros; `aims` (k, D): rows of the predictions or parameters
-    of interest.
-    """
+    """Linear model of measurements."""
 
     criterion: Criterion
-    information: Floats
-    rows: Floats
-    aims: Floats
+    information: Floats  # (D, D), before any measurement, positive definite
+    rows: Floats  # (c, r, D), whitened derivatives of c candidates with up to r independent values, padded with zeros
+    aims: Floats  # (k, D), rows of the predictions or parameters of interest
 
     def covariance(self, plan: Sequence[int]) -> Floats:
         """Covariance V (D, D) after the candidates of a plan, which may repeat."""

@@ -58,7 +58,7 @@ def next_(
       commonrail next runs/first --criterion d --parameter nozzle.discharge_maximum --rail-pressure 40:160:20MPa
     """
     from commonrail.plugins.next.file import plan_record, write_plan
-    from commonrail.plugins.next.page import plan_html, plan_lines, plan_tables
+    from commonrail.plugins.next.page import plan_html, plan_lines, plan_notes, plan_tables
     from commonrail.plugins.next.run import list_candidates, next_measurements
     from commonrail.runs.folder import read_fit
 
@@ -85,7 +85,7 @@ def next_(
     print_result(
         json,
         lambda: plan_record(plan) | {"run": str(run)},
-        lambda: print_text(plan_lines(plan), plan_tables(plan)),
+        lambda: print_text(plan_lines(plan), plan_tables(plan), plan_notes(plan)),
         [out, report],
     )
 

@@ -135,7 +135,7 @@ class _Model:
     def quantities(self, trains: Sequence[InjectionTrain], times: Floats) -> Floats:
         """Quantities (trains, injections) [m³] for energising times of that shape [s]; NaN if a simulation fails."""
         check_stop()
-        settings, dt = self.settings, float(self.settings.time_step)
+        settings, dt = self.settings, self.settings.time_step
         pulses = [train.energisings(row) for train, row in zip(trains, times, strict=True)]
         longest = max(each[-1].start + each[-1].duration for each in pulses) + settings.after
         around, horizon = (settings.cylinder_pressure, settings.return_pressure), float(dt * np.ceil(longest / dt))

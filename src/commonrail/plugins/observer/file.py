@@ -6,27 +6,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import InputError
-from commonrail.base.text import numbers
+from commonrail.base.record import Key, to_record
 from commonrail.data.currents import find_flow, read_energisings
-from commonrail.data.records import record_head
+from commonrail.data.records import make_record
 from commonrail.engine.operating_point import Energising
 from commonrail.physics.injector import Injector
 from commonrail.physics.law import Domain
 from commonrail.plugins.observer.disturbance import Disturbance
 from commonrail.plugins.observer.kalman import Alarm, Belief, StepTest
-from commonrail.plugins.observer.study import FURTHER, InjectionTrain, ObserverSettings
+from commonrail.plugins.observer.study import FURTHER, DriftState, InjectionTrain, ObserverSettings
 from commonrail.readers.columns import PLAIN, Column, FileForm, Table
 from commonrail.readers.tables import open_sheet, take_columns, take_each
 
 SLOWEST = 20e3  # lowest sampling rate of a log, as in the table of accuracies [1/s]
-FIGURES = ("quantity", "opening", "closing")
 COMMAND_UNITS = ("V", "A", "1")  # of a channel whose edges are the energisings
 HOLD, HOLDING = 0.75, 0.25  # a current stays below this share of its range, for this share of the time; a switch not
 CUT = 2e-6  # assumed overhang of an energising that the log cuts [s]
@@ -114,11 +113,17 @@ class Compensated(NamedTuple):
         """Energisings for an operating point."""
         return self.train.energisings(self.energising_times)
 
-    def record(self) -> dict[str, Any]:
-        """JSON-able form, SI."""
-        train, tables = self.train, {key: numbers(getattr(self, key)) for key in self._fields[1:-1]}
-        asked = {"rail_pressure": train.rail_pressure, "dwells": train.dwells, "wanted": train.quantities}
-        return {**asked, **tables, "met": self.met}
+
+class Origin(NamedTuple):
+    """Origin of a log from a file: its name, the command line, source of the rail volume, errors of a current's times.
+
+    The errors [s] are not finite for an energising without an end.
+    """
+
+    log: str | None = None
+    command: str | None = None
+    volume_source: str | None = None
+    errors: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -139,8 +144,8 @@ class Observation(Shown):
     injections : int
         Number of simulations.
     seconds : float
-    origin : mapping
-        Of a log from a file: its name, the command line, source of the rail volume, errors of a current's times [s].
+    origin : Origin
+        Of a log from a file.
     compensation : sequence of Compensated
         Results of `compensate` for the report, if any.
     """
@@ -155,66 +160,203 @@ class Observation(Shown):
     asked: int
     injections: int
     seconds: float
-    origin: Mapping[str, Any] = field(default_factory=dict)
+    origin: Origin = field(default_factory=Origin)
     compensation: Sequence[Compensated] = ()
 
     def rows(self) -> list[dict[str, Any]]:
         """One flat row per injection, SI; ``pandas.DataFrame(rows)`` takes them."""
         rows = []
-        for k, shot in enumerate(self.record()["shots"], 1):
-            for i, injection in enumerate(shot["injections"], 1):
-                row = {"shot": k, "injection": i, "rail_pressure": shot["rail_pressure"], **injection}
-                rows.append(row | {"alarm": shot["alarm"] and shot["alarm"]["state"]})
+        for k, shot in enumerate(self.summary.shots, 1):
+            for i, injection in enumerate(shot.injections, 1):
+                row = {"shot": k, "injection": i, "rail_pressure": shot.rail_pressure, **to_record(injection)}
+                rows.append(row | {"alarm": shot.alarm and shot.alarm.state})
         return rows
 
     def record(self) -> dict[str, Any]:
         """JSON-able form, SI; missing values are None."""
-        settings = self.settings
-        # noise of a sample [A] or of a shot's quantity [1], and discrepancy
+        return make_record("observer", self.summary)
+
+    @property
+    def summary(self) -> ObservationSummary:
+        """Content of the record and the report."""
+        return ObservationSummary.of(self)
+
+
+class InjectorFacts(NamedTuple):
+    """Injector of an observation."""
+
+    title: str
+    variant: str
+
+
+class InjectionFigures(NamedTuple):
+    """Start in the time of the log and energising time [s], and the figures of an injection; NaN for a missing one.
+
+    Quantity [m³], opening and closing from the start of the shot on [s], each with its standard deviation and the
+    value of the model without the log.
+    """
+
+    start: float
+    energising_time: float
+    quantity: float
+    quantity_deviation: float
+    quantity_open_loop: float
+    opening: float
+    opening_deviation: float
+    opening_open_loop: float
+    closing: float
+    closing_deviation: float
+    closing_open_loop: float
+
+
+class ShotFigures(NamedTuple):
+    """Figures of a shot, as of `ObservedShot`, by injection."""
+
+    start: float
+    rail_pressure: float
+    injections: tuple[InjectionFigures, ...]
+    drift: Floats | None
+    drift_deviations: Floats | None
+    consistency: float | None
+    alarm: Alarm | None
+    further: Mapping[str, bool] = MappingProxyType({})
+
+    @classmethod
+    def of(cls, shot: ObservedShot) -> ShotFigures:
+        """Figures of an observed shot."""
+        lacking = np.full((3, len(shot.energisings)), np.nan)
+        tables = [lacking if table is None else table for table in (shot.figures, shot.deviations, shot.open_loop)]
+        columns = np.stack(tables, axis=1).reshape(9, -1).T.tolist()
+        injections = tuple(
+            InjectionFigures(shot.start + pulse.start, pulse.duration, *column)
+            for pulse, column in zip(shot.energisings, columns, strict=True)
+        )
+        states = shot.drift, shot.drift_deviations
+        return cls(shot.start, shot.rail_pressure, injections, *states, shot.consistency, shot.alarm, shot.further)
+
+
+class TrainTimes(NamedTuple):
+    """Train and its energising times, as of `Compensated`; `targets`: quantities of the train [m³]."""
+
+    rail_pressure: float
+    dwells: tuple[float, ...]
+    targets: Annotated[tuple[float, ...], Key("wanted")]
+    energising_times: Floats
+    quantities: Floats
+    plain_times: Floats
+    plain_quantities: Floats
+    met: bool
+
+    @classmethod
+    def of(cls, compensated: Compensated) -> TrainTimes:
+        """Times of a compensated train."""
+        train = compensated.train
+        return cls(train.rail_pressure, train.dwells, train.quantities, *compensated[1:])
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObservationSummary:
+    """Content of the record and the report of an observation [SI].
+
+    Attributes
+    ----------
+    title, synthetic : str
+    injector : InjectorFacts
+    status : str
+        "complete" or "interrupted".
+    asked : int
+        Number of shots in the log.
+    log : Origin
+    pressures : (float, float)
+        Cylinder and return pressure.
+    rail_volume : float
+    sensor, learning, horizon, significance, discrepancy, time_step
+        As in `ObserverSettings`.
+    further : mapping of str to (float, float)
+        Noise of a sample [A] or of a shot's quantity [1], and discrepancy, by further sensor.
+    states : tuple of DriftState
+    disturbance : Disturbance
+    shots : tuple of ShotFigures
+    compensation : tuple of TrainTimes
+    injections : int
+        Number of simulations.
+    seconds : float
+    """
+
+    title: str
+    synthetic: str
+    injector: InjectorFacts
+    status: str
+    asked: int
+    log: Origin
+    pressures: tuple[float, float]
+    rail_volume: float
+    sensor: str
+    learning: int
+    horizon: int = 1
+    significance: float
+    discrepancy: float
+    further: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    time_step: float
+    states: tuple[DriftState, ...]
+    disturbance: Disturbance
+    shots: tuple[ShotFigures, ...]
+    compensation: tuple[TrainTimes, ...] = ()
+    injections: int
+    seconds: Annotated[float, Key("clock.seconds")]
+
+    @classmethod
+    def of(cls, observation: Observation) -> ObservationSummary:
+        """Summary of an observation."""
+        injector, settings = observation.injector, observation.settings
+        noise = np.nan if settings.current_noise is None else settings.current_noise
         further = {
-            "current": (settings.current_noise, settings.current_discrepancy),
+            "current": (noise, settings.current_discrepancy),
             "return": (settings.return_deviation * settings.return_shots**0.5, settings.return_discrepancy),
         }
-        plain_settings = ("sensor", "learning", "horizon", "significance", "discrepancy")
-        return {
-            **record_head("observer", f"Injected quantities of {self.injector.title}", self.injector.synthetic),
-            "injector": {"title": self.injector.title, "variant": self.injector.variant.label},
-            "status": "complete" if len(self.shots) == self.asked else "interrupted",
-            "asked": self.asked,
-            "log": dict(self.origin),
-            "pressures": [settings.cylinder_pressure, settings.return_pressure],
-            "rail_volume": float(self.injector.values["rail.volume"]),
-            **{name: getattr(settings, name) for name in plain_settings},
-            "further": {name: numbers(np.array(further[name], float)) for name in settings.further},
-            "time_step": settings.time_step,
-            "states": [state._asdict() for state in settings.states],
-            "disturbance": self.disturbance._asdict(),
-            "shots": [_shot(shot) for shot in self.shots],
-            "compensation": [train.record() for train in self.compensation],
-            "injections": self.injections,
-            "clock": {"seconds": self.seconds},
-        }
+        return cls(
+            title=f"Injected quantities of {injector.title}",
+            synthetic=injector.synthetic,
+            injector=InjectorFacts(injector.title, injector.variant.label),
+            status="complete" if len(observation.shots) == observation.asked else "interrupted",
+            asked=observation.asked,
+            log=observation.origin,
+            pressures=(settings.cylinder_pressure, settings.return_pressure),
+            rail_volume=injector.values["rail.volume"],
+            sensor=settings.sensor.value,
+            learning=settings.learning,
+            horizon=settings.horizon,
+            significance=settings.significance,
+            discrepancy=settings.discrepancy,
+            further={name: further[name] for name in settings.further},
+            time_step=settings.time_step,
+            states=settings.states,
+            disturbance=observation.disturbance,
+            shots=tuple(map(ShotFigures.of, observation.shots)),
+            compensation=tuple(map(TrainTimes.of, observation.compensation)),
+            injections=observation.injections,
+            seconds=observation.seconds,
+        )
 
+    @property
+    def every_injection(self) -> list[InjectionFigures]:
+        """Injections of all shots, in order."""
+        return [injection for shot in self.shots for injection in shot.injections]
 
-def _shot(shot: ObservedShot) -> dict[str, Any]:
-    injections = []
-    for i, pulse in enumerate(shot.energisings):
-        row: dict[str, Any] = {"start": shot.start + pulse.start, "energising_time": pulse.duration}
-        for j, name in enumerate(FIGURES):
-            tables = {"": shot.figures, "_deviation": shot.deviations, "_open_loop": shot.open_loop}
-            for suffix, table in tables.items():
-                row[f"{name}{suffix}"] = None if table is None else numbers([table[j, i]])[0]
-        injections.append(row)
-    tables = {"drift": shot.drift, "drift_deviations": shot.drift_deviations}
-    return {
-        "start": shot.start,
-        "rail_pressure": shot.rail_pressure,
-        "injections": injections,
-        **{key: None if table is None else numbers(table) for key, table in tables.items()},
-        "consistency": shot.consistency,
-        "alarm": shot.alarm and shot.alarm._asdict(),
-        "further": dict(shot.further),
-    }
+    @property
+    def observed(self) -> list[InjectionFigures]:
+        """Injections with a quantity."""
+        return [injection for injection in self.every_injection if np.isfinite(injection.quantity)]
+
+    @property
+    def alarms(self) -> list[tuple[int, Alarm]]:
+        """Alarms with the numbers of their shots."""
+        return [(k, shot.alarm) for k, shot in enumerate(self.shots, 1) if shot.alarm is not None]
+
+    @property
+    def last_shot(self) -> ShotFigures | None:
+        """Last shot with an estimate of the states."""
+        return next((shot for shot in reversed(self.shots) if shot.drift is not None), None)
 
 
 class LogColumns(NamedTuple):

@@ -241,7 +241,7 @@ def _sizes(settings: ObserverSettings, sampling: float) -> dict[str, float]:
     """Numbers of states, lanes, samples and steps, and the settings behind them."""
     many = settings.count_averaged_samples(np.array([0.0, sampling]))
     lanes = _lanes(settings.states)
-    dt = float(settings.time_step)
+    dt = settings.time_step
     return {
         "STATES": len(settings.states),
         "MOST_INJECTIONS": INJECTIONS,
@@ -278,7 +278,7 @@ def _constants(injector: Injector, settings: ObserverSettings, disturbance: Dist
         "WARMER": 1 + sum(bool(parameter) for parameter in parameters[:warm]) if warm >= 0 else -1,
         "ROW_PRESSURE": rows.state + paths.index(study.SENSORS[settings.sensor]),
         "ROW_INJECTED": rows.state + paths.index("nozzle.injected"),
-        "STEP": float(settings.time_step),
+        "STEP": settings.time_step,
         "BEFORE": settings.before,
         "AFTER": settings.after,
         "CYLINDER": settings.cylinder_pressure,

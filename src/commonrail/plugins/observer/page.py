@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from commonrail.base.arrays import Floats
 from commonrail.base.chart import BOTH, MARKERS, Band, Chart, Figure, HeatMap, Panel, Series, points
+from commonrail.base.record import from_record
 from commonrail.base.table import Column, Table, table_from_columns
 from commonrail.base.text import MISSING, count_noun, percent, quantity, significant, to_fixed, to_signed
 from commonrail.data.records import MICROSECOND, MM3, MPA, Record
 from commonrail.engine.operating_point import RAIL_PRESSURES
+from commonrail.plugins.observer.file import (
+    InjectionFigures,
+    ObservationSummary,
+    ShotFigures,
+    TrainTimes,
+)
 from commonrail.plugins.observer.kalman import TRUSTED
 from commonrail.report.analysis import SHOWN, analysis_html
 from commonrail.report.figure import figure_html
 from commonrail.report.fit.rules import BAD, CARE, GOOD, Tile
-from commonrail.report.presenter import Presenter
+from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 from commonrail.report.result_kind import ResultKind
 
-KEYS = ("title", "states", "shots", "disturbance", "sensor", "injections", "clock", "log", "rail_volume")
 MOST_COLUMNS = 16  # of the map of drift, wide enough for "−10.3"; some shots are left out
 MOVED, OFTEN = 0.3, 0.1  # a warning needs this change of the quantity by the pressure, in this share; chosen
 FAR = 4.0  # standard deviations before the first shot beyond which a state is doubted; chosen
@@ -38,93 +44,111 @@ TWO = 1.96  # standard deviations of a 95 % interval
 
 def observer_html(record: Record, folder: Path = Path("DIR")) -> str:
     """Report of an observer; `folder` is its name in the command lines shown."""
-    charts = observer_figures(record)
-    heights = [420, 380, 160 * len(_learnt(record))] if len(charts) > 2 else []
-    if _trains(record):
+    summary = from_record(ObservationSummary, record)
+    charts = observer_figures(summary)
+    heights = [420, 380, 160 * len(_learnt(summary))] if len(charts) > 2 else []
+    if summary.compensation:
         heights.append(380)
     drawn = [(c, figure_html(c, f"figure-{i}", h)) for i, (c, h) in enumerate(zip(charts, heights, strict=True))]
-    if _trains(record):  # the requested result comes first
+    if summary.compensation:  # the requested result comes first
         drawn = [drawn[-1], *drawn[:-1]]
     return analysis_html(
         "observer.html",
         __package__,
         record,
         folder,
-        _facts(record),
+        _facts(summary),
         kind="Observer",
-        lines=observer_lines(record),
-        warnings=warning_lines(record),
-        alarms=_alarm_lines(record),
-        tiles=_tiles(record),
+        lines=[*observer_lines(summary), *observer_notes(summary)],
+        warnings=warning_lines(summary),
+        alarms=alarm_lines(summary),
+        tiles=_tiles(summary),
         first=drawn[0] if drawn else None,
         figures=drawn[1:],
-        tables=observer_tables(record),
+        tables=observer_tables(summary),
     )
 
 
-RESULT = ResultKind("observer.json", "observer", "observe", observer_html, KEYS)
+RESULT = ResultKind("observer.json", "observer", "observe", observer_html)
 
 
-def observer_lines(record: Record) -> list[str]:
-    """Sentences on the log as a whole."""
-    rows, further = _injections(record), _further_sensor_words(record)
-    observed = [row for row in rows if row["quantity"] is not None]
-    if observed and not any((row["quantity_open_loop"] or 0.0) > 0.0 for row in observed):
+def observer_lines(summary: ObservationSummary) -> list[str]:
+    """Sentences: accuracy and change of the quantities, and shots and injections that are exceptions."""
+    injections, observed = summary.every_injection, summary.observed
+    if observed and not any(injection.quantity_open_loop > 0.0 for injection in observed):
         return [
-            f"By the model alone the {count_noun(len(rows), 'energising')} of the log do not inject, and "
+            f"By the model alone the {count_noun(len(injections), 'energising')} of the log do not inject, and "
             "the pressure moves no quantity; check energising times, command and pressure."
         ]
-    lines = [
-        f"{count_noun(len(record['shots']), 'shot')} with {count_noun(len(rows), 'injection')}; quantity, opening and "
-        f"closing of {len(observed)} follow from the pressure at the {_place(record)}{further} and the command, "
-        f"by the model of {record['injector']['title']}.",
-        f"Rail volume {_volume(record)}.",
-    ]
-    if record.get("horizon", 1) > 1 and len(record["shots"]) > 1:
-        lines.append(
-            f"Estimates use a sliding window of {record['horizon']} shots, in which later shots correct earlier ones. "
-            "The last shot and the alarms come from the filter."
-        )
-    if strange := _strange(record):
-        lines.append(
-            f"{count_noun(strange, 'shot')} changed no state, since the pressure{further} contradicts model and "
-            "disturbance (consistency above 3), for example if another injector injects at once; their figures follow "
-            "from the states."
-        )
+    lines = [f"{count_noun(len(summary.shots), 'shot')} with {count_noun(len(injections), 'injection')}"]
     if observed:
         shift = 100.0 * np.nanmedian(_shift_by_pressure(observed))
-        lines.append(
-            f"Median standard deviation of a quantity {_deviation(observed)}; the pressure moved the model's "
-            f"quantities by {to_fixed(shift, 1)} % (median). {HELD}"
+        lines[0] += (
+            f"; median standard deviation of a quantity {_deviation(observed)}; the pressure moved the model's "
+            f"quantities by {to_fixed(shift, 1)} % (median)"
         )
-    if closed := sum(row["quantity_deviation"] is None for row in observed):
+    lines[0] += "."
+    if strange := _count_strange(summary):
         lines.append(
-            f"{count_noun(closed, 'injection')} did not open in the model with its states: a quantity near zero has "
-            "no standard deviation, since the slopes of the model do not show where it begins to open."
+            f"{count_noun(strange, 'shot')} changed no state, since the pressure{_further_sensor_words(summary)} "
+            "contradicts model and disturbance (consistency above 3)."
+        )
+    if closed := _count_closed(summary):
+        lines.append(
+            f"{count_noun(closed, 'injection')} did not open in the model with its states and has no standard "
+            "deviation."
         )
     return lines
 
 
-def _strange(record: Record) -> int:
-    return sum((shot["consistency"] or 0.0) > TRUSTED for shot in record["shots"])
+def observer_notes(summary: ObservationSummary) -> list[str]:
+    """Sentences on the method and its assumptions."""
+    lines = [
+        f"Quantity, opening and closing follow from the pressure at the {_place(summary)}"
+        f"{_further_sensor_words(summary)} and the command, by the model of {summary.injector.title}.",
+        f"Rail volume {_volume(summary)}.",
+    ]
+    if summary.horizon > 1 and len(summary.shots) > 1:
+        lines.append(
+            f"Estimates use a sliding window of {summary.horizon} shots, in which later shots correct earlier ones. "
+            "The last shot and the alarms come from the filter."
+        )
+    if _count_strange(summary):
+        lines.append(
+            "A shot contradicts the model for example if another injector injects at once; its figures follow from "
+            "the states."
+        )
+    if _count_closed(summary):
+        lines.append("The slopes of the model do not show where a closed injector begins to open.")
+    return [*lines, HELD]
 
 
-def _shift_by_pressure(rows: list[Record]) -> Floats:
+def _count_closed(summary: ObservationSummary) -> int:
+    """Number of injections with a quantity and without its standard deviation."""
+    return sum(bool(np.isnan(injection.quantity_deviation)) for injection in summary.observed)
+
+
+def _count_strange(summary: ObservationSummary) -> int:
+    return sum((shot.consistency or 0.0) > TRUSTED for shot in summary.shots)
+
+
+def _shift_by_pressure(injections: list[InjectionFigures]) -> Floats:
     """Relative change (injections,) of each quantity by the pressure, against the model alone."""
-    before, after = (np.array([row[key] for row in rows], float) for key in ("quantity_open_loop", "quantity"))
+    before = np.array([injection.quantity_open_loop for injection in injections], float)
+    after = np.array([injection.quantity for injection in injections], float)
     return np.asarray(np.abs(after / np.where(before > 0.0, before, np.nan) - 1.0))
 
 
-def _volume(record: Record) -> str:
-    source = record["log"].get("volume_source", "")
-    return f"{significant(record['rail_volume'] * 1e6, 4)} cm³" + (f" ({source})" if source else "")
+def _volume(summary: ObservationSummary) -> str:
+    source = summary.log.volume_source
+    return f"{significant(summary.rail_volume * 1e6, 4)} cm³" + (f" ({source})" if source else "")
 
 
-def warning_lines(record: Record) -> list[str]:
+def warning_lines(summary: ObservationSummary) -> list[str]:
     """Reasons for doubting the figures."""
-    shots, strange = record["shots"], _strange(record)
-    rest, (low, high) = float(np.median([shot["rail_pressure"] for shot in shots])), RAIL_PRESSURES.likely
-    moved = _shift_by_pressure([row for row in _injections(record) if row["quantity"] is not None])
+    shots, strange = summary.shots, _count_strange(summary)
+    rest, (low, high) = float(np.median([shot.rail_pressure for shot in shots])), RAIL_PRESSURES.likely
+    moved = _shift_by_pressure(summary.observed)
     conditions = {
         f"{quantity(low, 'Pa', 3)} to {quantity(high, 'Pa', 3)} is usual before a shot.": not low <= rest <= high,
         f"{strange} of {len(shots)} shots contradict the model: use no quantity.": 2 * strange > len(shots),
@@ -133,23 +157,23 @@ def warning_lines(record: Record) -> list[str]:
         ),
     }
     lines = [line for line, holds in conditions.items() if holds]
-    last = next((shot["drift"] for shot in reversed(shots) if shot["drift"] is not None), ())
-    for value, state in zip(last, record["states"], strict=False):
-        if (far := abs(value) / state["deviation"]) > FAR:
-            label = f"{state['name']} {_with_unit(value, state['unit'], True)}"
+    last = summary.last_shot
+    for value, state in zip([] if last is None else _drift_of(last).tolist(), summary.states, strict=False):
+        if (far := abs(value) / state.deviation) > FAR:
+            label = f"{state.name} {_with_unit(value, state.unit, True)}"
             lines.append(
                 f"{label[0].upper()}{label[1:]} is {significant(far, 2)} standard deviations from its start value."
             )
     if lines:
         more = "".join(
-            f"column and unit of {words} ({option}), " for words, option in _find_used_sensors(record).values()
+            f"column and unit of {words} ({option}), " for words, option in _find_used_sensors(summary).values()
         )
         lines.append(
-            f"Check rail.volume ({_volume(record).partition(' (')[0]}), the pressure's unit (--pressure-unit; "
+            f"Check rail.volume ({_volume(summary).partition(' (')[0]}), the pressure's unit (--pressure-unit; "
             f"{quantity(rest, 'Pa', 3)} before the shots, median), {more}and whether the command is this injector's."
         )
     for name, (words, option) in FURTHER_WORDS.items():
-        counts = [shot["further"][name] for shot in record["shots"] if name in shot.get("further", ())]
+        counts = [shot.further[name] for shot in shots if name in shot.further]
         if out := counts.count(False):
             lines.append(
                 f"{words[0].upper()}{words[1:]} was left out of {out} of {count_noun(len(counts), 'shot')}, since it "
@@ -158,40 +182,43 @@ def warning_lines(record: Record) -> list[str]:
     return lines
 
 
-def _place(record: Record) -> str:
-    return "rail" if record["sensor"] == "rail" else "injector's end of the line"
+def _drift_of(shot: ShotFigures) -> Floats:
+    """States after a shot that has an estimate."""
+    assert shot.drift is not None
+    return shot.drift
 
 
-def _further_sensor_words(record: Record) -> str:
-    return "".join(f", {words}" for words, _ in _find_used_sensors(record).values())
+def _place(summary: ObservationSummary) -> str:
+    return "rail" if summary.sensor == "rail" else "injector's end of the line"
 
 
-def _find_used_sensors(record: Record) -> dict[str, tuple[str, str]]:
+def _further_sensor_words(summary: ObservationSummary) -> str:
+    return "".join(f", {words}" for words, _ in _find_used_sensors(summary).values())
+
+
+def _find_used_sensors(summary: ObservationSummary) -> dict[str, tuple[str, str]]:
     """Words and option of each further sensor that counts in a shot."""
-    used = {name for shot in record["shots"] for name, counts in shot.get("further", {}).items() if counts}
+    used = {name for shot in summary.shots for name, counts in shot.further.items() if counts}
     return {name: words for name, words in FURTHER_WORDS.items() if name in used}
 
 
-def _deviation(rows: list[Record]) -> str:
-    pairs = [(row["quantity_deviation"], row["quantity"]) for row in rows if row["quantity_deviation"] is not None]
-    if not pairs:
+def _deviation(injections: list[InjectionFigures]) -> str:
+    """Median standard deviation of the quantities that have one, with its share."""
+    pairs = np.array([(injection.quantity_deviation, injection.quantity) for injection in injections])
+    deviations, quantities = pairs[np.isfinite(pairs[:, 0])].T
+    if not len(deviations):
         return MISSING
-    deviations, quantities = np.array(pairs).T
     shares = deviations / np.maximum(quantities, 1e-12)
     return f"{significant(np.median(deviations), 2, MM3)} mm³ ({percent(np.median(shares))} %)"
 
 
-def _alarms(record: Record) -> list[tuple[int, Record]]:
-    """All alarms with the numbers of their shots."""
-    return [(k, shot["alarm"]) for k, shot in enumerate(record["shots"], 1) if shot["alarm"]]
-
-
-def _alarm_lines(record: Record) -> list[str]:
-    units = {state["name"]: state["unit"] for state in record["states"]}
+def alarm_lines(summary: ObservationSummary) -> list[str]:
+    """Sentence on each alarm."""
+    units = {state.name: state.unit for state in summary.states}
     return [
-        f"{alarm['state']}: {_with_unit(alarm['size'], units[alarm['state']], True)} ± "
-        f"{_with_unit(alarm['deviation'], units[alarm['state']])} from shot {k - alarm['ago']} on, seen at shot {k}."
-        for k, alarm in _alarms(record)
+        f"{alarm.state}: {_with_unit(alarm.size, units[alarm.state], True)} ± "
+        f"{_with_unit(alarm.deviation, units[alarm.state])} from shot {k - alarm.ago} on, seen at shot {k}."
+        for k, alarm in summary.alarms
     ]
 
 
@@ -205,58 +232,55 @@ def _with_unit(value: float | None, unit: str, with_sign: bool = False) -> str:
     return f"+{text}" if with_sign and value > 0.0 else text
 
 
-def _tiles(record: Record) -> list[Tile]:
-    rows = [row for row in _injections(record) if row["quantity"] is not None]
-    names = list(dict.fromkeys(alarm["state"] for _, alarm in _alarms(record)))
-    tested = len(record["shots"]) > record["learning"]
+def _tiles(summary: ObservationSummary) -> list[Tile]:
+    observed = summary.observed
+    names = list(dict.fromkeys(alarm.state for _, alarm in summary.alarms))
+    tested = len(summary.shots) > summary.learning
     words = ", ".join(names) or ("no state has changed" if tested else "too few shots for a test")
     tiles = [Tile("Drift", count_noun(len(names), "alarm"), words, BAD if names else GOOD if tested else "")]
-    if warnings := warning_lines(record):
+    if warnings := warning_lines(summary):
         tiles[0] = tiles[0]._replace(level=BAD if names else "")
         tiles.insert(0, Tile("Check", "warning", f"{warnings[0].partition('. ')[0]}", CARE))
-    if not rows:
+    if not observed:
         return tiles
-    tiles.append(Tile("Quantity", _deviation(rows).partition(" (")[0], "median standard deviation"))
-    same = tiles[-1].words
-    for key in ("opening", "closing"):
-        deviations = [row[f"{key}_deviation"] for row in rows if row[key] is not None]
+    same = "median standard deviation"
+    tiles.append(Tile("Quantity", _deviation(observed).partition(" (")[0], same))
+    for title, pairs in {
+        "Opening": [(injection.opening, injection.opening_deviation) for injection in observed],
+        "Closing": [(injection.closing, injection.closing_deviation) for injection in observed],
+    }.items():
+        deviations = [deviation for time, deviation in pairs if np.isfinite(time)]
         if deviations:
-            tiles.append(Tile(key.title(), f"{to_fixed(np.median(deviations), 1, MICROSECOND)} µs", same))
-    middle = float(np.median([s["consistency"] for s in record["shots"] if s["consistency"] is not None]))
+            tiles.append(Tile(title, f"{to_fixed(np.median(deviations), 1, MICROSECOND)} µs", same))
+    middle = float(np.median([shot.consistency for shot in summary.shots if shot.consistency is not None]))
     level = "" if warnings else GOOD if CONSISTENT[0] < middle < CONSISTENT[1] else CARE
     words = "squared innovation over its expectation; 1 if model and noise are as assumed"
     return [*tiles, Tile("Consistency", significant(middle, 2), words, level)]
 
 
-def _injections(record: Record) -> list[Record]:
-    return [injection for shot in record["shots"] for injection in shot["injections"]]
-
-
-def observer_figures(record: Record) -> list[Chart]:
+def observer_figures(summary: ObservationSummary) -> list[Chart]:
     """Quantities, map of the drift, and the states estimated from the pressure."""
-    charts: list[Chart] = [_compensation(record)] if _trains(record) else []
-    if all(shot["drift"] is None for shot in record["shots"]):
+    charts: list[Chart] = [_compensation(summary.compensation)] if summary.compensation else []
+    if summary.last_shot is None:
         return charts
-    return [_quantities(record), _drift_map(record), _drift(record), *charts]
+    return [_quantities(summary), _drift_map(summary), _drift(summary), *charts]
 
 
-def _trains(record: Record) -> list[Record]:
-    return list(record.get("compensation", ()))
-
-
-def _compensation(record: Record) -> Figure:
+def _compensation(trains: tuple[TrainTimes, ...]) -> Figure:
     """Change of each quantity with the dwell, without and with compensation."""
-    trains = _trains(record)
-    rails = list(dict.fromkeys(train["rail_pressure"] for train in trains))
+    rails = list(dict.fromkeys(train.rail_pressure for train in trains))
     panels = []
-    for i in range(len(trains[0]["wanted"])):
+    for i in range(len(trains[0].targets)):
         lines = []
         for k, rail in enumerate(rails):
-            rows = [train for train in trains if train["rail_pressure"] == rail]
-            x = points(1e3 * (train["dwells"] or [0.0])[0] for train in rows)
-            for key, words, look in (("plain_quantities", "without", "dash"), ("quantities", "with", "solid")):
-                shares = [train[key][i] and 100.0 * (train[key][i] / train["wanted"][i] - 1.0) for train in rows]
-                lines.append(Series(f"{to_fixed(rail, 0, MPA)} MPa, {words}", look, x, tuple(shares), BOTH, k))
+            rows = [train for train in trains if train.rail_pressure == rail]
+            x = points(1e3 * (train.dwells or (0.0,))[0] for train in rows)
+            for words, look, quantities in (
+                ("without", "dash", [train.plain_quantities[i] for train in rows]),
+                ("with", "solid", [train.quantities[i] for train in rows]),
+            ):
+                y = points(100.0 * (q / train.targets[i] - 1.0) for q, train in zip(quantities, rows, strict=True))
+                lines.append(Series(f"{to_fixed(rail, 0, MPA)} MPa, {words}", look, x, y, BOTH, k))
         panels.append(Panel(f"injection {i + 1}, % off", tuple(lines), zero_line=True, has_legend=i == 0))
     caption = (
         "Deviation from the target quantities by the model with its states: with the energising times of single "
@@ -265,35 +289,36 @@ def _compensation(record: Record) -> Figure:
     return Figure("Compensation", caption, "dwell, ms", tuple(panels))
 
 
-def _compensation_table(record: Record) -> Table:
-    def each(key: str, scale: float, decimals: int) -> Any:
-        return lambda row: ", ".join(to_fixed(value, decimals, scale) for value in row[key])
+def _compensation_table(trains: tuple[TrainTimes, ...]) -> Table:
+    def volumes(values: Iterable[float]) -> str:
+        return ", ".join(to_fixed(value, 2, MM3) for value in values)
+
+    def times(values: Iterable[float]) -> str:
+        return ", ".join(to_fixed(value, 1, MICROSECOND) for value in values)
 
     columns: list[Column] = [
-        ("p, MPa", lambda row: to_fixed(row["rail_pressure"], 1, MPA)),
-        ("dwell, ms", lambda row: to_fixed((row["dwells"] or [None])[0], 2, 1e3)),
-        ("wanted, mm³", each("wanted", MM3, 2)),
-        ("ET, µs", each("energising_times", MICROSECOND, 1)),
-        ("without, µs", each("plain_times", MICROSECOND, 1)),
-        ("without, mm³", each("plain_quantities", MM3, 2)),
-        ("met", lambda row: "yes" if row["met"] else f"no: {each('quantities', MM3, 2)(row)} mm³"),
+        ("p, MPa", lambda train: to_fixed(train.rail_pressure, 1, MPA)),
+        ("dwell, ms", lambda train: to_fixed((train.dwells or (None,))[0], 2, 1e3)),
+        ("wanted, mm³", lambda train: volumes(train.targets)),
+        ("ET, µs", lambda train: times(train.energising_times)),
+        ("without, µs", lambda train: times(train.plain_times)),
+        ("without, mm³", lambda train: volumes(train.plain_quantities)),
+        ("met", lambda train: "yes" if train.met else f"no: {volumes(train.quantities)} mm³"),
     ]
     note = "Energising times by the states after the last shot; without: times of single injections by the model alone."
-    return table_from_columns("Compensated energising times", _trains(record), columns, note, inputs=("wanted, mm³",))
+    return table_from_columns("Compensated energising times", trains, columns, note, inputs=("wanted, mm³",))
 
 
-def _quantities(record: Record) -> Figure:
+def _quantities(summary: ObservationSummary) -> Figure:
     """Quantities by shot, and their deviation from the model without the pressure."""
-    number = max(len(shot["injections"]) for shot in record["shots"])
+    number = max(len(shot.injections) for shot in summary.shots)
     upper, lower = [], []
     bands = []
     for j in range(number):
-        rows = [(k, s["injections"][j]) for k, s in enumerate(record["shots"], 1) if j < len(s["injections"])]
+        rows = [(k, shot.injections[j]) for k, shot in enumerate(summary.shots, 1) if j < len(shot.injections)]
         x = points(k for k, _ in rows)
-        quantities, deviation, model = (
-            np.array([row[f"quantity{key}"] for _, row in rows], float) * MM3
-            for key in ("", "_deviation", "_open_loop")
-        )
+        table = [(row.quantity, row.quantity_deviation, row.quantity_open_loop) for _, row in rows]
+        quantities, deviation, model = np.array(table, float).T * MM3
         name = "" if number == 1 else f", injection {j + 1}"
         upper.append(Series(f"observer{name}", "best", x, points(quantities), MARKERS, j))
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -312,19 +337,19 @@ def _quantities(record: Record) -> Figure:
     )
 
 
-def _drift_map(record: Record) -> HeatMap:
-    columns = [k for k, shot in enumerate(record["shots"]) if shot["drift"] is not None]
+def _drift_map(summary: ObservationSummary) -> HeatMap:
+    columns = [(k, shot.drift) for k, shot in enumerate(summary.shots, 1) if shot.drift is not None]
     columns = columns[:: max(-(-len(columns) // MOST_COLUMNS), 1)]  # even steps
-    states = record["states"]
-    drift = np.array([record["shots"][k]["drift"] for k in columns]) / [state["deviation"] for state in states]
+    states = summary.states
+    drift = np.array([drift for _, drift in columns]) / [state.deviation for state in states]
     rows = drift.T.tolist()
     return HeatMap(
         "Map of the drift",
         "Estimate of each state after a shot, in units of its standard deviation before the first.",
         "shot",
         "",
-        tuple(str(k + 1) for k in columns),
-        tuple(state["name"] for state in states),
+        tuple(str(k) for k, _ in columns),
+        tuple(state.name for state in states),
         tuple(map(points, rows)),
         tuple(tuple(to_fixed(round(value, 1) + 0.0, 1) for value in row) for row in rows),
         "st. dev.",
@@ -332,18 +357,20 @@ def _drift_map(record: Record) -> HeatMap:
     )
 
 
-def _drift(record: Record) -> Figure:
+def _drift(summary: ObservationSummary) -> Figure:
     """Courses of the estimated states, with bands."""
-    shots = [(k, shot) for k, shot in enumerate(record["shots"], 1) if shot["drift"] is not None]
+    shots = [(k, shot) for k, shot in enumerate(summary.shots, 1) if shot.drift is not None]
     x = points(k for k, _ in shots)
+    drift = np.array([shot.drift for _, shot in shots])
+    deviations = np.array([shot.drift_deviations for _, shot in shots])
     panels = []
-    for i in _learnt(record):
-        state = record["states"][i]
-        scale, unit = SHOWN_UNITS.get(state["unit"], (1.0, state["unit"]))
-        mean, spread = (np.array([s[key][i] for _, s in shots]) * scale for key in ("drift", "drift_deviations"))
+    for i in _learnt(summary):
+        state = summary.states[i]
+        scale, unit = SHOWN_UNITS.get(state.unit, (1.0, state.unit))
+        mean, spread = drift[:, i] * scale, deviations[:, i] * scale
         panels.append(
             Panel(
-                f"{state['name']}, {unit}",
+                f"{state.name}, {unit}",
                 (Series("", "best", x, points(mean)),),
                 zero_line=True,
                 bands=(Band("best", x, points(mean - TWO * spread), points(mean + TWO * spread)),),
@@ -354,101 +381,127 @@ def _drift(record: Record) -> Figure:
     return Figure("Drift", caption, "shot", tuple(panels))
 
 
-def _learnt(record: Record, most: int = 4) -> list[int]:
+def _learnt(summary: ObservationSummary, most: int = 4) -> list[int]:
     """Indices of the states whose deviation has shrunk most."""
-    last = next(shot for shot in reversed(record["shots"]) if shot["drift"] is not None)
-    shares: Floats = np.array(last["drift_deviations"]) / [state["deviation"] for state in record["states"]]
+    last = summary.last_shot
+    assert last is not None
+    shares: Floats = np.asarray(last.drift_deviations) / [state.deviation for state in summary.states]
     order = np.argsort(shares, kind="stable").tolist()
     return [i for i in order if shares[i] < LEARNT][:most] or order[:1]
 
 
-def observer_tables(record: Record) -> list[Table]:
+def observer_tables(summary: ObservationSummary) -> list[Table]:
     """States after the last shot, and the first injections."""
-    more = [_compensation_table(record)] if _trains(record) else []
-    return [*more, _state_table(record), _shot_table(record)]
+    more = [_compensation_table(summary.compensation)] if summary.compensation else []
+    return [*more, _state_table(summary), _shot_table(summary)]
 
 
-def _state_table(record: Record) -> Table:
-    last = next((shot for shot in reversed(record["shots"]) if shot["drift"] is not None), None)
-
-    def value(key: str, with_sign: bool = False) -> Any:
-        def text(row: tuple[int, Record]) -> str:
-            return _with_unit(None if last is None else last[key][row[0]], row[1]["unit"], with_sign)
-
-        return text
-
+def _state_table(summary: ObservationSummary) -> Table:
+    last = summary.last_shot
+    lacking = [None] * len(summary.states)
+    values = lacking if last is None or last.drift is None else last.drift.tolist()
+    deviations = lacking if last is None or last.drift_deviations is None else last.drift_deviations.tolist()
     columns: list[Column] = [
-        ("state", lambda row: row[1]["name"]),
-        ("estimate", value("drift", True)),
-        ("st. dev.", value("drift_deviations")),
-        ("st. dev. before", lambda row: _with_unit(row[1]["deviation"], row[1]["unit"])),
-        ("limit of a step", lambda row: _with_unit(row[1]["limit"] or None, row[1]["unit"])),
+        ("state", lambda row: row[0].name),
+        ("estimate", lambda row: _with_unit(row[1], row[0].unit, True)),
+        ("st. dev.", lambda row: _with_unit(row[2], row[0].unit)),
+        ("st. dev. before", lambda row: _with_unit(row[0].deviation, row[0].unit)),
+        ("limit of a step", lambda row: _with_unit(row[0].limit or None, row[0].unit)),
     ]
     note = (
-        f"An alarm needs a step beyond the limit and beyond {record['significance']:g} standard deviations. "
+        f"An alarm needs a step beyond the limit and beyond {summary.significance:g} standard deviations. "
         "The pressure does not determine states whose standard deviation has not shrunk."
     )
-    return table_from_columns("States after the last shot", list(enumerate(record["states"])), columns, note)
+    rows = zip(summary.states, values, deviations, strict=True)
+    return table_from_columns("States after the last shot", rows, columns, note)
 
 
-def _shot_table(record: Record) -> Table:
+def _shot_table(summary: ObservationSummary) -> Table:
     rows = [
-        (k, i, shot, row) for k, shot in enumerate(record["shots"], 1) for i, row in enumerate(shot["injections"], 1)
+        (k, i, shot, injection)
+        for k, shot in enumerate(summary.shots, 1)
+        for i, injection in enumerate(shot.injections, 1)
     ]
 
-    def both(key: str, scale: float, decimals: int) -> Any:
-        def text(item: tuple[int, int, Record, Record]) -> str:
-            row = item[3]
-            if row[key] is None:
-                return MISSING
-            if row[f"{key}_deviation"] is None:
-                return f"{to_fixed(abs(row[key]), decimals, scale)} ± {MISSING} (does not open)"
-            return f"{to_fixed(row[key], decimals, scale)} ± {to_fixed(row[f'{key}_deviation'], decimals, scale)}"
-
-        return text
+    def both(value: float, deviation: float, scale: float, decimals: int) -> str:
+        if np.isnan(value):
+            return MISSING
+        if np.isnan(deviation):
+            return f"{to_fixed(abs(value), decimals, scale)} ± {MISSING} (does not open)"
+        return f"{to_fixed(value, decimals, scale)} ± {to_fixed(deviation, decimals, scale)}"
 
     columns: list[Column] = [
-        ("shot", lambda item: f"{item[0]}" if len(item[2]["injections"]) == 1 else f"{item[0]}, injection {item[1]}"),
-        ("p, MPa", lambda item: to_fixed(item[2]["rail_pressure"], 1, MPA)),
-        ("ET, µs", lambda item: to_fixed(item[3]["energising_time"], 0, MICROSECOND)),
-        ("quantity, mm³", both("quantity", MM3, 2)),
-        ("model alone, mm³", lambda item: to_fixed(item[3]["quantity_open_loop"], 2, MM3)),
-        ("opening, µs", both("opening", MICROSECOND, 1)),
-        ("closing, µs", both("closing", MICROSECOND, 1)),
+        ("shot", lambda row: f"{row[0]}" if len(row[2].injections) == 1 else f"{row[0]}, injection {row[1]}"),
+        ("p, MPa", lambda row: to_fixed(row[2].rail_pressure, 1, MPA)),
+        ("ET, µs", lambda row: to_fixed(row[3].energising_time, 0, MICROSECOND)),
+        ("quantity, mm³", lambda row: both(row[3].quantity, row[3].quantity_deviation, MM3, 2)),
+        ("model alone, mm³", lambda row: to_fixed(row[3].quantity_open_loop, 2, MM3)),
+        ("opening, µs", lambda row: both(row[3].opening, row[3].opening_deviation, MICROSECOND, 1)),
+        ("closing, µs", lambda row: both(row[3].closing, row[3].closing_deviation, MICROSECOND, 1)),
     ]
     more = f" The first {SHOWN} of {len(rows)} injections; all are in observer.csv." if len(rows) > SHOWN else ""
     note = f"± one standard deviation; times from the start of the shot.{more}"
     return table_from_columns("Injections", rows[:SHOWN], columns, note, inputs=("p, MPa", "ET, µs"))
 
 
-def _facts(record: Record) -> list[tuple[str, str]]:
-    d = record["disturbance"]
+def _facts(summary: ObservationSummary) -> list[tuple[str, str]]:
+    disturbance = summary.disturbance
+    origin = {"Command": summary.log.command, "Log": summary.log.log}
     facts = [
-        ("Injector", record["injector"]["title"]),
-        ("Variant", record["injector"]["variant"]),
-        *((name, record["log"][name.lower()]) for name in ("Command", "Log") if record["log"]),
-        ("Rail volume", _volume(record)),
-        ("Cylinder and return pressure", " and ".join(quantity(p, "Pa", 3) for p in record["pressures"])),
-        ("Sensor", _place(record)),
+        ("Injector", summary.injector.title),
+        ("Variant", summary.injector.variant),
+        *((name, text) for name, text in origin.items() if text is not None),
+        ("Rail volume", _volume(summary)),
+        ("Cylinder and return pressure", " and ".join(quantity(p, "Pa", 3) for p in summary.pressures)),
+        ("Sensor", _place(summary)),
         (
             "Disturbance",
-            f"noise of an averaged sample {quantity(d['noise'], 'Pa', 2)}; rate of change by pump and others "
-            f"{significant(d['rate'] * 1e-9, 2)} MPa/ms over {quantity(d['memory'], 's', 2)}; waves "
-            f"{quantity(d['wave'], 'Pa', 2)} at {significant(d['frequency'] * 1e-3, 2)} kHz",
+            f"noise of an averaged sample {quantity(disturbance.noise, 'Pa', 2)}; rate of change by pump and others "
+            f"{significant(disturbance.rate * 1e-9, 2)} MPa/ms over {quantity(disturbance.memory, 's', 2)}; waves "
+            f"{quantity(disturbance.wave, 'Pa', 2)} at {significant(disturbance.frequency * 1e-3, 2)} kHz",
         ),
-        ("Discrepancy", f"{percent(record['discrepancy'])} % of the drop of the pressure"),
+        ("Discrepancy", f"{percent(summary.discrepancy)} % of the drop of the pressure"),
     ]
-    for name, (noise, lacks) in record.get("further", {}).items():
-        what, words = {
+    for name, (noise, discrepancy) in summary.further.items():
+        sensor, words = {
             "current": ("Current", f"noise of a sample {quantity(noise, 'A', 2)}"),
             "return": ("Return flow", f"standard deviation of a shot's {percent(noise)} %"),
         }[name]
-        facts.append((what, f"{words}; discrepancy {percent(lacks)} %"))
+        facts.append((sensor, f"{words}; discrepancy {percent(discrepancy)} %"))
     return facts
 
 
-OBSERVATION = Presenter.of_record(
-    lambda record: [record["title"], *observer_lines(record), *warning_lines(record), *_alarm_lines(record)],
-    observer_tables,
-    observer_figures,
+def _lines(summary: ObservationSummary) -> list[str]:
+    return [
+        summary.title,
+        *observer_lines(summary),
+        *observer_notes(summary),
+        *warning_lines(summary),
+        *alarm_lines(summary),
+    ]
+
+
+def _arrays(summary: ObservationSummary) -> Arrays:
+    """Figures by shot and injection; NaN for an injection that a shot does not have."""
+    axes, shots = ("shot", "injection"), summary.shots
+    shape = len(shots), max(len(shot.injections) for shot in shots)
+    tables = {name: np.full(shape, np.nan) for name in InjectionFigures._fields}
+    for k, shot in enumerate(shots):
+        for i, injection in enumerate(shot.injections):
+            for table, value in zip(tables.values(), injection, strict=True):
+                table[k, i] = value
+    values = {
+        name: in_common_unit(axes, table, "m3" if name.startswith("quantity") else "s")
+        for name, table in tables.items()
+    }
+    values["rail_pressure"] = in_common_unit(axes[:1], [shot.rail_pressure for shot in shots], "Pa")
+    numbers = {axis: Array((axis,), np.arange(1, size + 1)) for axis, size in zip(axes, shape, strict=True)}
+    return Arrays(numbers, values, summary.title)
+
+
+OBSERVATION = Presenter(
+    lambda observation: _lines(observation.summary),
+    lambda observation: observer_tables(observation.summary),
+    lambda observation: observer_figures(observation.summary),
+    lambda observation: _arrays(observation.summary),
 )

@@ -210,7 +210,7 @@ class Simulator:
 
     def _traces(self, shot: ShotRecord, rail: float, x: Floats) -> Traced | None:
         """Traces at states (candidates, states); None if the first fails."""
-        dt = float(self.settings.time_step)
+        dt = self.settings.time_step
         steps = int(np.ceil((float(shot.time[-1]) + 20e-6) / dt))
         fixed = self.settings.grid > 0.0
         pulses = tuple(Energising(*np.round(1e9 * np.array(p)) / 1e9) for p in shot.energisings) if fixed else None

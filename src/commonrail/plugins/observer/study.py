@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import field
+from enum import StrEnum
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from commonrail.base.arguments import (
+    TIME_STEPS,
     Limits,
+    Quantity,
     amount,
     array,
     instance,
     instances,
-    integer,
     known_names,
     mapping,
     sequence,
@@ -23,12 +26,13 @@ from commonrail.base.arguments import (
 )
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Actuation, Boundary
+from commonrail.base.declare import Choice, Number, OptionalNumber, Setting, setting, settings
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import note
 from commonrail.base.text import quantity
 from commonrail.base.units import to_text
 from commonrail.engine.operating_point import OTHER_PRESSURES, RAIL_PRESSURES, Energising
-from commonrail.engine.time_step import DEFAULT_STEP, check_step
+from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import unread_parameters
 from commonrail.plugins.observer.disturbance import Disturbance
@@ -42,7 +46,16 @@ WIDEST = {
     "Pa": (20e6, "a sensor so far off is defect"),
     "s": (1e-3, "the sensor would show a shot after it"),
 }
-SENSORS = {"rail": "rail.pressure", "line": "accumulation.fuel.pressure"}  # state that each one shows
+
+
+class Sensor(StrEnum):
+    """Place of the pressure sensor: the rail, or the injector's end of the line."""
+
+    RAIL = "rail"
+    LINE = "line"
+
+
+SENSORS = {Sensor.RAIL: "rail.pressure", Sensor.LINE: "accumulation.fuel.pressure"}  # state that each one shows
 METER_GAIN, CURRENT_DELAY = "return meter gain", "current delay"
 SENSOR_STATES = (GAIN, OFFSET, DELAY, METER_GAIN, CURRENT_DELAY)  # without a parameter
 FURTHER = {"current": "A", "return": "kg/s"}  # sensors in addition to the pressure, with their units
@@ -124,128 +137,144 @@ STATES = (
 )
 
 
-@dataclass(frozen=True)
+def _read_further(names: object, words: str) -> tuple[str, ...]:
+    further = known_names(names, FURTHER, words, "current")
+    return tuple(name for name in FURTHER if name in further)
+
+
+def _read_disturbance(disturbance: object, words: str) -> Disturbance:
+    """Disturbance with a valid covariance: noise and times above zero, all else non-negative."""
+    figures = instance(disturbance, Disturbance, words)._asdict()
+    for (name, value), unit in zip(figures.items(), ("Pa", "Pa/s", "s", "Pa", "Hz", "s"), strict=True):
+        least = 1e-9 if name in ("noise", "memory", "decay") else 0.0
+        figures[name] = amount(value, unit, f"{name} of the disturbance", Limits(least, 1e15))
+    return Disturbance(**figures)
+
+
+_TIMES, _SHARES = Limits(1e-6, 20e-3), Limits(0.0, 1.0)
+_FROM_ONE = Limits(1, math.inf)
+
+
+@settings
 class ObserverSettings:
     """Settings of an observer; SI numbers, or texts with their unit.
 
-    Attributes
-    ----------
-    sensor : str
-        "rail", or "line" for a sensor at the injector's end of the line.
-    further : sequence of str
-        Further measurements: "current" of the coil, "return" flow.
-    cylinder_pressure, return_pressure : float
-        [Pa].
-    before, after : float
-        Time before the first energising of a shot and after the end of its last that counts [s].
-    gap : float
-        Least pause between energisings of different shots [s].
-    averaged : float
-        Time over which samples are averaged [s].
-    noise : float, optional
-        Standard deviation of a sample [Pa]; default: estimated from the quiet pressure before the shots.
-    disturbance : Disturbance, optional
-        Pump, neighbours and noise of an averaged sample; default: estimated from the quiet pressure before the shots.
-    discrepancy : float
-        Standard deviation of the model's pressure error, as a share of the pressure drop.
-    current_discrepancy, return_discrepancy : float
-        Standard deviations of the model errors, as shares of the current and of the return quantity of
-        a shot; a lasting error of the latter is the state "return meter gain".
-    current_noise : float, optional
-        Standard deviation of a sample [A]; default: estimated from the current before the shots.
-    current_timing : float
-        Standard deviation of the edges of the energisings [s].
-    return_deviation : float
-        Standard deviation of the metered quantity, as a share of it.
-    return_shots : int
-        Cycles over which the meter averages; the variance of each shot is multiplied by it.
-    learning : int
-        Shots without alarms at the beginning.
-    window : int
-        Number of past shots searched for a drift.
-    significance : float
-        Standard deviations of a step needed for an alarm.
-    iterations : int
-        Largest number of linearisations of a shot.
-    horizon : int
-        Shots estimated together, in which later shots correct earlier ones. 1 is the plain filter.
-    grid : float
-        Shots are simulated at states rounded to multiples of `grid` standard deviations before the first shot, and to
-        whole pascals and nanoseconds, with the same bits on all machines; from there they are linear. 0 does not
-        round.
-    time_step : float
-        Time step of the simulations [s].
-    states : sequence of DriftState
-    deviations : mapping of str to float
-        Replacements for standard deviations before the first shot, by state; 0 leaves a state
-        out.
-
-    Raises
-    ------
-    ConfigurationError
-        If a value is of the wrong type or beyond its limits, or a name unknown.
+    `states` are its drift states (`DriftState`). `deviations` replace the standard deviations of some before the first
+    shot, by the name of the state; 0 leaves a state out. `ConfigurationError` for a value of the wrong type or beyond
+    its limits, or an unknown name.
     """
 
-    sensor: str = "rail"
-    further: tuple[str, ...] = ()
-    cylinder_pressure: float = 5e6
-    return_pressure: float = 0.5e6
-    before: float = 2e-3
-    after: float = 2e-3
-    gap: float = 3e-3
-    averaged: float = 20e-6
-    noise: float | None = None
-    disturbance: Disturbance | None = None
-    discrepancy: float = 0.005
-    current_noise: float | None = None
-    current_discrepancy: float = 0.02  # this and the following are estimates [E]
-    current_timing: float = 1e-6
-    return_deviation: float = 0.02
-    return_shots: int = 1
-    return_discrepancy: float = 0.01
-    learning: int = 10
-    window: int = 20
-    significance: float = 4.0
-    iterations: int = 4
-    horizon: int = 10
-    grid: float = 0.0
-    time_step: float | str = DEFAULT_STEP
+    sensor: Choice[Sensor] = setting(
+        default=Sensor.RAIL, text="Place of the pressure sensor; line is the injector's end of the line."
+    )
+    further: Setting[tuple[str, ...], Sequence[str]] = setting(
+        words="further sensors", default=(), read=_read_further, text='"current" of the coil, "return" flow.'
+    )
+    cylinder_pressure: Number = setting(unit="Pa", default=5e6, limits=OTHER_PRESSURES)
+    return_pressure: Number = setting(unit="Pa", default=0.5e6, limits=OTHER_PRESSURES)
+    before: Number = setting(
+        words="time before a shot",
+        unit="s",
+        default=2e-3,
+        limits=_TIMES,
+        text="Time before the first energising that counts.",
+    )
+    after: Number = setting(
+        words="time after a shot",
+        unit="s",
+        default=2e-3,
+        limits=_TIMES,
+        text="Time after the end of the last energising that counts.",
+    )
+    gap: Number = setting(
+        words="pause between shots",
+        unit="s",
+        default=3e-3,
+        limits=_TIMES,
+        text="Least pause between energisings of different shots.",
+    )
+    averaged: Number = setting(
+        words="averaging", unit="s", default=20e-6, limits=_TIMES, text="Time over which samples are averaged."
+    )
+    noise: OptionalNumber = setting(
+        unit="Pa",
+        default=None,
+        limits=Limits(1.0, 10e6),
+        text="Standard deviation of a sample; by default estimated from the quiet pressure before the shots.",
+    )
+    disturbance: Setting[Disturbance | None, Disturbance | None] = setting(
+        default=None,
+        read=_read_disturbance,
+        text="Pump, neighbours and noise of an averaged sample; by default estimated from the pressure before shots.",
+    )
+    discrepancy: Number = setting(
+        default=0.005,
+        limits=_SHARES,
+        text="Standard deviation of the model's pressure error, as a share of the pressure drop.",
+    )
+    current_noise: OptionalNumber = setting(
+        words="noise of the current",
+        unit="A",
+        default=None,
+        limits=Limits(1e-6, 100.0),
+        text="Standard deviation of a sample; by default estimated from the current before the shots.",
+    )
+    # The defaults from here to the return discrepancy are estimates [E].
+    current_discrepancy: Number = setting(
+        words="discrepancy of the current",
+        default=0.02,
+        limits=_SHARES,
+        text="Standard deviation of the model error, as a share of the current.",
+    )
+    current_timing: Number = setting(
+        words="timing of the current",
+        unit="s",
+        default=1e-6,
+        limits=Limits(0.0, 1e-3),
+        text="Standard deviation of the edges of the energisings.",
+    )
+    return_deviation: Number = setting(
+        words="deviation of the return quantity",
+        default=0.02,
+        limits=Limits(1e-4, 1.0),
+        text="Standard deviation of the metered quantity, as a share of it.",
+    )
+    return_shots: int = setting(
+        words="cycles of the meter",
+        default=1,
+        limits=_FROM_ONE,
+        text="Cycles over which the meter averages; the variance of each shot is multiplied by it.",
+    )
+    return_discrepancy: Number = setting(
+        words="discrepancy of the return quantity",
+        default=0.01,
+        limits=_SHARES,
+        text="Standard deviation of the model error, as a share of the return quantity of a shot; its lasting error is "
+        'the state "return meter gain".',
+    )
+    learning: int = setting(default=10, text="Shots without alarms at the beginning.")
+    window: int = setting(default=20, limits=_FROM_ONE, text="Number of past shots searched for a drift.")
+    significance: Number = setting(
+        default=4.0, limits=Limits(1.0, 20.0), text="Standard deviations of a step needed for an alarm."
+    )
+    iterations: int = setting(default=4, limits=_FROM_ONE, text="Largest number of linearisations of a shot.")
+    horizon: int = setting(
+        default=10,
+        limits=_FROM_ONE,
+        text="Shots estimated together, in which later shots correct earlier ones; 1 is the plain filter.",
+    )
+    grid: Number = setting(
+        default=0.0,
+        limits=Limits(0.0, 10.0),
+        text="Shots are simulated at states rounded to multiples of so many standard deviations before the first shot, "
+        "and to whole pascals and nanoseconds, with the same bits on all machines; from there they are linear. 0 does "
+        "not round.",
+    )
+    time_step: Number = setting(unit="s", default=DEFAULT_STEP, limits=TIME_STEPS)
     states: tuple[DriftState, ...] = STATES
-    deviations: dict[str, float] = field(default_factory=dict)
+    deviations: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if instance(self.sensor, str, "sensor") not in SENSORS:
-            raise ConfigurationError(f'Unknown sensor "{self.sensor}"; choose from {", ".join(SENSORS)}.')
-        further = known_names(self.further, FURTHER, "further sensors", "current")
-        times, shares = Limits(1e-6, 20e-3), Limits(0.0, 1.0)
-        settle(
-            self,
-            further=tuple(name for name in FURTHER if name in further),
-            cylinder_pressure=amount(self.cylinder_pressure, "Pa", "cylinder pressure", OTHER_PRESSURES),
-            return_pressure=amount(self.return_pressure, "Pa", "return pressure", OTHER_PRESSURES),
-            before=amount(self.before, "s", "time before a shot", times),
-            after=amount(self.after, "s", "time after a shot", times),
-            gap=amount(self.gap, "s", "pause between shots", times),
-            averaged=amount(self.averaged, "s", "averaging", times),
-            noise=None if self.noise is None else amount(self.noise, "Pa", "noise", Limits(1.0, 10e6)),
-            disturbance=None if self.disturbance is None else _disturbance(self.disturbance),
-            discrepancy=amount(self.discrepancy, "1", "discrepancy", shares),
-            current_noise=None
-            if self.current_noise is None
-            else amount(self.current_noise, "A", "noise of the current", Limits(1e-6, 100.0)),
-            current_discrepancy=amount(self.current_discrepancy, "1", "discrepancy of the current", shares),
-            current_timing=amount(self.current_timing, "s", "timing of the current", Limits(0.0, 1e-3)),
-            return_deviation=amount(self.return_deviation, "1", "deviation of the return quantity", Limits(1e-4, 1.0)),
-            return_shots=integer(self.return_shots, "cycles of the meter", 1),
-            return_discrepancy=amount(self.return_discrepancy, "1", "discrepancy of the return quantity", shares),
-            learning=integer(self.learning, "learning"),
-            window=integer(self.window, "window", 1),
-            significance=amount(self.significance, "1", "significance", Limits(1.0, 20.0)),
-            iterations=integer(self.iterations, "iterations", 1),
-            horizon=integer(self.horizon, "horizon", 1),
-            grid=amount(self.grid, "1", "grid", Limits(0.0, 10.0)),
-            time_step=check_step(self.time_step),
-        )
         states = [_state(state) for state in instances(self.states, DriftState, "states")]
         names = [state.name for state in states]
         if len({*names}) < len(names):
@@ -273,15 +302,6 @@ class ObserverSettings:
                 f"{quantity(many * interval, 's', 3)} each; give a longer `before`, or average over a shorter time."
             )
         return many
-
-
-def _disturbance(disturbance: object) -> Disturbance:
-    """Disturbance with a valid covariance: noise and times above zero, all else non-negative."""
-    figures = instance(disturbance, Disturbance, "disturbance")._asdict()
-    for (name, value), unit in zip(figures.items(), ("Pa", "Pa/s", "s", "Pa", "Hz", "s"), strict=True):
-        least = 1e-9 if name in ("noise", "memory", "decay") else 0.0
-        figures[name] = amount(value, unit, f"{name} of the disturbance", Limits(least, 1e15))
-    return Disturbance(**figures)
 
 
 def _state(state: DriftState) -> DriftState:
@@ -418,40 +438,41 @@ def cut_log(
     return shots
 
 
-@dataclass(frozen=True)
+_VOLUMES = Limits(1e-11, 1e-6, (1e-10, 1e-6), ("mm3",))
+_PAUSES = Limits(0.0, 0.1, (50e-6, 20e-3), ("us", "ms"))
+
+
+def _read_quantities(values: object, words: str) -> tuple[float, ...]:
+    volumes = array(sequence(values, words, '("2.4 mm3", "24 mm3")'), "m3", words, 1)
+    return tuple(amount(value, "m3", "target quantity", _VOLUMES) for value in volumes.tolist())
+
+
+def _read_dwells(values: object, words: str) -> tuple[float, ...]:
+    pauses = array(sequence(values, words, '("0.7 ms",)'), "s", words, 1)
+    return tuple(amount(value, "s", "dwell", _PAUSES) for value in pauses.tolist())
+
+
+@settings(kw_only=False)
 class InjectionTrain:
     """Target injections in sequence; SI numbers, or texts with their units.
 
-    Attributes
-    ----------
-    rail_pressure : float
-        Before the first injection, as the sensor shows it [Pa].
-    quantities : sequence of float
-        Volumes at cylinder pressure [m³].
-    dwells : sequence of float
-        From the end of each energising to the start of the next [s], one less than quantities.
-
-    Raises
-    ------
-    ConfigurationError
-        If a value is of the wrong type or beyond its limits, or the numbers of quantities and dwells do not match.
+    `ConfigurationError` if a value is of the wrong type or beyond its limits, or the numbers of quantities and dwells
+    do not match.
     """
 
-    rail_pressure: float
-    quantities: tuple[float, ...]
-    dwells: tuple[float, ...] = ()
+    rail_pressure: Number = setting(
+        unit="Pa", limits=RAIL_PRESSURES, text="Before the first injection, as the sensor shows it."
+    )
+    quantities: Setting[tuple[float, ...], Sequence[Quantity]] = setting(
+        words="target quantities", read=_read_quantities, text="Volumes at cylinder pressure [m³]."
+    )
+    dwells: Setting[tuple[float, ...], Sequence[Quantity]] = setting(
+        default=(),
+        read=_read_dwells,
+        text="From the end of each energising to the start of the next [s], one less than quantities.",
+    )
 
     def __post_init__(self) -> None:
-        volumes, pauses = Limits(1e-11, 1e-6, (1e-10, 1e-6), ("mm3",)), Limits(0.0, 0.1, (50e-6, 20e-3), ("us", "ms"))
-        volumes_in_text = sequence(self.quantities, "target quantities", '("2.4 mm3", "24 mm3")')
-        between = sequence(self.dwells, "dwells", '("0.7 ms",)')
-        quantities, dwells = array(volumes_in_text, "m3", "wanted quantities", 1), array(between, "s", "dwells", 1)
-        settle(
-            self,
-            rail_pressure=amount(self.rail_pressure, "Pa", "rail pressure", RAIL_PRESSURES),
-            quantities=tuple(amount(value, "m3", "wanted quantity", volumes) for value in quantities.tolist()),
-            dwells=tuple(amount(value, "s", "dwell", pauses) for value in dwells.tolist()),
-        )
         if len(self.dwells) + 1 != len(self.quantities):
             raise ConfigurationError(
                 f"A train needs one or more quantities and a dwell between each two, not {len(self.quantities)} "

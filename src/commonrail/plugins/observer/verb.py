@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 from commonrail.base.errors import CommonrailError, InputError, nearest
 from commonrail.base.units import parse, parse_difference
 from commonrail.cli import options
-from commonrail.cli.console import Bar, Stage, print_json, print_result, print_text, say
+from commonrail.cli.console import Bar, Stage, print_json, print_result, print_synthetic, print_text, say
 from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.guard import INTERRUPTED
 
@@ -125,13 +125,19 @@ def observe(
     from commonrail.base.text import quantity
     from commonrail.cli.model_name import read_model_name
     from commonrail.physics.injector import FUEL_TEMPERATURE
-    from commonrail.plugins.observer.file import LogColumns, read_log
-    from commonrail.plugins.observer.page import observer_lines, observer_tables, warning_lines
+    from commonrail.plugins.observer.file import LogColumns, Origin, read_log
+    from commonrail.plugins.observer.page import (
+        alarm_lines,
+        observer_lines,
+        observer_notes,
+        observer_tables,
+        warning_lines,
+    )
     from commonrail.plugins.observer.run import observe as run
     from commonrail.plugins.observer.study import CURRENT_DELAY, FURTHER, ObserverSettings, check_model
     from commonrail.readers.location import Place, locate_errors
     from commonrail.readers.toml import UNSTATED
-    from commonrail.report.analysis import run_into, synthetic_lines
+    from commonrail.report.analysis import run_into
 
     if design == (log is not None):
         raise InputError("Name a LOG, or give --design for a table without a log; give one of the two.")
@@ -204,12 +210,12 @@ def observe(
         density = float(injector.fuel.density(back, injector.values[FUEL_TEMPERATURE]))
         read = read._replace(further={**read.further, "return": density * read.further["return"]})
     source = injector.sources.get("rail.volume", UNSTATED)
-    origin = {
-        "log": log.name,
-        "command": options.command_again("online", out="again"),
-        "volume_source": "--set" if "rail.volume" in " ".join(set_) else f"{model}: {source.mark}, {source.text}",
-        "errors": [error if error < float("inf") else None for error in read.errors],
-    }
+    origin = Origin(
+        log.name,
+        options.command_again("online", out="again"),
+        "--set" if "rail.volume" in " ".join(set_) else f"{model}: {source.mark}, {source.text}",
+        tuple(read.errors),
+    )
     refused: list[str] = []
 
     def run_and_compensate() -> Observation:
@@ -232,12 +238,14 @@ def observe(
 
     with hold_interrupts():  # finish writing despite further Ctrl-C
         observation = run_into(out, "observer.csv", run_and_compensate)
-    record = observation.record()
+    record, summary = observation.record(), observation.summary
     if json:
         print_json(record)
     else:
-        print_text([*synthetic_lines(record), *observer_lines(record)], observer_tables(record))
-    for line in warning_lines(record):
+        print_synthetic(summary.synthetic)
+        verdict, *lines = observer_lines(summary)
+        print_text([verdict, *alarm_lines(summary), *lines], observer_tables(summary), observer_notes(summary))
+    for line in warning_lines(summary):
         say(f"warning: {line}")
     if out is not None and not json:
         print_text([f"report: {out / 'report.html'}"])
@@ -247,7 +255,7 @@ def observe(
         sampling = float(f"{(read.time[-1] - read.time[0]) / (len(read.time) - 1):.9g}")
         write_online(Online.after(observation, sampling), online)
         say(f"{online}: observer for one sample every {quantity(sampling, 's', 4)}, with the disturbance of the log")
-    if record["status"] == "interrupted" or refused == [""]:
+    if summary.status == "interrupted" or refused == [""]:
         then = " Energising times were not computed." if refused else ""
         say(f"commonrail: interrupted after {len(observation.shots)} of {observation.asked} shots.{then}")
         raise SystemExit(INTERRUPTED)

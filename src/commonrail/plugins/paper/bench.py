@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from commonrail.base.arguments import enum_member, instance, integer, mapping, number, plain_text, settle
+from commonrail.base.arguments import Cure, enum_member, instance, integer, mapping, number, plain_text, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.choices import Boundary
 from commonrail.base.errors import SimulationError
@@ -138,6 +138,8 @@ class Truth:
         If an argument is of another kind.
     """
 
+    cure: ClassVar[Cure] = Cure("read it with commonrail.lab.load_truth({})", "virtual-lino-2016")
+
     name: str
     title: str
     injector: str
@@ -246,6 +248,8 @@ class Bench:
     ConfigurationError
         If an argument is of another kind, or the time step does not lie between 1 ns and 100 us.
     """
+
+    cure: ClassVar[Cure] = Cure("write commonrail.lab.Bench(truth, injector, time_step)")
 
     truth: Truth
     injector: Injector

@@ -45,7 +45,7 @@ class Claim(NamedTuple):
     of: int
     interval: tuple[float, float]
     comment: str
-    chance: float | None = None
+    chance: float | None
 
 
 @cache

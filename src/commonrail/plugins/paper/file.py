@@ -1,24 +1,24 @@
-"""A reproduction as one JSON-able record: everything that the report says comes from it."""
+"""Summary of a reproduction, from which its record and its report are made, and its folder."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 import commonrail as cr
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
 from commonrail.base.output import write_set, write_text
-from commonrail.base.text import number, numbers
-from commonrail.data.records import record_head
+from commonrail.base.record import Key
+from commonrail.data.records import make_record
 from commonrail.plugins.paper import study
-from commonrail.plugins.paper.claims import claims
-from commonrail.plugins.paper.figures import PHASES, WINDOWS, Figures, box, spread
-from commonrail.plugins.paper.run import LABELS, METERED, Found, Repetition, Reproduction
+from commonrail.plugins.paper.claims import Claim, claims
+from commonrail.plugins.paper.figures import PHASES, WINDOWS, Box, Figures, Spread, box, spread
+from commonrail.plugins.paper.run import LABELS, METERED, Repetition, Reproduction
 from commonrail.plugins.paper.study import Configuration
 from commonrail.runs.folder import read_record, write_record
 from commonrail.runs.traces import Curve, Trace, read_curves, write_traces
@@ -75,136 +75,322 @@ def read_reproduction(folder: Path) -> tuple[dict[str, Any], Traces]:
 TITLE = "The study of Lino, Maione, Saponaro, Li (2016) on a virtual test bench"
 MEAN = "mean"
 
+ByModel = Mapping[str, Mapping[str, Floats]]  # by data set and label
+
+
+class TruthFacts(NamedTuple):
+    """Title of a truth, and its values as texts by name."""
+
+    title: str
+    facts: tuple[tuple[str, str], ...]
+
+
+class CurveFacts(NamedTuple):
+    """Curve of the bench: rail pressure [Pa] and energising time [s] asked for, and number of samples."""
+
+    name: str
+    role: str
+    rail_pressure: float
+    energising_time: float
+    samples: int
+
+
+class SeedValues(NamedTuple):
+    """Values (seeds,), and their spread."""
+
+    values: Floats
+    spread: Annotated[Spread, Key("")]
+
+    @classmethod
+    def of(cls, values: Floats) -> SeedValues:
+        """Values with their spread."""
+        return cls(values, spread(values))
+
+
+class SearchedValues(NamedTuple):
+    """Bounds of a parameter and its values over the seeds [SI]."""
+
+    lower: float
+    upper: float
+    best: Annotated[SeedValues, Key("")]
+
+
+class Stiffness(NamedTuple):
+    """Row of the paper's Table 1 [N/m]: theoretical, the paper's optimal, and ours over the seeds.
+
+    `change` and `paper_change` are relative to theory; `standard_error` is a median. `covered` of the `intervals` hold
+    the truth.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    theoretical: float
+    paper: float
+    search: Annotated[SearchedValues, Key("")]
+    paper_change: float
+    change: Spread
+    verdicts: Mapping[str, int]
+    standard_error: float
+    truth: float
+    covered: int
+    intervals: int
+
+
+class RigidDimension(NamedTuple):
+    """Dimension of the rigid body that is fitted [SI]."""
+
+    name: str
+    unit: str
+    meaning: str
+    drawing: float
+    search: Annotated[SearchedValues, Key("")]
+
+
+class ConfigurationResult(NamedTuple):
+    """Column of the paper's Table 3: J (seeds,) by data set and on average, their spreads, and the paper's J."""
+
+    generations: int
+    members: int
+    slots: int
+    simulated: tuple[int, ...]
+    j: Annotated[Mapping[str, Floats], Key("J")]
+    mean: Floats
+    median: Mapping[str, float]
+    q1: Mapping[str, float]
+    q3: Mapping[str, float]
+    paper: Mapping[str, float]
+    note: str
+
+
+class TreatmentResult(NamedTuple):
+    """Treatment of the constraints: slots, simulations (seeds,) and their share of the slots, and J (seeds,)."""
+
+    name: str
+    text: str
+    slots: int
+    simulated: tuple[int, ...]
+    share: Spread
+    j: Annotated[Floats, Key("J")]
+    spread: Annotated[Spread, Key("")]
+
+
+class Course(NamedTuple):
+    """Median and quartiles over the seeds (generations,)."""
+
+    median: Floats
+    low: Floats
+    high: Floats
+
+
+class Convergence(NamedTuple):
+    """J of the best member and on average over the generations, and the theoretical model's median J (`level`).
+
+    `ninety` (seeds,): generations at which 90 % of the gain is reached.
+    """
+
+    generation: tuple[int, ...]
+    best: Course
+    mean: Course
+    level: Annotated[float, Key("level.median")]
+    ninety: Floats
+
+
+class SearchBox(NamedTuple):
+    """Members of the search over the theoretical stiffness: of the shown seed and of every seed, bounds, paper's."""
+
+    symbol: str
+    seed: Box
+    every: Annotated[Box, Key("all")]
+    lower: float
+    upper: float
+    paper: float
+
+
+class PhaseParts(NamedTuple):
+    """J by phase and by window (seeds, parts), and their medians (parts,)."""
+
+    names: tuple[str, ...]
+    j: Annotated[ByModel, Key("J")]
+    median: ByModel
+
+
+class EdgeErrors(NamedTuple):
+    """Opening and closing of a model minus those of the experiment [s]."""
+
+    opening: Spread
+    closing: Spread
+
+
+class Overfitting(NamedTuple):
+    """J at an unseen pressure of a fit there, of the fit at 160 MPa and by theory, and the share of the gain kept."""
+
+    fitted_there: Spread
+    fitted_at_160: Spread
+    theoretical: Spread
+    gain_kept: Spread
+
+
+class MeterResult(NamedTuple):
+    """Fit through a meter: J by data set, stiffness [N/m] by symbol, and the delay [s] if it is fitted."""
+
+    label: str
+    text: str
+    j: Annotated[Mapping[str, Spread], Key("J")]
+    stiffness: Mapping[str, SeedValues]
+    delay: Spread | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReproductionSummary:
+    """Content of the record and the report of a reproduction.
+
+    SI units, J in mm³/ms summed over the samples; NaN for a missing number. Values by seed are in the order of `seeds`.
+    """
+
+    title: str
+    synthetic: str
+    status: str
+    quick: bool
+    seeds: tuple[int, ...]
+    asked: int
+    time_step: float
+    truth: TruthFacts
+    data: tuple[CurveFacts, ...]
+    labels: Mapping[str, str]
+    j: Annotated[ByModel, Key("J")]
+    j_spread: Annotated[Mapping[str, Mapping[str, Spread]], Key("J_spread")]
+    table1: tuple[Stiffness, ...]
+    rigid_fit: tuple[RigidDimension, ...]
+    table3: tuple[ConfigurationResult, ...]
+    treatments: tuple[TreatmentResult, ...]
+    convergence: Convergence
+    search: tuple[SearchBox, ...]
+    phases: PhaseParts
+    edges: Mapping[str, Mapping[str, EdgeErrors]]
+    overfitting: Mapping[str, Overfitting]
+    meter: tuple[MeterResult, ...]
+    claims: tuple[Claim, ...]
+    shown_seed: int
+    seconds: float
+    simulations: int
+
 
 def reproduction_record(reproduction: Reproduction, quick: bool = False) -> dict[str, Any]:
-    """Record of a reproduction.
+    """Record of a reproduction, JSON-able: its summary, with None for a missing number."""
+    return make_record("reproduction", summarise(reproduction, quick))
 
-    SI units, J in mm³/ms summed over the samples; null for a missing number. Arrays "per seed" are in the order
-    of "seeds".
-    """
+
+def summarise(reproduction: Reproduction, quick: bool = False) -> ReproductionSummary:
+    """Summary of a reproduction; `quick`: with few seeds."""
     f = Figures(reproduction.repetitions)
     bench = reproduction.bench
-    return {
-        **record_head("reproduction", TITLE, bench.truth.synthetic),
-        "status": reproduction.status,
-        "quick": quick,
-        "seeds": f.seeds,
-        "asked": reproduction.asked,
-        "time_step": bench.time_step,
-        "truth": {"title": bench.truth.title, "facts": [list(fact) for fact in bench.truth.facts()]},
-        "data": [
-            {
-                "name": d.name,
-                "role": d.role.value,
-                "rail_pressure": study.RAIL_PRESSURES[d.name],
-                "energising_time": study.ENERGISING_TIME,
-                "samples": len(d.rate),
-            }
+    return ReproductionSummary(
+        title=TITLE,
+        synthetic=bench.truth.synthetic,
+        status=reproduction.status,
+        quick=quick,
+        seeds=tuple(f.seeds),
+        asked=reproduction.asked,
+        time_step=bench.time_step,
+        truth=TruthFacts(bench.truth.title, tuple(bench.truth.facts())),
+        data=tuple(
+            CurveFacts(d.name, d.role.value, study.RAIL_PRESSURES[d.name], study.ENERGISING_TIME, len(d.rate))
             for d in f.repetitions[0].data
-        ],
-        "labels": LABELS,
-        "J": _each(f.j, numbers),
-        "J_spread": _each(f.j, _spread),
-        "table1": _table1(f, bench),
-        "rigid_fit": _rigid_fit(f),
-        "table3": [_configuration(f, c) for c in study.CONFIGURATIONS],
-        "treatments": [_treatment(f, t) for t in study.TREATMENTS],
-        "convergence": {
-            "generation": list(range(study.BEST.generations + 1)),
-            "best": _band([r.best for r in f.repetitions], "best"),
-            "mean": _band([r.best for r in f.repetitions], "mean"),
-            "level": {"median": number(spread(f.j[study.FIT]["theoretical"]).median)},
-            "ninety": numbers(f.ninety),
-        },
-        "search": _search(f),
-        "phases": _phases(f),
-        "edges": {
+        ),
+        labels=LABELS,
+        j=f.j,
+        j_spread={name: {label: spread(js) for label, js in models.items()} for name, models in f.j.items()},
+        table1=tuple(_stiffnesses(f, bench)),
+        rigid_fit=tuple(_rigid_dimensions(f)),
+        table3=tuple(_configuration(f, c) for c in study.CONFIGURATIONS),
+        treatments=tuple(_treatment(f, t) for t in study.TREATMENTS),
+        convergence=Convergence(
+            generation=tuple(range(study.BEST.generations + 1)),
+            best=_course([[g.best for g in r.best.history] for r in f.repetitions]),
+            mean=_course([[g.mean for g in r.best.history] for r in f.repetitions]),
+            level=spread(f.j[study.FIT]["theoretical"]).median,
+            ninety=f.ninety,
+        ),
+        search=tuple(_search_boxes(f)),
+        phases=_phases(f),
+        edges={
             name: {
-                label: {which: _spread(f.edge_errors(name, label, which)) for which in ("opening", "closing")}
+                label: EdgeErrors(*(spread(f.edge_errors(name, label, edge)) for edge in EdgeErrors._fields))
                 for label in LABELS
             }
             for name in study.RAIL_PRESSURES
         },
-        "overfitting": {
-            name: {
-                "fitted_there": _spread(f.own_j(name)),
-                "fitted_at_160": _spread(f.j[name]["optimised"]),
-                "theoretical": _spread(f.j[name]["theoretical"]),
-                "gain_kept": _spread(f.gain_kept(name)),
-            }
+        overfitting={
+            name: Overfitting(
+                fitted_there=spread(f.own_j(name)),
+                fitted_at_160=spread(f.j[name]["optimised"]),
+                theoretical=spread(f.j[name]["theoretical"]),
+                gain_kept=spread(f.gain_kept(name)),
+            )
             for name in study.VALIDATION
         },
-        "meter": _meter(f),
-        "claims": [c._asdict() | {"interval": list(c.interval)} for c in claims(f)],
-        "shown_seed": f.seeds[0],
-        "seconds": reproduction.seconds,
-        "simulations": sum(search.injections for r in f.repetitions for search in r.searches),
-    }
+        meter=tuple(_meters(f)),
+        claims=tuple(claims(f)),
+        shown_seed=f.seeds[0],
+        seconds=reproduction.seconds,
+        simulations=sum(search.injections for r in f.repetitions for search in r.searches),
+    )
 
 
-def _table1(f: Figures, bench: cr.lab.Bench) -> list[dict[str, Any]]:
+def _symbol(parameter: cr.Parameter) -> str:
+    return parameter.name.rpartition(".")[2]
+
+
+def _stiffnesses(f: Figures, bench: cr.lab.Bench) -> Iterator[Stiffness]:
     values = np.array([r.best.x for r in f.repetitions])
     true = bench.truth.make_true_injector(bench.injector).values
-    rows = []
     for i, p in enumerate(f.space.parameters):
-        errors = [e["standard_error"] for e in f.certainty(i) if e["standard_error"] is not None]
+        errors = [e.standard_error for e in f.certainty(i) if e.standard_error is not None]
         covered, intervals = f.covers(i, true[p.name])
         optimal = study.TABLE1_OPTIMAL[p.name]
-        rows.append(
-            {
-                "name": p.name,
-                "symbol": p.name.rpartition(".")[2],
-                "unit": p.unit,
-                "theoretical": p.reference,
-                "paper": optimal,
-                **_summarise_search(p, values[:, i]),
-                "paper_change": optimal / p.reference - 1.0,
-                "change": _spread(f.change[:, i]),
-                "verdicts": f.verdicts(i),
-                "standard_error": number(spread(errors).median),
-                "truth": true[p.name],
-                "covered": covered,
-                "intervals": intervals,
-            }
+        yield Stiffness(
+            name=p.name,
+            symbol=_symbol(p),
+            unit=p.unit,
+            theoretical=p.reference,
+            paper=optimal,
+            search=SearchedValues(p.lower, p.upper, SeedValues.of(values[:, i])),
+            paper_change=optimal / p.reference - 1.0,
+            change=spread(f.change[:, i]),
+            verdicts=f.verdicts(i),
+            standard_error=spread(errors).median,
+            truth=true[p.name],
+            covered=covered,
+            intervals=intervals,
         )
-    return rows
 
 
-def _rigid_fit(f: Figures) -> list[dict[str, Any]]:
+def _rigid_dimensions(f: Figures) -> Iterator[RigidDimension]:
     """Stop and control volume of the rigid body fitted at 160 MPa."""
     values = np.array([r.rigid.x for r in f.repetitions])
     meanings = cr.models.parameter_quantities()
-    return [
-        {
-            "name": p.name,
-            "unit": p.unit,
-            "meaning": meanings[p.name].meaning,
-            "drawing": p.reference,
-            **_summarise_search(p, values[:, i]),
-        }
-        for i, p in enumerate(f.rigid_space.parameters)
-    ]
+    for i, p in enumerate(f.rigid_space.parameters):
+        search = SearchedValues(p.lower, p.upper, SeedValues.of(values[:, i]))
+        yield RigidDimension(p.name, p.unit, meanings[p.name].meaning, p.reference, search)
 
 
-def _summarise_search(p: cr.Parameter, values: Floats) -> dict[str, Any]:
-    """Bounds of a parameter and its values over the seeds."""
-    return {"lower": p.lower, "upper": p.upper, "values": numbers(values), **_spread(values)}
-
-
-def _configuration(f: Figures, c: Configuration) -> dict[str, Any]:
-    js = {name: f.table3[c][:, i] for i, name in enumerate(study.RAIL_PRESSURES)} | {MEAN: f.mean_j[c]}
-    spreads = {name: _spread(values) for name, values in js.items()}
-    return {
-        "generations": c.generations,
-        "members": c.members,
-        "slots": c.settings.slots,
-        "simulated": [r.table3[c][0].counts.simulated for r in f.repetitions],
-        "J": {name: numbers(js[name]) for name in study.RAIL_PRESSURES},
-        "mean": numbers(js[MEAN]),
-        **{key: {name: s[key] for name, s in spreads.items()} for key in ("median", "q1", "q3")},
-        "paper": dict(zip(js, study.TABLE3[c], strict=True)),
-        "note": _READINGS.get(c, ""),
-    }
+def _configuration(f: Figures, c: Configuration) -> ConfigurationResult:
+    js = {name: f.table3[c][:, i] for i, name in enumerate(study.RAIL_PRESSURES)}
+    spreads = {name: spread(values) for name, values in (js | {MEAN: f.mean_j[c]}).items()}
+    return ConfigurationResult(
+        generations=c.generations,
+        members=c.members,
+        slots=c.settings.slots,
+        simulated=tuple(r.table3[c][0].counts.simulated for r in f.repetitions),
+        j=js,
+        mean=f.mean_j[c],
+        median={name: s.median for name, s in spreads.items()},
+        q1={name: s.q1 for name, s in spreads.items()},
+        q3={name: s.q3 for name, s in spreads.items()},
+        paper=dict(zip(spreads, study.TABLE3[c], strict=True)),
+        note=_READINGS.get(c, ""),
+    )
 
 
 _READINGS = {
@@ -213,80 +399,54 @@ _READINGS = {
 }
 
 
-def _treatment(f: Figures, t: study.TreatmentCase) -> dict[str, Any]:
+def _treatment(f: Figures, t: study.TreatmentCase) -> TreatmentResult:
     results = [r.treatments[t.name] for r in f.repetitions]
-    simulated = np.array([x.counts.simulated for x in results])
-    costs = [x.cost for x in results]
-    return {
-        "name": t.name,
-        "text": t.text,
-        "slots": t.settings.slots,
-        "simulated": simulated.tolist(),
-        "share": _spread(simulated / t.settings.slots),
-        "J": numbers(costs),
-        **_spread(costs),
-    }
+    simulated, slots = [x.counts.simulated for x in results], t.settings.slots
+    costs = np.array([x.cost for x in results])
+    share = spread(np.array(simulated) / slots)
+    return TreatmentResult(t.name, t.text, slots, tuple(simulated), share, costs, spread(costs))
 
 
-def _band(searches: list[Found], which: str) -> dict[str, list[float | None]]:
-    """Median and quartiles over the seeds in each generation."""
-    table = np.array([[float(getattr(g, which)) for g in s.history] for s in searches])
-    spreads = [_spread(column) for column in table.T]
-    return {key: [s[of] for s in spreads] for key, of in (("median", "median"), ("low", "q1"), ("high", "q3"))}
+def _course(table: list[list[float]]) -> Course:
+    """Median and quartiles over the seeds (seeds, generations)."""
+    spreads = np.array([spread(column) for column in np.array(table, float).T])
+    median, low, high = spreads.T
+    return Course(median, low, high)
 
 
-def _search(f: Figures) -> list[dict[str, Any]]:
+def _search_boxes(f: Figures) -> Iterator[SearchBox]:
     shares = np.array([r.best.members for r in f.repetitions]) / f.space.reference
-    return [
-        {
-            "symbol": p.name.rpartition(".")[2],
-            "seed": box(shares[0, ..., i])._asdict(),
-            "all": box(shares[..., i])._asdict(),
-            "lower": p.lower / p.reference,
-            "upper": p.upper / p.reference,
-            "paper": study.TABLE1_OPTIMAL[p.name] / p.reference,
-        }
-        for i, p in enumerate(f.space.parameters)
-    ]
+    for i, p in enumerate(f.space.parameters):
+        yield SearchBox(
+            symbol=_symbol(p),
+            seed=box(shares[0, ..., i]),
+            every=box(shares[..., i]),
+            lower=p.lower / p.reference,
+            upper=p.upper / p.reference,
+            paper=study.TABLE1_OPTIMAL[p.name] / p.reference,
+        )
 
 
-def _phases(f: Figures) -> dict[str, Any]:
+def _phases(f: Figures) -> PhaseParts:
     parts = {
         name: {label: np.hstack((js, f.windows[name][label][..., 0])) for label, js in models.items()}
         for name, models in f.phases.items()
     }
-    return {
-        "names": [*PHASES, *WINDOWS],
-        "J": _each(parts, numbers),
-        "median": _each(parts, lambda js: numbers(np.median(js, axis=0))),
-    }
+    medians = {name: {label: np.median(js, axis=0) for label, js in models.items()} for name, models in parts.items()}
+    return PhaseParts((*PHASES, *WINDOWS), parts, medians)
 
 
-def _meter(f: Figures) -> list[dict[str, Any]]:
+def _meters(f: Figures) -> Iterator[MeterResult]:
     """Search (70, 50) at 160 MPa without a meter and with each: stiffness, J at all pressures, delay."""
     searches = {"none": [(r.best, r.table3[study.BEST][1]) for r in f.repetitions]}
     searches |= {label: [r.metered[label] for r in f.repetitions] for label in METERED}
     texts = {"none": "none, as in the paper"} | METERED
-    rows, symbols = [], [p.name.rpartition(".")[2] for p in f.space.parameters]
     for label, metered in searches.items():
         x, js = np.array([search.x for search, _ in metered]), np.array([j for _, j in metered])
-        stiffness = {k: {"values": numbers(x[:, i]), **_spread(x[:, i])} for i, k in enumerate(symbols)}
-        rows.append(
-            {
-                "label": label,
-                "text": texts[label],
-                "J": {name: _spread(js[:, i]) for i, name in enumerate(study.RAIL_PRESSURES)},
-                "stiffness": stiffness,
-                "delay": _spread(x[:, len(study.NAMES)]) if x.shape[1] > len(study.NAMES) else None,
-            }
+        yield MeterResult(
+            label=label,
+            text=texts[label],
+            j={name: spread(js[:, i]) for i, name in enumerate(study.RAIL_PRESSURES)},
+            stiffness={_symbol(p): SeedValues.of(x[:, i]) for i, p in enumerate(f.space.parameters)},
+            delay=spread(x[:, len(study.NAMES)]) if x.shape[1] > len(study.NAMES) else None,
         )
-    return rows
-
-
-def _each(values_by_name: dict[str, dict[str, Floats]], make: Callable[[Floats], Any]) -> dict[str, dict[str, Any]]:
-    """Results of a function of the arrays of each data set and label."""
-    return {name: {label: make(values) for label, values in models.items()} for name, models in values_by_name.items()}
-
-
-def _spread(values: ArrayLike) -> Mapping[str, float | None]:
-    return {key: number(value) for key, value in spread(values)._asdict().items()}

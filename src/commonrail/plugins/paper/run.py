@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -44,6 +44,15 @@ class Found:
     injections: int
 
 
+class StiffnessCertainty(NamedTuple):
+    """Certainty of a stiffness [SI], as a run reports it; None for an end that the data do not bound, or no error."""
+
+    lower: float | None
+    upper: float | None
+    standard_error: float | None
+    verdict: str
+
+
 @dataclass(frozen=True)
 class Repetition:
     """All outcomes of one seed, whose `data` are the measurement at 160, 120 and 80 MPa.
@@ -53,8 +62,8 @@ class Repetition:
     failed. `best` is the search (70, 50) at 160 MPa; `table3` has each search at 160 MPa and the J (3,) of its best at
     all pressures. `own_curve_searches` has a search (70, 50) on each validation curve; `rigid` is the rigid body
     fitted at 160 MPa. `random_j` (3, members) is J of random feasible stiffness: of the best search's first
-    population. `identified` is the certainty of each stiffness by the curve at 160 MPa, by name, as `certainty`
-    records it; empty if no simulation succeeded. `metered` has by label of `METERED` the search (70, 50) at 160 MPa
+    population. `identified` is the certainty of each stiffness by the curve at 160 MPa, by name; empty if no
+    simulation succeeded. `metered` has by label of `METERED` the search (70, 50) at 160 MPa
     with a meter, and the J (3,) of its best.
     """
 
@@ -69,7 +78,7 @@ class Repetition:
     own_curve_searches: dict[str, Found]
     rigid: Found
     random_j: Floats
-    identified: dict[str, dict[str, Any]]
+    identified: dict[str, StiffnessCertainty]
     metered: dict[str, tuple[Found, Floats]]
 
     @property
@@ -198,7 +207,7 @@ class _Model(NamedTuple):
         best = optimiser.best
         return Found(best.x, best.cost, optimiser.counts, tuple(history), np.array(members), injections)
 
-    def certainty(self, data: cr.RateData, search: Found, seed: int) -> dict[str, dict[str, Any]]:
+    def certainty(self, data: cr.RateData, search: Found, seed: int) -> dict[str, StiffnessCertainty]:
         """Interval, standard error and verdict of each free parameter by one curve, by the function of a run's report.
 
         `search` is the end of the search on that curve, `seed` that of the measurement.
@@ -206,7 +215,9 @@ class _Model(NamedTuple):
         method = cr.fit.Method(paper.BEST.settings)
         study = cr.Study(data.name, self.injector, (data,), self.space, method, seed, self.time_step)
         best = dict(zip(self.space.names, search.x.tolist(), strict=True))
-        return {estimate["name"]: estimate for estimate in cr.certainty(study, best, threads=1).record()["parameters"]}
+        parameters = cr.certainty(study, best, threads=1).record()["parameters"]
+        estimates = [StiffnessCertainty(*map(row.get, StiffnessCertainty._fields)) for row in parameters]
+        return dict(zip(self.space.names, estimates, strict=True))
 
     def costs(self, data: Sequence[cr.RateData], x: Floats) -> Floats:
         """J of values (n, d) on each curve (curves, n)."""

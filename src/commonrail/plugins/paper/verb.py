@@ -9,7 +9,7 @@ import click
 
 from commonrail.base.errors import InputError
 from commonrail.base.output import writing
-from commonrail.cli.console import Bar, Stage, print_json, print_lines, print_rows, say
+from commonrail.cli.console import Bar, Stage, print_json, print_rows, print_synthetic, print_text, say
 from commonrail.cli.fit import Outcome
 from commonrail.cli.grammar import Option, table_verb
 from commonrail.cli.guard import INTERRUPTED
@@ -49,6 +49,8 @@ def reproduce(
       commonrail lab reproduce --quick
       commonrail lab reproduce --seeds 20 --out runs/paper-study
     """
+    from commonrail.base.record import from_record
+    from commonrail.plugins.paper.file import ReproductionSummary
     from commonrail.plugins.paper.page import verdicts
 
     if quick and seeds is not None:
@@ -63,11 +65,11 @@ def reproduce(
         places = {"run": str(outcome.folder), "report": str(outcome.report)}
         print_json({"kind": "reproduction", **places, "result": outcome.record})
     else:
-        print_lines([f"SYNTHETIC: {outcome.record['synthetic']}"])
-        claims = outcome.record["claims"]
-        rows = [[c["verdict"], f"{c['true_in']} of {c['of']}", c["claim"], c["figure"]] for c in claims]
+        summary = from_record(ReproductionSummary, outcome.record)
+        print_synthetic(summary.synthetic)
+        print_text([verdicts(summary)])
+        rows = [[c.verdict, f"{c.true_in} of {c.of}", c.claim, c.figure] for c in summary.claims]
         print_rows(["verdict", "true in", "claim of the paper", "here"], rows, "The paper's claims", texts=4)
-        click.echo(verdicts(outcome.record))
         click.echo(f"report: {outcome.report}")
     if outcome.interrupted:
         done = len(outcome.record["seeds"])

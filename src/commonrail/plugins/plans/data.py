@@ -14,6 +14,7 @@ from pydantic import Field
 from commonrail.base.arguments import Quantity, instances, settle
 from commonrail.base.arrays import Floats
 from commonrail.base.errors import ConfigurationError
+from commonrail.base.record import to_record
 from commonrail.base.text import number
 from commonrail.data.base import Missing, Role, Score, Term, ToleratedData, make_term, read_labels, relative_to
 from commonrail.data.noise import Noise
@@ -28,8 +29,8 @@ from commonrail.engine.status import OK, check_point
 from commonrail.physics.injector import Injector
 from commonrail.physics.meters import Meter
 from commonrail.physics.variants import RETURN, reader_of, unread_inputs
-from commonrail.plugins.plans.page import note_without_rate
-from commonrail.plugins.plans.study import Bands, Measure, PlanTest, State, TestPlan, load_plan
+from commonrail.plugins.plans.record import JudgedQuantity, PlanRecord, PlanRow, SecondEnergising
+from commonrail.plugins.plans.study import Bands, Measure, PlanTest, State, TestPlan, load_plan, note_without_rate
 from commonrail.readers.location import Place, locate_errors
 from commonrail.readers.toml import Unit
 
@@ -204,13 +205,21 @@ class PlanData(ToleratedData):
         """Score of the simulator's injector as it is."""
         return PlanScore(self, self.simulated(simulator, ITSELF)[0])
 
-    def record(self, scores: Mapping[str, PlanScore]) -> dict[str, Any]:
-        """Rows with value, distance and state of each label, and how many tests are inside."""
-        return {
-            "rows": [_row(self, i, scores) for i in range(len(self.tests))],
-            "rms": {label: number(score.error) for label, score in scores.items()},
-            "inside": {label: score.states.count(State.INSIDE) for label, score in scores.items()},
-        }
+    def record(self, scores: Mapping[str, PlanScore], reasons: Sequence[str | None] | None = None) -> dict[str, Any]:
+        """Tests as `judge` returns them, each with the quantity of each label."""
+        record: dict[str, Any] = to_record(self.judge(scores, reasons))
+        values = ({label: number(float(s.values[i])) for label, s in scores.items()} for i in range(len(self.tests)))
+        return record | {"rows": [value | row for value, row in zip(values, record["rows"], strict=True)]}
+
+    def judge(self, scores: Mapping[str, PlanScore], reasons: Sequence[str | None] | None = None) -> PlanRecord:
+        """Judge models by their scores, by label; `reasons` (tests,) say why the only model has no number."""
+        reasons = reasons or [None] * len(self.tests)
+        return PlanRecord(
+            name=self.name,
+            rows=tuple(_row(self, i, scores, reason) for i, reason in enumerate(reasons)),
+            rms={label: score.error for label, score in scores.items()},
+            inside={label: score.states.count(State.INSIDE) for label, score in scores.items()},
+        )
 
 
 @dataclass(frozen=True)
@@ -268,24 +277,25 @@ def _values(data: PlanData, batch: Batch, candidates: Candidates) -> Floats:
     return np.concatenate([point_values(p, batch.at_points(slice(i, i + 1)), candidates) for i, p in parts], axis=1)
 
 
-def _row(data: PlanData, i: int, scores: Mapping[str, PlanScore]) -> dict[str, Any]:
-    """JSON-able row of a test, with value, distance and state of each label and of the bench."""
+def _row(data: PlanData, i: int, scores: Mapping[str, PlanScore], reason: str | None) -> PlanRow:
+    """Row of a test, with the quantity of each label and of the bench."""
     test = data.tests[i]
     first, *more = test.energisings
-    second = {"dwell": more[0].start - first.duration, "energising_time": more[0].duration} if more else None
-    return {
-        **{label: number(float(score.values[i])) for label, score in scores.items()},
+    return PlanRow(
         **point_record(data.points[i]),
-        "second": second,
-        "test": test.name,
-        "measure": test.measure.value,
-        **{key: getattr(test, key) for key in ("stroke_rate", "nominal", "lower", "upper", "band")},
-        "found": {label: _judge_quantity(test, float(score.values[i])) for label, score in scores.items()},
-        "bench": None if test.bench is None else _judge_quantity(test, test.bench),
-    }
+        second=SecondEnergising(more[0].start - first.duration, more[0].duration) if more else None,
+        name=test.name,
+        measure=test.measure,
+        stroke_rate=test.stroke_rate,
+        nominal=test.nominal,
+        lower=test.lower,
+        upper=test.upper,
+        band=test.band,
+        models={label: _judge_quantity(test, float(score.values[i])) for label, score in scores.items()},
+        bench=None if test.bench is None else _judge_quantity(test, test.bench),
+        reason=reason,
+    )
 
 
-def _judge_quantity(test: PlanTest, value: float) -> dict[str, Any]:
-    """Quantity [m³], its distance in half bands, and its place in the band."""
-    distance = float(Bands.of([test]).distance(np.array([value]))[0])
-    return {"value": number(value), "distance": number(distance), "state": test.state(value).value}
+def _judge_quantity(test: PlanTest, value: float) -> JudgedQuantity:
+    return JudgedQuantity(value, float(Bands.of([test]).distance(np.array([value]))[0]), test.state(value))

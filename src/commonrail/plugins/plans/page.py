@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from commonrail.base.chart import MARKERS, Bars, Figure, Panel, Series
-from commonrail.base.hooks import note
+from commonrail.base.record import from_record
 from commonrail.base.table import LARGE, OPERATING_POINT, SIGNS, SMALL, Cell, Part, Table, table_from_parts
 from commonrail.base.text import (
     MISSING,
@@ -20,14 +20,17 @@ from commonrail.base.text import (
     to_signed,
 )
 from commonrail.data.records import JUDGED, MEASURED, MICROSECOND, MM3, Record, Texts
-from commonrail.plugins.plans.study import Measure, PlanTest, State
+from commonrail.physics.injector import Injector
+from commonrail.plugins.plans.data import PlanData
+from commonrail.plugins.plans.record import JudgedQuantity, PlanRecord, PlanRow
+from commonrail.plugins.plans.run import SIMULATED, PlanResult
+from commonrail.plugins.plans.study import Measure, State, test_name, without_rate
 from commonrail.report.data.view import Merit, Models, Plotted, Shown, View
 from commonrail.report.figure import drawings
 from commonrail.report.fit.rules import BAD, CARE, GOOD, Tile
 from commonrail.report.html import render
 from commonrail.report.presenter import Presenter
 
-SIMULATED = "simulated"  # label of the one model of `commonrail plan`
 LEVELS = {"pass": GOOD, "fail": BAD, "open": CARE}
 WIDEST = 4.0  # half bands beyond which a marker is drawn at the edge of the picture; chosen
 _NOTE = (
@@ -46,10 +49,11 @@ class PlanView(View):
 
     def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
         """Number of tests inside their bands."""
-        best, start = (sum(d["inside"].get(key, 0) for d in data) for key in (label, "start"))
-        rms = several([d["rms"].get(label) for d in data], lambda v: to_fixed(v, 2))
+        plans = [from_record(PlanRecord, d) for d in data]
+        best, start = (sum(plan.inside.get(key, 0) for plan in plans) for key in (label, "start"))
+        rms = several([plan.rms.get(label) for plan in plans], lambda v: to_fixed(v, 2))
         words = f"tests inside their bands (start {start}), rms {rms} half bands"
-        return Merit(f"{best} of {sum(len(d['rows']) for d in data)}", words)
+        return Merit(f"{best} of {sum(len(plan.rows) for plan in plans)}", words)
 
     def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
         """Root mean square distances of the tests."""
@@ -57,15 +61,18 @@ class PlanView(View):
 
     def tables(self, data: Sequence[Record], texts: Texts) -> list[Table]:
         """Tests of each plan."""
-        return [plan_table(d, {label: texts[label] for label in texts if self.has(d, label)}) for d in data]
+        return [
+            plan_table(from_record(PlanRecord, d), {label: texts[label] for label in texts if self.has(d, label)})
+            for d in data
+        ]
 
     def compared_tables(self, data: Sequence[Record], labels: Sequence[str]) -> list[Table]:
         """Tests of each plan."""
-        return [plan_table(d, {label: label for label in labels}) for d in data]
+        return [plan_table(from_record(PlanRecord, d), {label: label for label in labels}) for d in data]
 
     def figures(self, data: Record, plotted: Plotted) -> list[Figure]:
         """Tolerance fields and distances."""
-        return [plan_figure(data, plotted.models)]
+        return [plan_figure(from_record(PlanRecord, data), plotted.models)]
 
     compared_figures = figures
 
@@ -73,157 +80,131 @@ class PlanView(View):
 VIEW = PlanView()
 
 
-def test_name(row: Record) -> str:
-    """Name of a test, with the measure if it is the return."""
-    return f"{row['test']} (return)" if row["measure"] == Measure.RETURN.value else str(row["test"])
-
-
-def _times(row: Record) -> str:
+def _times(row: PlanRow) -> str:
     """Energising times in µs: 800, or "250 + 600, dwell 900"."""
-    first, second = to_fixed(row["energising_time"], 0, MICROSECOND), row["second"]
-    if second is None:
+    first = to_fixed(row.energising_time, 0, MICROSECOND)
+    if row.second is None:
         return first
-    dwell, last = (to_fixed(second[key], 0, MICROSECOND) for key in ("dwell", "energising_time"))
+    dwell, last = (to_fixed(time, 0, MICROSECOND) for time in row.second)
     return f"{first} + {last}, dwell {dwell}"
 
 
-def _cells(value_record: Record) -> Iterator[Cell]:
+def _cells(quantity: JudgedQuantity | None) -> tuple[Cell, Cell]:
     """Quantity, and its distance with the sign of its state."""
-    yield Cell(to_fixed(value_record.get("value"), 2, MM3))
-    size = SMALL if value_record.get("state") == State.INSIDE.value else LARGE
-    yield Cell(to_signed(value_record.get("distance"), 2), size if value_record else "")
+    if quantity is None:
+        return Cell(MISSING), Cell(MISSING)
+    size = SMALL if quantity.state is State.INSIDE else LARGE
+    return Cell(to_fixed(quantity.value, 2, MM3)), Cell(to_signed(quantity.distance, 2), size)
 
 
-def plan_table(data: Record, texts: Texts) -> Table:
+def plan_table(plan: PlanRecord, texts: Texts) -> Table:
     """Table of the tests: band, quantity and distance of each label, and of the bench if it has results.
 
-    `data`: record of a plan; `texts`: headings by label.
+    `texts`: headings by label.
     """
     parts = [
         Part(("test",), lambda row: (test_name(row),)),
-        Part(OPERATING_POINT, lambda row: (megapascal(row["rail_pressure"]), _times(row))),
-        Part(("band",), lambda row: (row["band"],)),
+        Part(OPERATING_POINT, lambda row: (megapascal(row.rail_pressure), _times(row))),
+        Part(("band",), lambda row: (row.band,)),
         Part(
             [head for text in texts.values() for head in (text, f"distance, {text}")],
-            lambda row: (cell for label in texts for cell in _cells(row["found"].get(label, {}))),
+            lambda row: (cell for label in texts for cell in _cells(row.models.get(label))),
         ),
     ]
-    if any(row["bench"] for row in data["rows"]):
-        parts.append(Part(("bench", "distance, bench"), lambda row: _cells(row["bench"] or {})))
-    return table_from_parts(
-        f"Tests of {data['name']}, mm³ per stroke", data["rows"], parts, _NOTE, inputs=OPERATING_POINT
-    )
+    if plan.verdict:
+        parts.append(Part(("bench", "distance, bench"), lambda row: _cells(row.bench)))
+    return table_from_parts(f"Tests of {plan.name}, mm³ per stroke", plan.rows, parts, _NOTE, inputs=OPERATING_POINT)
 
 
-def plan_figure(data: Record, models: Models) -> Figure:
+def plan_figure(plan: PlanRecord, models: Models) -> Figure:
     """Tolerance field of each test in half bands, with models and bench as markers."""
-    rows = data["rows"]
+    rows = plan.rows
     places = tuple(float(i) for i in range(len(rows)))
     series = [
-        Series(m.text, m.look, tuple(_clip_to_picture(r["found"].get(k, {})) for r in rows), places, MARKERS, m.family)
+        Series(m.text, m.look, tuple(_clip_to_picture(r.models.get(k)) for r in rows), places, MARKERS, m.family)
         for k, m in models.items()
     ]
-    series.append(
-        Series("bench", MEASURED, tuple(_clip_to_picture(row["bench"] or {}) for row in rows), places, MARKERS)
-    )
+    series.append(Series("bench", MEASURED, tuple(_clip_to_picture(row.bench) for row in rows), places, MARKERS))
     shown = tuple(s for s in series if any(x is not None for x in s.x))
     reach = max([1.5, *(abs(x) for s in shown for x in s.x if x is not None)])
-    records = [[*(row["found"].get(k, {}) for k in models), *([row["bench"]] if row["bench"] else [])] for row in rows]
-    names = tuple(
-        f"{test_name(row)}: {' · '.join(to_fixed(r.get('value'), 2, MM3) for r in values)}"
-        for row, values in zip(rows, records, strict=True)
-    )
+    names = []
+    for row in rows:
+        values = [row.models[k].value if k in row.models else None for k in models]
+        values += [] if row.bench is None else [row.bench.value]
+        names.append(f"{test_name(row)}: {' · '.join(to_fixed(value, 2, MM3) for value in values)}")
     # a quantity with an upper limit alone begins at nothing
-    start = tuple(-1.0 if r["lower"] is not None else 0.0 if r["nominal"] is None else -reach for r in rows)
-    end = tuple(reach if row["upper"] is None else 1.0 for row in rows)
+    start = tuple(-1.0 if row.lower is not None else 0.0 if row.nominal is None else -reach for row in rows)
+    end = tuple(reach if row.upper is None else 1.0 for row in rows)
     return Figure(
-        f"Tolerance fields of {data['name']}",
+        f"Tolerance fields of {plan.name}",
         f"Bars are what passes, zero is the nominal quantity; a marker beyond {WIDEST:.0f} half bands is at the edge. "
         f"Numbers: {join_words([s.label for s in shown])}, mm³.",
         "distance, half bands",  # short, for a telephone
-        (Panel("", shown, bars=(Bars("tolerance field", "level", start, end),), rows=names),),
+        (Panel("", shown, bars=(Bars("tolerance field", "level", start, end),), rows=tuple(names)),),
     )
 
 
-def _clip_to_picture(value_record: Record) -> float | None:
-    distance = number(value_record.get("distance"))
+def _clip_to_picture(quantity: JudgedQuantity | None) -> float | None:
+    distance = None if quantity is None else number(quantity.distance)
     return None if distance is None else max(-WIDEST, min(WIDEST, distance))
 
 
 # One model on one plan: sentences, the first screen, the page.
 
 
-def plan_lines(record: Record) -> list[str]:
+def plan_lines(result: PlanResult) -> list[str]:
     """Sentences on the model, the part on the bench, failed tests and returns without a stroke rate."""
-    data = record["data"]
-    rows = data["rows"]
-    inside, rms = data["inside"][SIMULATED], to_fixed(data["rms"][SIMULATED], 2)
-    simulated_rows = [(row, row["found"][SIMULATED]) for row in rows]
+    plan = result.judged
+    rms = to_fixed(plan.rms[SIMULATED], 2)
     lines = [
-        f"{record['injector']['name']}: {inside} of {count_noun(len(rows), 'test')} of {data['name']} inside the band"
-        f"{'' if rms == MISSING else f', rms {rms} half bands'}.{_outside(simulated_rows)}"
+        f"{result.injector.name}: {plan.inside[SIMULATED]} of {count_noun(len(plan.rows), 'test')} of {plan.name} "
+        f"inside the band{'' if rms == MISSING else f', rms {rms} half bands'}."
+        f"{_outside([(row, row.models[SIMULATED]) for row in plan.rows])}"
     ]
-    if any(row["bench"] for row in rows):
-        lines.append(part_verdict(rows)[1])
-    lines += [record["hint"]] if record["hint"] else []
-    lines += [f"{test_name(row)} has no number: {row['reason']}" for row in rows if row["reason"]]
-    without = [test_name(row) for row in rows if row["measure"] == Measure.RETURN.value and not row["stroke_rate"]]
-    if without:
-        lines.append(without_rate(without))
-    return lines + ([record["synthetic"]] if record["synthetic"] else [])
+    if plan.verdict:
+        lines.insert(0, _part_sentence(plan))
+    lines += [result.hint] if result.hint else []
+    lines += [f"{test_name(row)} has no number: {row.reason}" for row in plan.rows if row.reason]
+    without = [test_name(row) for row in plan.rows if row.measure is Measure.RETURN and not row.stroke_rate]
+    return lines + ([without_rate(without)] if without else [])
 
 
-def without_rate(names: Sequence[str]) -> str:
-    """Sentence on returns without a stroke rate."""
-    lack = "lacks" if len(names) == 1 else "lack"
-    return f"Without a stroke rate {join_words(names)} {lack} what the guides leak until the next stroke."
+def _part_sentence(plan: PlanRecord) -> str:
+    """Sentence on the verdict on the part on the bench; empty without a result."""
+    measured = [(row, row.bench) for row in plan.rows if row.bench is not None]
+    sentences = {
+        "fail": f"The part fails.{_outside(measured)}",
+        "open": f"The part is inside in {count_noun(len(measured), 'test')}; {len(plan.rows) - len(measured)} have no "
+        "result.",
+        "pass": f"The part passes: all {count_noun(len(plan.rows), 'test')} inside the band.",
+    }
+    return sentences[plan.verdict] if plan.verdict else ""
 
 
-def note_without_rate(name: str, tests: Sequence[PlanTest]) -> None:
-    """Note returns of a plan without a stroke rate."""
-    if names := [f"{t.name} (return)" for t in tests if t.measure is Measure.RETURN and t.stroke_rate is None]:
-        note(f"{name}: {without_rate(names)} State stroke_rate.")
-
-
-def part_verdict(rows: Sequence[Record]) -> tuple[str, str]:
-    """Verdict on the part on the bench (pass, fail or open), and its sentence."""
-    measured_rows = [(row, row["bench"]) for row in rows if row["bench"]]
-    if outside := _outside(measured_rows):
-        return "fail", f"The part fails.{outside}"
-    if len(measured_rows) < len(rows):
-        return (
-            "open",
-            f"The part is inside in {count_noun(len(measured_rows), 'test')}; "
-            f"{len(rows) - len(measured_rows)} have no result.",
-        )
-    return "pass", f"The part passes: all {count_noun(len(rows), 'test')} inside the band."
-
-
-def _outside(rows: Sequence[tuple[Record, Record]]) -> str:
+def _outside(rows: Sequence[tuple[PlanRow, JudgedQuantity]]) -> str:
     """Addition to a sentence: the tests outside, with their distances."""
     texts = [
-        f"{test_name(row)} {f['state']} ({to_signed(f['distance'], 1)})"
-        for row, f in rows
-        if f["state"] != State.INSIDE
+        f"{test_name(row)} {quantity.state} ({to_signed(quantity.distance, 1)})"
+        for row, quantity in rows
+        if quantity.state is not State.INSIDE
     ]
     return f" Outside: {', '.join(texts)}." if texts else ""
 
 
-def plan_tables(record: Record) -> list[Table]:
+def plan_tables(result: PlanResult) -> list[Table]:
     """Table of the tests."""
-    return [plan_table(record["data"], {SIMULATED: SIMULATED})]
+    return [plan_table(result.judged, {SIMULATED: SIMULATED})]
 
 
-def _tiles(data: Record) -> list[Tile]:
-    rows, inside = data["rows"], data["inside"][SIMULATED]
-    tiles = [Tile("model", f"{inside} of {len(rows)}", "tests inside", GOOD if inside == len(rows) else BAD)]
-    word, words = part_verdict(rows)
-    return [*tiles, Tile("part", word, words, LEVELS[word])] if any(row["bench"] for row in rows) else tiles
+def _tiles(plan: PlanRecord) -> list[Tile]:
+    inside, count = plan.inside[SIMULATED], len(plan.rows)
+    tiles = [Tile("model", f"{inside} of {count}", "tests inside", GOOD if inside == count else BAD)]
+    return tiles + ([Tile("part", plan.verdict, _part_sentence(plan), LEVELS[plan.verdict])] if plan.verdict else [])
 
 
-def plan_figures(record: Record) -> list[Figure]:
+def plan_figures(result: PlanResult) -> list[Figure]:
     """Tolerance fields."""
-    return [plan_figure(record["data"], {SIMULATED: Shown(SIMULATED, JUDGED)})]
+    return [plan_figure(result.judged, {SIMULATED: Shown(SIMULATED, JUDGED)})]
 
 
 class Section(NamedTuple):
@@ -238,48 +219,59 @@ class Section(NamedTuple):
     facts: Sequence[tuple[str, str]] = ()
 
 
-def plan_section(record: Record) -> Section:
+def plan_section(result: PlanResult) -> Section:
     """Section with the tests, and model and part in their bands."""
-    data = record["data"]
-    pressures = [pressure(data["rows"][0][key]) for key in ("cylinder_pressure", "return_pressure")]
+    first = result.judged.rows[0]
     return Section(
         "Tests",
-        plan_lines({**record, "synthetic": ""}),  # a banner of the page has it
-        _tiles(data),
-        plan_figures(record),
-        plan_tables(record),
+        plan_lines(result),
+        _tiles(result.judged),
+        plan_figures(result),
+        plan_tables(result),
         "A band is an acceptance limit, not a measurement; a wide band is easily met.",
         [
-            ("Cylinder and return pressure", " and ".join(pressures)),
-            ("Time step", f"{to_fixed(record['time_step'], 2, MICROSECOND)} µs"),
+            (
+                "Cylinder and return pressure",
+                f"{pressure(first.cylinder_pressure)} and {pressure(first.return_pressure)}",
+            ),
+            ("Time step", f"{to_fixed(result.time_step, 2, MICROSECOND)} µs"),
         ],
     )
 
 
-def bench_html(record: Record, kind: str, sections: Sequence[Section], command: str) -> str:
-    """Page of a part on the bench: verdict of its record (if any), sections, and the command that repeats it."""
-    injector, verdict = record["injector"], record.get("verdict")
-    model = f"{injector['title'] or injector['name']} ({injector['variant']})"
+def bench_html(
+    record: Record, injector: Injector, kind: str, sections: Sequence[Section], command: str, verdict: str | None = None
+) -> str:
+    """Page of a part on the bench: record, injector, verdict if any, sections, and the command that repeats it."""
     shown = [s._asdict() | {"drawings": drawings(s.figures, name=s.heading.lower())} for s in sections]
     return render(
         "bench.html",
         package=__package__,
         record=record,
         kind=kind,
-        judged=(verdict.upper(), LEVELS[verdict]) if verdict in LEVELS else None,
+        judged=(verdict.upper(), LEVELS[verdict]) if verdict else None,
         lines=[line for section in sections for line in section.lines],
         tiles=[tile for section in sections for tile in section.tiles],
         first=next(iter(shown[0]["drawings"]), None),
         sections=shown,
-        synthetic=[text for text in (injector["synthetic"], record["synthetic"]) if text],
+        synthetic=[text for text in (injector.synthetic, record["synthetic"]) if text],
         commands=[("To repeat it", command)],
-        facts=[("Model of a sound part", model), *(fact for section in sections for fact in section.facts)],
+        facts=[
+            ("Model of a sound part", f"{injector.title or injector.name} ({injector.variant.label})"),
+            *(fact for section in sections for fact in section.facts),
+        ],
     )
 
 
-def plan_html(record: Record, command: str) -> str:
+def plan_html(result: PlanResult, command: str) -> str:
     """Page of a model on a plan, and of a part if the bench measured one."""
-    return bench_html(record, "Test plan", [plan_section(record)], command)
+    sections = [plan_section(result)]
+    return bench_html(result.record(), result.injector, "Test plan", sections, command, result.judged.verdict)
 
 
-PLAN = Presenter.of_record(plan_lines, plan_tables, plan_figures)
+def note_synthetic(lines: Sequence[str], data: PlanData) -> list[str]:
+    """Lines for the terminal, which has no banner, with the synthetic mark of the plan if there is one."""
+    return [*lines, *filter(None, [data.synthetic])]
+
+
+PLAN = Presenter(lambda r: note_synthetic(plan_lines(r), r.score.data), plan_tables, plan_figures)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from os import PathLike
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,14 +15,31 @@ from commonrail.base.arguments import Quantity, instance, thread_count
 from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import CommonrailError, SimulationError
+from commonrail.base.record import to_record
 from commonrail.data.records import record_head
 from commonrail.data.simulator import Simulator
 from commonrail.engine.status import Status
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
 from commonrail.plugins.plans.data import PlanData, PlanScore
-from commonrail.plugins.plans.page import SIMULATED, part_verdict
+from commonrail.plugins.plans.record import PlanRecord
 from commonrail.plugins.plans.study import BENCH_PRESSURES, Measure, PlanTest, State, TestPlan, load_plan
+
+SIMULATED = "simulated"  # label of the one model of `commonrail plan`
+
+
+class InjectorFacts(NamedTuple):
+    """Injector of a record."""
+
+    name: str
+    title: str
+    synthetic: str
+    variant: str
+
+    @classmethod
+    def of(cls, injector: Injector) -> InjectorFacts:
+        """Facts of an injector."""
+        return cls(injector.name, injector.title, injector.synthetic, injector.variant.label)
 
 
 @dataclass(frozen=True, repr=False)
@@ -55,24 +73,22 @@ class PlanResult(Shown):
         """Distances from the nominal quantities (n,) in half bands."""
         return self.score.data.bands.distance(self.score.values)
 
+    @cached_property
+    def judged(self) -> PlanRecord:
+        """Tests with the simulated quantities, under the label `SIMULATED`, and those of the bench."""
+        return self.score.data.judge({SIMULATED: self.score}, self.reasons)
+
     def record(self) -> dict[str, Any]:
         """JSON-able form, SI units."""
-        injector, data = self.injector, self.score.data.record({SIMULATED: self.score})
-        for row, reason in zip(data["rows"], self.reasons, strict=True):
-            row["reason"] = reason
-        return {
-            **record_head("plan", f"Test plan: {injector.name}", self.score.data.synthetic),
-            "injector": injector_record(injector),
+        data = self.score.data.record({SIMULATED: self.score}, self.reasons)
+        facts: dict[str, object] = {
+            "injector": InjectorFacts.of(self.injector),
             "time_step": self.time_step,
             "hint": self.hint,
-            "verdict": part_verdict(data["rows"])[0] if any(row["bench"] for row in data["rows"]) else None,
-            "data": {"name": self.score.data.name, **data},
+            "verdict": self.judged.verdict,
         }
-
-
-def injector_record(injector: Injector) -> dict[str, str]:
-    """Name, title, variant and synthetic mark of an injector."""
-    return {key: getattr(injector, key) for key in ("name", "title", "synthetic")} | {"variant": injector.variant.label}
+        head = record_head("plan", f"Test plan: {self.injector.name}", self.score.data.synthetic)
+        return head | to_record(facts) | {"data": data}
 
 
 # Factors that a wrong unit causes: 1000 (g for mg), with or without the density of diesel fuel, 0.83 g/cm³ (mass for

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from os import PathLike
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from commonrail.base.arrays import Floats
 from commonrail.base.declare import Choice, Number, OptionalNumber, Setting, setting, settings
 from commonrail.base.errors import ConfigurationError, nearest
 from commonrail.base.hooks import note
+from commonrail.base.text import join_words
 from commonrail.base.units import to_text
 from commonrail.engine.operating_point import RAIL_PRESSURES, Energising, OperatingPoint, read_pulses
 from commonrail.physics.law import Domain
@@ -46,6 +47,26 @@ class Measure(StrEnum):
 
     DELIVERY = "delivery"
     RETURN = "return"
+
+
+class NamedTest(Protocol):
+    """Test, or a row about it, with its name and measure."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def measure(self) -> Measure: ...
+
+
+def test_name(test: NamedTest) -> str:
+    """Name of a test, with the measure if it is the return."""
+    return f"{test.name} (return)" if test.measure is Measure.RETURN else test.name
+
+
+def without_rate(names: Sequence[str]) -> str:
+    """Sentence on returns without a stroke rate."""
+    lack = "lacks" if len(names) == 1 else "lack"
+    return f"Without a stroke rate {join_words(names)} {lack} what the guides leak until the next stroke."
 
 
 class State(StrEnum):
@@ -179,6 +200,12 @@ class TestPlan:
         default_rate = amount(rate, "1/s", "stroke rate", STROKE_RATES)
         tests = (t if t.stroke_rate is not None else replace(t, stroke_rate=default_rate) for t in self.tests)
         return replace(self, tests=tuple(tests))
+
+
+def note_without_rate(name: str, tests: Sequence[PlanTest]) -> None:
+    """Note returns of a plan without a stroke rate."""
+    if names := [test_name(t) for t in tests if t.measure is Measure.RETURN and t.stroke_rate is None]:
+        note(f"{name}: {without_rate(names)} State stroke_rate.")
 
 
 class Bands(NamedTuple):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +12,7 @@ from commonrail.base.hooks import note
 from commonrail.base.output import write_text
 from commonrail.base.registry import part_digits
 from commonrail.base.units import parse, to_text
-from commonrail.cli.console import SIMULATING, print_result, print_text, say
+from commonrail.cli.console import SIMULATING, print_result, print_synthetic, print_text, say
 from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import (
     DecimalSign,
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
 StrokeRate = Annotated[
     str | None, Option(help="Stroke rate of tests that state none, e.g. 1000/min; a return needs it. [default: none]")
 ]
-Page = Callable[[dict[str, Any], str], str]  # from a record and the command that repeats it
+Page = Callable[[Any, str], str]  # from a result and the command that repeats it
 Report = Annotated[Path | None, Option(metavar="FILE.html", help="Report on one page.")]
 
 
@@ -81,14 +80,19 @@ class BenchOptions:
     def show(
         self, result: Any, settings: Mapping[str, Any], report: Path | None, page: Page, *files: Path | None
     ) -> None:
-        """Print a result, write its page, and name these and other files."""
+        """Print a result, write its page, and name this and other files."""
         from commonrail.report.presenter import presenter_of
 
-        record, content = result.record(), presenter_of(result)
+        content, record = presenter_of(result), result.record()
         if report is not None:
             pressures = {name: to_text(settings[name], "Pa") for name in ("cylinder_pressure", "return_pressure")}
-            write_text(report, page(record, command_again(**pressures)))
-        shown = partial(print_text, content.lines(result), content.tables(result))
+            write_text(report, page(result, command_again(**pressures)))
+
+        def shown() -> None:
+            print_synthetic(record["synthetic"])
+            lines = [line for line in content.lines(result) if line != record["synthetic"]]
+            print_text(lines, content.tables(result), reserved=0)
+
         print_result(self.json, lambda: record, shown, [*files, report])
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import special
 
 from commonrail.base.arrays import Bools, Floats
-from commonrail.base.text import number
+from commonrail.base.record import to_record
 from commonrail.data.base import DataSet
 from commonrail.data.records import point_record
 
@@ -57,63 +57,76 @@ class Band(NamedTuple):
         scale = self.values[which] if self.data.bounds is None else float(self.values[which].max())
         return float(np.median(0.5 * (high - low)[which] / scale))
 
-    def judgement(self, level: float, estimator: str) -> dict[str, Any]:
-        """JSON-able record of the band of one level, as result.json keeps it for a data set.
+    def columns(self, levels: Sequence[float]) -> dict[str, Floats]:
+        """Place, prediction, edges and measured value (n,) of each value [SI]; NaN where there is none."""
+        data, size = self.data, len(self.values)
+        points = data.points if data.bounds is None else [data.points[0]] * size
+        nothing = np.full(size, np.nan)
+        columns = {
+            "rail_pressure": np.array([point.initial_pressures()[0] for point in points]),
+            "energising_time": np.array([point.pulses[0].duration if point.pulses else 0.0 for point in points]),
+            "start": nothing if data.bounds is None else np.asarray(data.bounds[:-1]),
+            "end": nothing if data.bounds is None else np.asarray(data.bounds[1:]),
+            "predicted": np.where(data.judged, self.values, nothing),  # a dead time is no quantity
+        }
+        for level in levels:
+            sides = zip(("lower", "upper"), self.edges[level], strict=True)
+            columns |= {f"{side}_{100.0 * level:g}": edge for side, edge in sides}
+        return columns | {"measured": np.where(data.judged, data.measured, nothing) if self.measured else nothing}
 
-        Returns half widths about the predicted values of a map ("half_widths", to the farther edge), None where a value
-        is not judged; edges ("lower", "upper"); counts of measured values inside.
+    def judgement(self, level: float, estimator: str) -> dict[str, Any]:
+        """Record of the band of one level, as result.json keeps it for a data set.
+
+        "half_widths" of a map are to the farther edge, None where a value is not judged.
         """
         low, high = self.edges[level]
         half = np.where(self.counted, np.maximum(high - self.values, self.values - low), np.nan)
-        return {
+        lower, upper = ([float(f"{v:.{DIGITS}g}") for v in edge.tolist()] for edge in (low, high))
+        record = {
             "level": level,
             "estimator": estimator,
-            **({} if self.data.bounds is not None else {"half_widths": _shown(half)}),
-            "lower": _short(low),
-            "upper": _short(high),
-            "values": int(np.count_nonzero(self.data.judged)),
+            **({} if self.data.bounds is not None else {"half_widths": half}),
+            "lower": lower,
+            "upper": upper,
+            "values": np.count_nonzero(self.data.judged),
             "covered": self.covered(level),
             "covered_by_parameters_alone": self._inside(self.alone[level]),
-            "median_half_width_percent": number(100.0 * self.half_width(level)),
+            "median_half_width_percent": 100.0 * self.half_width(level),
         }
+        return dict(to_record(record))
 
     def record(self) -> dict[str, Any]:
         """JSON-able form."""
         data = self.data
-        where = [point_record(p) for p in data.points] if data.bounds is None else [point_record(data.points[0])]
-        return {
+        record = {
             "name": data.name,
             "kind": data.kind,
-            "role": data.role.value if self.measured else None,
+            "role": data.role if self.measured else None,
             "unit": data.unit,
-            "points": where,
-            "bounds": None if data.bounds is None else data.bounds.tolist(),
-            "values": _shown(self.values),
-            "measured": _shown(data.measured) if self.measured else None,
-            "judged": int(np.count_nonzero(data.judged)),
+            "points": [point_record(p) for p in (data.points if data.bounds is None else data.points[:1])],
+            "bounds": data.bounds,
+            "values": self.values,
+            "measured": np.asarray(data.measured) if self.measured else None,
+            "judged": np.count_nonzero(data.judged),
             "bands": [
                 {
                     "level": level,
-                    "lower": _shown(low),
-                    "upper": _shown(high),
+                    "lower": low,
+                    "upper": high,
                     "covered": self.covered(level) if self.measured else None,
-                    "median_half_width_percent": number(100.0 * self.half_width(level)),
+                    "median_half_width_percent": 100.0 * self.half_width(level),
                 }
                 for level, (low, high) in self.edges.items()
             ],
         }
+        return dict(to_record(record))
 
 
-def band_from_draws(
-    drawn: Floats,
-    deviations: Floats,
-    freedom: float,
-    levels: Sequence[float],
-) -> dict[float, Edges]:
-    """Edges of bands from predictions of drawn parameters.
+def band_from_draws(drawn: Floats, deviations: Floats, freedom: float, levels: Sequence[float]) -> dict[float, Edges]:
+    """Edges of bands from predictions (m, n) of drawn parameters, NaN where a simulation failed.
 
-    `drawn` (m, n): predictions; NaN where a simulation failed. A value that fails for half of the draws or more has no
-    edges; `deviations` (n,): standard deviations of the scatter; `freedom`: degrees of freedom of the scatter.
+    `deviations` (n,), `freedom`: standard deviations of the scatter, and its degrees of freedom. A value that fails for
+    half of the draws or more has no edges.
     """
     # a draw that fails at one operating point still tells of the others
     sound = (np.isfinite(drawn).mean(axis=0) > LEAST_SOUND) & np.isfinite(deviations)
@@ -139,7 +152,7 @@ def _quantiles(rows: Floats, shares: Sequence[float]) -> Floats:
 
 
 def _scattered(drawn: Floats, deviations: Floats, freedom: float, rng: np.random.Generator) -> Floats:
-    """Predictions (n, replicates · m) of drawn parameters (n, m) with scatter; see `band_from_draws`.
+    """Predictions (n, replicates · m) of drawn parameters (n, m) with scatter.
 
     All values share the scatter, since edges are of each value alone: what is left of chance moves them together.
     Normal scatters are equally likely ones, so that few replicates will do.
@@ -150,12 +163,3 @@ def _scattered(drawn: Floats, deviations: Floats, freedom: float, rng: np.random
     if np.isfinite(freedom):
         scatter /= np.sqrt(rng.chisquare(freedom, scatter.shape) / freedom)
     return (drawn[:, None] + scatter * deviations[:, None, None]).reshape(len(drawn), -1)
-
-
-def _shown(values: Floats) -> list[float | None]:
-    return [number(v) for v in values.tolist()]
-
-
-def _short(values: Floats) -> list[float | None]:
-    """Values with the digits that a figure shows."""
-    return [number(float(f"{v:.{DIGITS}g}")) for v in values.tolist()]

@@ -35,22 +35,20 @@ def write_bands(path: Path, prediction: Prediction) -> None:
     Raises `OutputError` if it cannot be written.
     """
     head = ["data set", f"{RAIL} [MPa]", f"{TIME} [us]", "start [us]", "end [us]", "unit", "predicted"]
-    for level in prediction.levels:
-        head += [f"lower {100.0 * level:g} %", f"upper {100.0 * level:g} %"]
+    head += [f"{side} {100.0 * level:g} %" for level in prediction.levels for side in ("lower", "upper")]
     notes = ("predicted by commonrail, not measured", f"bands: {prediction.estimator}")
-    rows = (row for band in prediction.bands for row in _rows(band))
+    rows = (row for band in prediction.bands for row in _rows(band, prediction.levels))
     write_csv(path, notes, [*head, "measured"], rows)
 
 
-def _rows(band: Band) -> Iterator[Sequence[str]]:
-    data = band.data
-    unit = field_unit(data.unit).name
-    columns = [band.values, *(edge for pair in band.edges.values() for edge in pair)]
-    columns.append(data.measured if band.measured else np.full(len(band.values), np.nan))
-    shown = [convert(column, data.unit, unit) for column in columns]
-    for i in np.flatnonzero(data.judged).tolist():
-        point = data.points[i if data.bounds is None else 0]
-        duration = point.pulses[0].duration if point.pulses else 0.0
-        ends = ["", ""] if data.bounds is None else [f"{1e6 * data.bounds[i + k]:.9g}" for k in (0, 1)]
-        where = [data.name, f"{1e-6 * point.initial_pressures()[0]:.9g}", f"{1e6 * duration:.9g}", *ends, unit]
-        yield where + [f"{column[i]:.6g}" if np.isfinite(column[i]) else "" for column in shown]
+def _rows(band: Band, levels: Sequence[float]) -> Iterator[Sequence[str]]:
+    unit, columns = field_unit(band.data.unit).name, band.columns(levels)
+    places = [factor * columns.pop(name) for name, factor in ((RAIL, 1e-6), (TIME, 1e6), ("start", 1e6), ("end", 1e6))]
+    values = [convert(column, band.data.unit, unit) for column in columns.values()]
+    for i in np.flatnonzero(band.data.judged).tolist():
+        place, value = ([_cell(column[i], digits) for column in group] for group, digits in ((places, 9), (values, 6)))
+        yield [band.data.name, *place, unit, *value]
+
+
+def _cell(value: float, digits: int) -> str:
+    return f"{value:.{digits}g}" if np.isfinite(value) else ""

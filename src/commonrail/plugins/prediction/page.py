@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from commonrail.base.chart import BOTH, LINES, MARKERS, Chart, Figure, Panel, Series, points
 from commonrail.base.chart import Band as Area
-from commonrail.base.table import Part, Table, table_from_parts
+from commonrail.base.table import Column, Table, table_from_columns
 from commonrail.base.text import MISSING, count_noun, field_unit, join_words, pressure, significant, to_fixed
 from commonrail.calibration.study import Study
 from commonrail.data.records import Record, origin_word
@@ -19,8 +18,6 @@ from commonrail.report.analysis import result_html
 from commonrail.report.fit.rules import Tile
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 
-Floats = NDArray[np.float64]
-
 _MM3 = 1e9
 LEAST = 0.5e-9  # quantity above which the width of its band is drawn as a share [m³]
 TILES = 5  # data sets on the first screen
@@ -28,59 +25,44 @@ SETS = 4  # data sets that a sentence names
 
 
 def coverage_table(record: Record) -> Table:
-    """Share of the measured values of each data set that lie inside the bands.
-
-    `record`: of `Prediction.record`.
-    """
-    rows = [(data, band) for data in record["data"] for band in data["bands"]]
-    parts = (
-        Part(("data set", "use"), lambda r: (r[0]["name"], r[0]["role"] or MISSING)),
-        Part(
-            ("band, %", "measured values inside", "of", "median half width, % of the prediction"),
-            lambda r: (
-                to_fixed(r[1]["level"], 0, 100.0),
-                MISSING if r[1]["covered"] is None else str(r[1]["covered"]),
-                str(r[0]["judged"]),
-                significant(r[1]["median_half_width_percent"], 3),
-            ),
-        ),
-    )
+    """Share of the measured values of each data set that lie inside the bands of a `Prediction.record`."""
+    columns: list[Column] = [
+        ("data set", lambda r: r[0]["name"]),
+        ("use", lambda r: r[0]["role"] or MISSING),
+        ("band, %", lambda r: to_fixed(r[1]["level"], 0, 100.0)),
+        ("measured values inside", lambda r: MISSING if r[1]["covered"] is None else str(r[1]["covered"])),
+        ("of", lambda r: str(r[0]["judged"])),
+        ("median half width, % of the prediction", lambda r: significant(r[1]["median_half_width_percent"], 3)),
+    ]
     note = f"Bands: {record['estimator']}."
     if any(data["role"] == "fit" for data in record["data"]):
         note += " Fitted values are seen by the fit: only the others test its bands."
-    return table_from_parts("Measured values inside the bands", rows, parts, note, 2)
+    rows = [(data, band) for data in record["data"] for band in data["bands"]]
+    return table_from_columns("Measured values inside the bands", rows, columns, note, 2)
 
 
 def points_table(record: Record) -> Table:
-    """Predicted quantities and their bands.
-
-    `record`: of `Prediction.record`, of operating points.
-    """
+    """Predicted quantities and their bands of a `Prediction.record` of operating points."""
     (data,) = record["data"]
-    heads = ["rail pressure, MPa", "energising time, µs", "quantity, mm³"]
-    heads += [f"{to_fixed(level, 0, 100.0)} % band, mm³" for level in record["levels"]]
 
-    def cells(i: int) -> tuple[str, ...]:
-        point = data["points"][i]
-        edges = [(band["lower"][i], band["upper"][i]) for band in data["bands"]]
-        return (
-            significant(point["rail_pressure"], 6, 1e-6),
-            significant(point["energising_time"], 6, 1e6),
-            significant(data["values"][i], 4, _MM3),
-            *(f"{significant(low, 4, _MM3)} to {significant(high, 4, _MM3)}" for low, high in edges),
-        )
+    def edges(band: Record) -> Callable[[int], str]:
+        return lambda i: f"{significant(band['lower'][i], 4, _MM3)} to {significant(band['upper'][i], 4, _MM3)}"
 
-    parts = (Part(tuple(heads), cells),)
-    return table_from_parts(
-        "Predicted quantities", range(len(data["values"])), parts, f"Bands: {record['estimator']}.", 0
-    )
+    columns: list[Column] = [
+        ("rail pressure, MPa", lambda i: significant(data["points"][i]["rail_pressure"], 6, 1e-6)),
+        ("energising time, µs", lambda i: significant(data["points"][i]["energising_time"], 6, 1e6)),
+        ("quantity, mm³", lambda i: significant(data["values"][i], 4, _MM3)),
+        *((f"{to_fixed(band['level'], 0, 100.0)} % band, mm³", edges(band)) for band in data["bands"]),
+    ]
+    note = f"Bands: {record['estimator']}."
+    return table_from_columns("Predicted quantities", range(len(data["values"])), columns, note, 0)
 
 
 def prediction_html(prediction: Prediction, study: Study) -> str:
     """Page of predictions for a study."""
     tiles = [_tile(band, max(prediction.levels)) for band in prediction.bands[:TILES]]
     return result_html(
-        "Predictions", study, _lines(prediction), tiles, prediction_figures(prediction), _tables(prediction)
+        "Predictions", study, prediction_lines(prediction), tiles, prediction_figures(prediction), _tables(prediction)
     )
 
 
@@ -142,13 +124,22 @@ def _figure(band: Band, level: float) -> Figure | None:
     return Figure(data.name, caption, axis, (panel, *more))
 
 
-def _lines(prediction: Prediction) -> list[str]:
-    """Number of predicted values and measured ones inside, and the estimator."""
+def prediction_lines(prediction: Prediction) -> list[str]:
+    """Measured values inside the widest bands, number of predicted values, and the estimator."""
+    level = max(prediction.levels)
+    inside = [
+        f"{band.covered(level)} of {int(band.data.judged.sum())} values of {band.data.name} ({band.data.role.value})"
+        for band in prediction.bands
+        if band.measured
+    ]
+    if len(inside) > SETS:
+        inside = [*inside[:SETS], f"{len(inside) - SETS} further data sets"]
+    verdict = [f"The {to_fixed(level, 0, 100.0)} % bands hold {join_words(inside)}."] if inside else []
     levels = " and ".join(to_fixed(level, 0, 100.0) for level in prediction.levels)
     sets = [f"{count_noun(len(band.values), 'value')} of {band.data.name}" for band in prediction.bands]
     if len(sets) > SETS:
         sets = [*sets[:SETS], f"{len(sets) - SETS} further data sets"]
-    return [f"{join_words(sets)} with bands of {levels} %.", f"Bands: {prediction.estimator}."]
+    return [*verdict, f"{join_words(sets)} with bands of {levels} %.", f"Bands: {prediction.estimator}."]
 
 
 def _tables(prediction: Prediction) -> list[Table]:
@@ -159,43 +150,19 @@ def _tables(prediction: Prediction) -> list[Table]:
 
 def _arrays(prediction: Prediction) -> Arrays:
     """Predicted values with the edges of their bands; a column names the unit where it is not that of all."""
-    units = {band.data.unit for band in prediction.bands}
-    axis = ("value",)
-    parts = [_columns(band, prediction.levels) for band in prediction.bands]
-    joined = {name: np.concatenate([columns_of_band[name] for columns_of_band in parts]) for name in parts[0]}
-    unit = units.pop() if len(units) == 1 else ""
-    values = {
-        "data_set": Array(
-            axis, np.repeat([b.data.name for b in prediction.bands], [len(b.values) for b in prediction.bands])
-        )
-    }
+    bands, axis = prediction.bands, ("value",)
+    units = [band.data.unit for band in bands]
+    counts = [len(band.values) for band in bands]
+    parts = [band.columns(prediction.levels) for band in bands]
+    joined = {name: np.concatenate([columns[name] for columns in parts]) for name in parts[0]}
+    common = units[0] if len(set(units)) == 1 else ""
+    values = {"data_set": Array(axis, np.repeat([band.data.name for band in bands], counts))}
     for name, column in joined.items():
-        column_unit = {"rail_pressure": "Pa", "energising_time": "s", "start": "s", "end": "s"}.get(name, unit)
-        values[name] = in_common_unit(axis, column, column_unit) if column_unit else Array(axis, column)
-    if not unit:
-        names = np.repeat(
-            [band.data.unit for band in prediction.bands], [len(band.values) for band in prediction.bands]
-        )
-        values["unit"] = Array(axis, names)
+        unit = {"rail_pressure": "Pa", "energising_time": "s", "start": "s", "end": "s"}.get(name, common)
+        values[name] = in_common_unit(axis, column, unit) if unit else Array(axis, column)
+    if not common:
+        values["unit"] = Array(axis, np.repeat(units, counts))
     return Arrays({"value": Array(axis, np.arange(len(joined["predicted"])))}, values, "Predictions with bands")
 
 
-def _columns(band: Band, levels: Sequence[float]) -> dict[str, Floats]:
-    """Place, prediction, edges and measured value of each value of a data set, SI."""
-    data, size = band.data, len(band.values)
-    row_points = data.points if data.bounds is None else [data.points[0]] * size
-    nothing = np.full(size, np.nan)
-    columns = {
-        "rail_pressure": np.array([point.initial_pressures()[0] for point in row_points]),
-        "energising_time": np.array([point.pulses[0].duration if point.pulses else 0.0 for point in row_points]),
-        "start": nothing if data.bounds is None else np.asarray(data.bounds[:-1]),
-        "end": nothing if data.bounds is None else np.asarray(data.bounds[1:]),
-        "predicted": np.where(data.judged, band.values, nothing),  # a dead time is no quantity
-    }
-    for level in levels:
-        sides = zip(("lower", "upper"), band.edges[level], strict=True)
-        columns |= {f"{side}_{100.0 * level:g}": edge for side, edge in sides}
-    return columns | {"measured": np.where(data.judged, data.measured, nothing) if band.measured else nothing}
-
-
-PREDICTION = Presenter(_lines, _tables, prediction_figures, _arrays)
+PREDICTION = Presenter(prediction_lines, _tables, prediction_figures, _arrays)

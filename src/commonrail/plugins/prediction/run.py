@@ -29,12 +29,11 @@ from commonrail.data.registry import in_order, of_role
 from commonrail.data.simulator import Simulator
 from commonrail.engine.operating_point import OperatingPoint
 from commonrail.plugins.certainty.estimate import Estimate, estimate
-from commonrail.plugins.certainty.file import Certainty
 from commonrail.plugins.certainty.likelihood import Likelihood
 from commonrail.plugins.certainty.noise_fit import coordinates_of
 from commonrail.plugins.certainty.run import certainty as certify
 from commonrail.plugins.certainty.uncertain import with_uncertain_free
-from commonrail.plugins.prediction.band import Band, Edges, band_from_draws
+from commonrail.plugins.prediction.band import Band, band_from_draws
 from commonrail.plugins.prediction.scatter import Scatter, curve_scatter, scatter_of
 
 LEVELS = (0.5, 0.9)
@@ -69,13 +68,11 @@ class Prediction(Shown):
 
     def record(self) -> dict[str, Any]:
         """JSON-able form."""
+        keys = "factor", "calibration", "left_out"
         return {
             "levels": list(self.levels),
             "estimator": self.estimator,
-            "scatter": {
-                kind: {"factor": scatter.factor, "calibration": scatter.calibration, "left_out": scatter.left_out}
-                for kind, scatter in self.scatter.items()
-            },
+            "scatter": {kind: {key: getattr(s, key) for key in keys} for kind, s in self.scatter.items()},
             "data": [band.record() for band in self.bands],
         }
 
@@ -90,7 +87,7 @@ class _Fit(NamedTuple):
     curves: Mapping[str, Scatter]  # of fitted curves, by their names
 
     def scatter_about(self, data: DataSet) -> Scatter:
-        """Scatter of the measured values of a data set: a fitted curve has its own, all others that of their kind."""
+        """Scatter of the measured values of a data set: its own if it is a fitted curve, else that of its kind."""
         of_curve = self.curves.get(data.name) if data.role is Role.FIT else None
         return self.scatter[data.kind] if of_curve is None else of_curve
 
@@ -187,23 +184,14 @@ def judge(fit: FinishedFit) -> None:
     """Add the bands of all data about the calibrated values, if the certainty of the fit is known."""
     if CERTAINTY not in fit.shared:
         return
-    study = fit.calibration.study
-    certainty: Certainty = fit.shared[CERTAINTY]
+    study, certainty = fit.calibration.study, fit.shared[CERTAINTY]
     best = fit.calibration.best if fit.identified.estimate is None else fit.identified.estimate
-    fit.identified.bands.update(assessed_bands(study, certainty, study.space.point(best), fit.threads))
-
-
-def assessed_bands(
-    study: Study, certainty: Certainty, point: Floats, threads: int | None = None
-) -> dict[str, dict[str, Any]]:
-    """Bands of all data of a study about its calibrated values (d,) [SI], as records by the name of the data set."""
-    fit = _fit(study, certainty.estimate, point, certainty.points, thread_count(threads))
-    bands = {}
+    finished = _fit(study, certainty.estimate, study.space.point(best), certainty.points, thread_count(fit.threads))
     for data in study.data:
-        if data.kind in fit.scatter:
+        if data.kind in finished.scatter:
             with suppress(SimulationError):  # a data set that cannot be simulated has no band; the report says so of it
-                bands[data.name] = _band(data, fit, (LEVEL,), measured=True)
-    return {name: band.judgement(LEVEL, _label(fit, [band])) for name, band in bands.items()}
+                band = _band(data, finished, (LEVEL,), measured=True)
+                fit.identified.bands[data.name] = band.judgement(LEVEL, _label(finished, [band]))
 
 
 def _fit(study: Study, estimate: Estimate, point: Floats, draws: Floats, threads: int | None) -> _Fit:
@@ -214,22 +202,16 @@ def _fit(study: Study, estimate: Estimate, point: Floats, draws: Floats, threads
 
 
 def _label(fit: _Fit, bands: Sequence[Band]) -> str:
-    """Name of the estimator of bands."""
+    """Name of the estimator of bands, with the number of quantities beyond the fitted energising times."""
     kinds = {band.data.kind for band in bands}
     label = "draws from the posterior; noise and discrepancy included"
-    scaled = [scatter for kind, scatter in fit.scatter.items() if kind in kinds and scatter.left_out]
-    if scaled:
-        left_out = sum(scatter.left_out for scatter in scaled)
+    left_out = sum(scatter.left_out for kind, scatter in fit.scatter.items() if kind in kinds)
+    if left_out:
         label += f", scaled by the predictions of {left_out} fitted values held out in turn"
-    return label + _beyond(fit, bands)
-
-
-def _beyond(fit: _Fit, bands: Sequence[Band]) -> str:
-    """Number of predicted quantities beyond the fitted energising times, whose bands are wider."""
-    many = sum(int(np.count_nonzero(_is_beyond(fit, band.data))) for band in bands)
-    return (
-        f"; {many} quantities beyond the fitted energising times, with bands {BEYOND:g} times as wide" if many else ""
-    )
+    beyond = sum(int(np.count_nonzero(_is_beyond(fit, band.data))) for band in bands)
+    if beyond:
+        label += f"; {beyond} quantities beyond the fitted energising times, with bands {BEYOND:g} times as wide"
+    return label
 
 
 def _is_beyond(fit: _Fit, data: DataSet) -> Bools:
@@ -239,15 +221,6 @@ def _is_beyond(fit: _Fit, data: DataSet) -> Bools:
         return np.zeros(len(data.measured), bool)
     times, fitted_times = coordinates_of(data)[:, 0], np.concatenate(fitted)
     return np.asarray((times < fitted_times.min() * (1.0 - SAME)) | (times > fitted_times.max() * (1.0 + SAME)))
-
-
-def _widened(edges: Mapping[float, Edges], values: Floats, beyond: Bools) -> dict[float, Edges]:
-    """Edges, those of quantities beyond the fitted times farther away; below zero only where they were."""
-    factor = np.where(beyond, BEYOND, 1.0)
-    return {
-        level: (np.maximum(values - factor * (values - low), np.minimum(low, 0.0)), values + factor * (high - values))
-        for level, (low, high) in edges.items()
-    }
 
 
 def _asked(study: Study, points: Sequence[OperatingPoint]) -> QuantityData:
@@ -287,4 +260,8 @@ def _band(data: DataSet, fit: _Fit, levels: tuple[float, ...], measured: bool) -
     spread = np.maximum(values + scatter.calibration * (drawn[1:] - values), np.minimum(drawn[1:], 0.0))
     deviations = scatter.calibration * scatter.deviations(data, values)
     edges, alone = (band_from_draws(spread, d, scatter.freedom, levels) for d in (deviations, 0.0 * deviations))
-    return Band(data, values, _widened(edges, values, _is_beyond(fit, data)), measured, alone)
+    factor = np.where(_is_beyond(fit, data), BEYOND, 1.0)
+    for level, (low, high) in edges.items():  # below zero only where they were
+        lower = np.maximum(values - factor * (values - low), np.minimum(low, 0.0))
+        edges[level] = lower, values + factor * (high - values)
+    return Band(data, values, edges, measured, alone)

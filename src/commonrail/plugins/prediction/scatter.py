@@ -12,8 +12,8 @@ from commonrail.base.arrays import Floats, IndexArray
 from commonrail.data.base import DataSet
 from commonrail.data.noise import Law
 from commonrail.plugins.certainty.estimate import Estimate
-from commonrail.plugins.certainty.likelihood import prior_slopes_at, weights_of
-from commonrail.plugins.certainty.noise_fit import FittedNoise, sample_count, scale_of, spread
+from commonrail.plugins.certainty.likelihood import prior_slopes_at
+from commonrail.plugins.certainty.noise_fit import sample_count, scale_of
 
 LEAST = 8  # values held out, from which their scatter is believed
 HELD = 1e-6  # of the variance of a residual, below which the fit follows the value whatever it is
@@ -23,8 +23,7 @@ TAILS = {Law.STUDENT: 4.0, Law.LAPLACE: 3.0}  # degrees of freedom of t whose qu
 class Scatter(NamedTuple):
     """Scatter of measured values about the best prediction: noise and discrepancy of the model."""
 
-    # multiple of the tolerance of a kind that states one; else a standard deviation in the unit of the values
-    factor: float
+    factor: float  # in stated tolerances, or a standard deviation in the unit of the values
     freedom: float  # degrees of freedom of the factor; infinite where it is stated
     # factor on the whole standard deviation of a prediction, parameters included: root mean square of the values that
     # were held out, each over the deviation predicted for it. 1 where too few could be held out
@@ -50,79 +49,70 @@ class LeftOut(NamedTuple):
 
 
 def left_out(estimate: Estimate, rows: IndexArray) -> LeftOut:
-    """Values held out one at a time, by the linear model about the estimate and without a further simulation.
+    """Values at rows (m,) of the residuals held out one at a time, by the linear model about the estimate.
 
-    With the influence H of the fit, courses that values are off by together among what is fitted, the error of the
-    value i that is held out is u_i/(1 − H_ii), and its predicted variance 1/(1 − H_ii).
-
-    `rows` (m,): rows of the residuals.
+    With the influence H of the fit, common courses of the values among what is fitted, the error of the value i that is
+    held out is u_i/(1 − H_ii), and its predicted variance 1/(1 − H_ii).
     """
-    d, pairs = len(estimate.unit), zip(estimate.likelihood.blocks, estimate.likelihood.noises, strict=True)
-    courses = [spread(block, noise.courses.reshape(-1, block.size), estimate.likelihood.size) for block, noise in pairs]
-    plain = [replace(noise, courses=np.empty((0, 0))) for noise in estimate.likelihood.noises]
-    likelihood = estimate.likelihood.with_noises(plain)
+    d, fitted = len(estimate.unit), estimate.likelihood
+    likelihood = fitted.with_noises([replace(noise, courses=np.empty((0, 0))) for noise in fitted.noises])
+    wide = [estimate.slopes]
+    for block, noise in fitted.pairs:
+        courses = noise.courses.reshape(-1, block.size)
+        wide.append(np.zeros((len(courses), fitted.size)))
+        wide[-1][:, block.rows] = courses
     innovations = likelihood.whiten(estimate.errors)
-    robust = np.sqrt(weights_of(likelihood, innovations))
-    wide = np.vstack([estimate.slopes, *courses])
-    tangents = robust * likelihood.whiten(wide)
+    robust = np.sqrt(likelihood.weights(innovations))
+    tangents = robust * likelihood.whiten(np.vstack(wide))
     prior_slopes = prior_slopes_at(likelihood, estimate.unit)
-    prior_information = np.eye(len(wide))
+    prior_information = np.eye(len(tangents))
     prior_information[:d, :d] = prior_slopes.T @ prior_slopes
     force = tangents @ (robust * innovations)
-    force[:d] += prior_slopes.T @ likelihood.priors.residuals(likelihood.space.from_unit(estimate.unit[None]))[0]
+    force[:d] += prior_slopes.T @ likelihood.prior_residuals(estimate.unit)
     inverse = np.linalg.pinv(tangents @ tangents.T + prior_information, hermitian=True)
     rest = (robust * innovations - (inverse @ force) @ tangents)[rows]
-    seen = tangents[:, rows]
-    left = np.eye(len(rows)) - seen.T @ inverse @ seen
+    left = np.eye(len(rows)) - tangents[:, rows].T @ inverse @ tangents[:, rows]
     free = np.diag(left) > HELD
     root = np.sqrt(np.diag(left)[free])
     related = left[np.ix_(free, free)] / np.outer(root, root)
     return LeftOut(rest[free] / root, float(np.count_nonzero(free) ** 2 / max(float(np.sum(related**2)), 1e-300)))
 
 
-def _noises(estimate: Estimate, fitted: Sequence[DataSet]) -> list[FittedNoise]:
-    """Noises whose scales are no smaller than stated tolerances, of data with too few values to hold out.
-
-    `fitted`: in the order of the blocks.
-    """
-    few = [
-        data.discrepancy(data.measured) is not None and len(_rows(estimate, fitted, data.kind)) < LEAST
-        for data in fitted
-    ]
-    return [
-        replace(noise, scale=1.0 / noise.density.deviation, freedom=np.inf, stated=True)
-        if low and not noise.stated and noise.sigma < 1.0
-        else noise
-        for low, noise in zip(few, estimate.likelihood.noises, strict=True)
-    ]
-
-
 def scatter_of(estimate: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
-    """Scatter of each kind of data: that of the fitted set that scatters most, judged by the values held out.
+    """Scatter of each kind of data: of the fitted set that scatters most, judged by the values held out.
 
-    Where none are, residuals that exceed a stated noise, or that of repeated shots, count in its place: the model's
-    own error is in them.
+    With too few values to hold out, the scatter is no smaller than stated tolerances, and residuals that exceed a
+    stated noise, or the noise of repeated shots, count in its place: the model's own error is in them.
 
     `fitted`: in the order of the blocks.
     """
-    estimate = replace(estimate, likelihood=estimate.likelihood.with_noises(_noises(estimate, fitted)))
-    scatter: dict[str, Scatter] = {}
-    levels: dict[str, Scatter] = {}  # where residuals exceed a noise that is not estimated from them, they count
+    likelihood, noises = estimate.likelihood, []
+    rows: dict[str, IndexArray] = {}  # of the residuals, values of a kind that is not a course in time
+    for data, block in zip(fitted, likelihood.blocks, strict=True):
+        values = (
+            np.arange(block.rows.start, block.rows.stop)[data.judged] if not block.ordered else np.zeros(0, np.intp)
+        )
+        rows[data.kind] = np.append(rows.get(data.kind, np.zeros(0, np.intp)), values)
+    for data, noise in zip(fitted, likelihood.noises, strict=True):
+        few = data.discrepancy(data.measured) is not None and len(rows[data.kind]) < LEAST
+        if few and not noise.stated and noise.sigma < 1.0:
+            noise = replace(noise, scale=1.0 / noise.density.deviation, freedom=np.inf, stated=True)
+        noises.append(noise)
+    estimate = replace(estimate, likelihood=likelihood.with_noises(noises))
+    by_noise: dict[str, Scatter] = {}
+    by_level: dict[str, Scatter] = {}
     tails: dict[str, float] = {}  # errors are weighted as their law asks: their mean square is of its scale
     for i, data in enumerate(fitted):
-        of_set, level = _of_set(estimate, i, data)
-        tail = TAILS.get(estimate.likelihood.noises[i].law, np.inf)
-        tails[data.kind] = min(tail, tails.get(data.kind, np.inf))
-        _keep_larger(scatter, data.kind, of_set)
-        _keep_larger(levels, data.kind, level)
-    for kind, of_set in scatter.items():
-        scatter[kind] = levels[kind]
-        rows = _rows(estimate, fitted, kind)
-        judged = left_out(estimate, rows) if len(rows) >= LEAST else None
+        tails[data.kind] = min(TAILS.get(noises[i].law, np.inf), tails.get(data.kind, np.inf))
+        for largest, scatter in zip((by_noise, by_level), _of_set(estimate, i, data), strict=True):
+            if data.kind not in largest or largest[data.kind].factor < scatter.factor:
+                largest[data.kind] = scatter
+    for kind, scatter in by_noise.items():
+        judged = left_out(estimate, rows[kind]) if len(rows[kind]) >= LEAST else None
         if judged is not None and len(judged.errors) >= LEAST:
             size, freedom = float(np.sqrt(np.mean(judged.errors**2))), min(judged.freedom, tails[kind])
-            scatter[kind] = of_set._replace(calibration=size, freedom=freedom, left_out=len(judged.errors))
-    return scatter
+            by_level[kind] = scatter._replace(calibration=size, freedom=freedom, left_out=len(judged.errors))
+    return by_level
 
 
 def curve_scatter(estimate: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
@@ -135,11 +125,8 @@ def curve_scatter(estimate: Estimate, fitted: Sequence[DataSet]) -> dict[str, Sc
 
 
 def _of_set(estimate: Estimate, index: int, data: DataSet) -> tuple[Scatter, Scatter]:
-    """Scatter of a data set by its noise, and the larger one of its residuals where these exceed a known noise.
-
-    `index`: of the block.
-    """
-    noise, block = estimate.likelihood.noises[index], estimate.likelihood.blocks[index]
+    """Scatter of a data set by its noise, and the larger one of its residuals where these exceed a known noise."""
+    block, noise = estimate.likelihood.pairs[index]
     extra = block.noise.discrepancy if block.noise.length else 0.0
     tail = TAILS.get(noise.law, np.inf)
     of_noise = Scatter(
@@ -154,21 +141,5 @@ def _of_set(estimate: Estimate, index: int, data: DataSet) -> tuple[Scatter, Sca
     errors = estimate.errors[block.rows] / noise.growth.shape
     freedom = max(sample_count(errors) - float(estimate.covariance.used[index]), 1.0)
     level = scale_of(noise.law, errors, freedom) / data.residual_scale
-    return of_noise, of_noise if level <= of_noise.factor else of_noise._replace(
-        factor=level, freedom=min(freedom, tail)
-    )
-
-
-def _keep_larger(scatter: dict[str, Scatter], kind: str, candidate: Scatter) -> None:
-    if kind not in scatter or scatter[kind].factor < candidate.factor:
-        scatter[kind] = candidate
-
-
-def _rows(estimate: Estimate, fitted: Sequence[DataSet], kind: str) -> IndexArray:
-    """Rows of the residuals that are values of a kind that is no course in time."""
-    rows = [
-        np.arange(block.rows.start, block.rows.stop)[data.judged]
-        for data, block in zip(fitted, estimate.likelihood.blocks, strict=True)
-        if data.kind == kind and not block.ordered
-    ]
-    return np.concatenate(rows) if rows else np.zeros(0, dtype=np.intp)
+    larger = of_noise._replace(factor=level, freedom=min(freedom, tail))
+    return of_noise, larger if level > of_noise.factor else of_noise

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from commonrail.base.errors import InputError
 from commonrail.base.output import write_text
-from commonrail.cli.console import SIMULATING, print_json, print_table, say
+from commonrail.cli.console import SIMULATING, print_json, print_text, say
 from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import (
     CylinderPressure,
@@ -61,7 +61,7 @@ def predict(
       commonrail predict runs/first --rail-pressure 40:160:20MPa --energising-time 200:1400:100us --out bands.csv
     """
     from commonrail.plugins.prediction.file import write_bands
-    from commonrail.plugins.prediction.page import coverage_table, points_table, prediction_html
+    from commonrail.plugins.prediction.page import coverage_table, points_table, prediction_html, prediction_lines
     from commonrail.plugins.prediction.run import predict as run_prediction
     from commonrail.runs.folder import DRAWS, read_draws, read_fit
 
@@ -81,7 +81,8 @@ def predict(
     if json:
         print_json({"kind": "prediction", "run": str(run), "file": str(out) if out else None, **record})
         return
-    print_table(points_table(record) if points else coverage_table(record))
+    verdict, *notes = prediction_lines(prediction)
+    print_text([verdict], [points_table(record) if points else coverage_table(record)], notes)
     for path in filter(None, (out, report)):
         say(f"wrote {path}")
 

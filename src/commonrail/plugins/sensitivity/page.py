@@ -16,10 +16,12 @@ from commonrail.plugins.sensitivity.settings import Design, OnFailure, Sensitivi
 from commonrail.report.analysis import MARKS, SHOWN, analysis_html, bar_height, interval_bars
 from commonrail.report.figure import figure_html
 from commonrail.report.fit.rules import Tile
+from commonrail.report.parameter_names import describe_parameters
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
 
 TILES = 5  # outputs on the first screen
+LEADING = 3  # parameters that the first sentence names
 
 
 def sensitivity_html(record: Record, folder: Path = Path("DIR")) -> str:
@@ -38,7 +40,7 @@ def sensitivity_html(record: Record, folder: Path = Path("DIR")) -> str:
         folder,
         _facts(result.settings, result.injector),
         kind="Sensitivity",
-        lines=sensitivity_lines(result),
+        lines=[*sensitivity_lines(result), *sensitivity_notes(result)],
         tiles=_tiles(result),
         first=first and (replace(first[0], title=f"{first[0].title}: {_heading(result.outputs[0])}"), first[1]),
         sections=sections,
@@ -47,36 +49,57 @@ def sensitivity_html(record: Record, folder: Path = Path("DIR")) -> str:
 
 
 def sensitivity_lines(result: Sensitivity) -> list[str]:
-    """Sentences on the study as a whole."""
+    """Sentences: the parameters with the largest effect on each output, and failed simulations."""
+    ranked = [(output, _largest_effects(output)) for output in result.outputs]
+    leading = [f"{_heading(output)}: {', '.join(effects[:LEADING])}." for output, effects in ranked[:1] if effects]
+    others = [f"{_heading(output, with_point=False)}: {effects[0]}" for output, effects in ranked[1:] if effects]
+    lines = [f"Largest effects. {line}" for line in leading] or ["No effect could be estimated."]
+    lines += [f"{'; '.join(others)}."] if others else []
+    failed = [output for output in result.outputs if output.failed.number]
+    if failed:
+        lines.append(
+            f"Some simulations failed for {count_noun(len(failed), 'output')}: the figures apply to the part of the "
+            "ranges in which the simulation succeeds."
+        )
+    return lines
+
+
+def sensitivity_notes(result: Sensitivity) -> list[str]:
+    """Sentences on the method."""
     sobol = result.settings.design is Design.SOBOL
     kind, base = ("Sobol' indices", "base points") if sobol else ("Elementary effects (Morris)", "trajectories")
-    lines = [
+    return [
         f"{kind} of {count_noun(len(result.parameters), 'parameter')} on {count_noun(len(result.outputs), 'output')}, "
         f"from {result.settings.samples:,} {base}: {result.injections:,} simulations. Each parameter varies evenly "
         "over its range, independently of the others.",
         *result.notes,
     ]
-    failed = [output for output in result.outputs if output.failed.number]
-    if failed:
-        lines.append(
-            f"Some simulations failed for {count_noun(len(failed), 'output')} (listed below). Effects that involve one "
-            "are omitted, and the figures apply to the part of the ranges in which the simulation succeeds."
-        )
-    return lines
+
+
+def _largest_effects(output: OutputSensitivity) -> list[str]:
+    """Parameters in words with the sizes of their effects, the largest first; those without an estimate are omitted."""
+    texts = describe_parameters(row.name for row in output.parameters)
+    sizes = [(texts[row.name], _effect_size(output, row)) for row in output.parameters]
+    return [f"{text} {size}" for text, size in sizes if size]
+
+
+def _effect_size(output: OutputSensitivity, row: Effect) -> str:
+    """Share of the variance, or mean size of the effect with its unit; empty without an estimate."""
+    _, unit, scale = field_unit(output.output.unit)
+    if row.total is not None:
+        return f"{percent(row.total.value, 0)} % of the variance"
+    return "" if row.magnitude is None else f"{significant(row.magnitude.value, 3, scale)} {unit}".strip()
 
 
 def _tiles(result: Sensitivity) -> list[Tile]:
     """Parameter with the largest effect on each of the first outputs."""
     tiles = []
     for output in result.outputs[:TILES]:
-        best, (_, unit, scale) = output.parameters[0], field_unit(output.output.unit)
-        if best.total is not None:
-            words = f"{percent(best.total.value, 0)} % of the variance"
-        elif best.magnitude is not None:
-            words = f"{significant(best.magnitude.value, 3, scale)} {unit} mean size of its effect"
-        else:
-            continue
-        tiles.append(Tile(_heading(output), best.name, words))
+        best = output.parameters[0]
+        text = describe_parameters(row.name for row in output.parameters)[best.name]
+        if size := _effect_size(output, best):
+            words = size if best.total is not None else f"{size} mean size of its effect"
+            tiles.append(Tile(_heading(output), text[:1].upper() + text[1:], words))
     return tiles
 
 
@@ -94,10 +117,10 @@ def sensitivity_figures(result: Sensitivity) -> list[Figure]:
     ]
 
 
-def _heading(sensitivity: OutputSensitivity) -> str:
+def _heading(sensitivity: OutputSensitivity, with_point: bool = True) -> str:
     output = sensitivity.output
     text = output.name.replace("_", " ").capitalize()
-    return f"{text}, {output.point.replace(' us', ' µs')}" if output.point else text
+    return f"{text}, {output.point.replace(' us', ' µs')}" if output.point and with_point else text
 
 
 def _table(result: Sensitivity, output: OutputSensitivity) -> Table:
@@ -240,5 +263,7 @@ def _facts(settings: SensitivitySettings, injector: str) -> list[tuple[str, str]
     ]
 
 
-SENSITIVITY = Presenter(lambda s: [s.title, *sensitivity_lines(s)], sensitivity_tables, sensitivity_figures)
+SENSITIVITY = Presenter(
+    lambda s: [s.title, *sensitivity_lines(s), *sensitivity_notes(s)], sensitivity_tables, sensitivity_figures
+)
 RESULT = ResultKind("sensitivity.json", "sensitivity", "sensitivity", sensitivity_html)

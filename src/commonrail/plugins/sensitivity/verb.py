@@ -12,7 +12,7 @@ import click
 
 from commonrail.base.errors import InputError
 from commonrail.base.units import parse
-from commonrail.cli.console import Bar, Stage, print_json, print_text, say
+from commonrail.cli.console import Bar, Stage, print_json, print_synthetic, print_text, say
 from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import (
     CylinderPressure,
@@ -90,10 +90,10 @@ def sensitivity(
           --within 3% --rail-pressure 80,160MPa --energising-time 700us --out runs/sensitivity
       commonrail sensitivity cases/paper/study.toml --samples 256
     """
-    from commonrail.plugins.sensitivity.page import sensitivity_lines, sensitivity_tables
+    from commonrail.plugins.sensitivity.page import sensitivity_lines, sensitivity_notes, sensitivity_tables
     from commonrail.plugins.sensitivity.run import sensitivity as run
     from commonrail.plugins.sensitivity.study import DEFAULT_FEATURES
-    from commonrail.report.analysis import run_into, synthetic_lines
+    from commonrail.report.analysis import run_into
 
     if (rail_pressure is None) is not (energising_time is None):
         raise InputError("Give both --rail-pressure and --energising-time for operating points, or neither.")
@@ -123,7 +123,8 @@ def sensitivity(
     if json:
         print_json(record)
         return
-    print_text([*synthetic_lines(record), *sensitivity_lines(result)], sensitivity_tables(result))
+    print_synthetic(record["synthetic"])
+    print_text(sensitivity_lines(result), sensitivity_tables(result), sensitivity_notes(result))
     for output in result.outputs:
         if output.why_not:
             say(f"{output.output.name}: {output.why_not}")

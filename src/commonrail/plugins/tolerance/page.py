@@ -17,6 +17,7 @@ from commonrail.plugins.tolerance.trim import Trimmed
 from commonrail.report.analysis import MARKS, SHOWN, analysis_html, bar_height, interval_bars
 from commonrail.report.figure import figure_html
 from commonrail.report.fit.rules import BAD, CARE, GOOD, Tile
+from commonrail.report.parameter_names import describe_parameters
 from commonrail.report.presenter import Presenter
 from commonrail.report.result_kind import ResultKind
 
@@ -40,7 +41,7 @@ def tolerance_html(record: Record, folder: Path = Path("DIR")) -> str:
         folder,
         _facts(result),
         kind="Tolerance",
-        lines=tolerance_lines(result),
+        lines=[*tolerance_lines(result), *tolerance_notes(result)],
         tiles=[_tile(point) for point in result.points],
         first=first and (replace(first[0], title=f"{first[0].title}: {result.points[0].name}"), first[1]),
         capability=_capability_table(result),
@@ -55,22 +56,37 @@ RESULT = ResultKind("tolerance.json", "tolerance", "tolerance", tolerance_html)
 
 
 def tolerance_lines(result: ToleranceResult) -> list[str]:
-    """Sentences on the study as a whole."""
+    """Sentences: worst capability, dimensions with the largest shares, failed simulations."""
+    worst = min(result.points, key=lambda p: (p.spread.cpk is None, p.spread.cpk or -(p.spread.deviation or 0.0)))
+    text = f"{result.parts:,} parts: standard deviation {_volume(worst.spread.deviation, 3)} mm³ at {worst.name}"
+    if worst.spread.cpk is not None:
+        text += f", Cpk {to_fixed(worst.spread.cpk, 2)}, {_out(worst.spread)} out of limits"
+    lines = [f"{text}{', the worst point' if len(result.points) > 1 else ''}."]
+    leading = [(point, point.dimensions[0]) for point in result.points]
+    texts = describe_parameters(d.name for d in result.dimensions)
+    shares = [f"{p.name}, {texts[d.name]} {percent(d.share.value, 0)} %" for p, d in leading if d.share is not None]
+    if shares:
+        lines.append(f"Largest shares of the variance: {'; '.join(shares)}.")
+    failed = sum(point.spread.failed for point in result.points)
+    if failed:
+        lines.append(f"{failed:,} simulations failed; such parts count as out of limits.")
+    return lines
+
+
+def tolerance_notes(result: ToleranceResult) -> list[str]:
+    """Sentences on the study, and on the gain of a halved spread."""
     lines = [
-        f"{result.parts:,} parts of {result.injector.title}: {len(result.dimensions)} dimensions scatter within their "
+        f"{result.injector.title}: {len(result.dimensions)} dimensions scatter within their "
         f"tolerances, {len(result.points)} operating points, {result.injections:,} simulations."
     ]
+    texts = describe_parameters(d.name for d in result.dimensions)
     for point in result.points:
         best = point.dimensions[0]
         if best.share is not None:
             lines.append(
-                f"{point.name}: standard deviation {quantity(point.spread.deviation, 'm3', 3)}, "
-                f"{percent(best.share.value, 0)} % of the variance from {best.name}; with half of its spread "
-                f"{quantity(best.if_halved, 'm3', 3)}."
+                f"{point.name}: standard deviation {quantity(point.spread.deviation, 'm3', 3)}; with half of the "
+                f"spread of {texts[best.name]} {quantity(best.if_halved, 'm3', 3)}."
             )
-    failed = sum(point.spread.failed for point in result.points)
-    if failed:
-        lines.append(f"{failed:,} simulations failed; such parts count as out of limits.")
     return lines
 
 
@@ -251,4 +267,6 @@ def _facts(result: ToleranceResult) -> list[tuple[str, str]]:
     ]
 
 
-TOLERANCE = Presenter(lambda t: [t.title, *tolerance_lines(t)], tolerance_tables, tolerance_figures)
+TOLERANCE = Presenter(
+    lambda t: [t.title, *tolerance_lines(t), *tolerance_notes(t)], tolerance_tables, tolerance_figures
+)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from commonrail.base.choices import Precision
-from commonrail.cli.console import Bar, Stage, print_json, print_text, say
+from commonrail.cli.console import Bar, Stage, print_json, print_synthetic, print_text, say
 from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import Json, Threads
@@ -46,8 +46,8 @@ def tolerance(
     """
     from commonrail.base.hooks import hold_interrupts
     from commonrail.plugins.tolerance.file import load_tolerances
-    from commonrail.plugins.tolerance.page import tolerance_lines, tolerance_tables
-    from commonrail.report.analysis import run_into, synthetic_lines
+    from commonrail.plugins.tolerance.page import tolerance_lines, tolerance_notes, tolerance_tables
+    from commonrail.report.analysis import run_into
 
     changed: dict[str, Any] = {"parts": parts, "seed": seed, "precision": precision}
     loaded = replace(load_tolerances(file), **{key: value for key, value in changed.items() if value is not None})
@@ -57,7 +57,8 @@ def tolerance(
     if json:
         print_json(record)
     else:
-        print_text([*synthetic_lines(record), *tolerance_lines(study_result)], tolerance_tables(study_result))
+        print_synthetic(record["synthetic"])
+        print_text(tolerance_lines(study_result), tolerance_tables(study_result), tolerance_notes(study_result))
         if out is not None:
             click.echo(f"report: {out / 'report.html'}")
     if study_result.status == "interrupted":

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,9 @@ from commonrail.base.arrays import Floats
 from commonrail.base.display import Shown
 from commonrail.base.errors import ConfigurationError, InputError, SimulationError, StudyError
 from commonrail.base.output import write_set
+from commonrail.base.record import to_record
 from commonrail.base.text import command, number
+from commonrail.calibration.record import CalibrationRecord, read_as
 from commonrail.calibration.run import Calibration
 from commonrail.calibration.scoring import score_all
 from commonrail.calibration.study import Study
@@ -27,7 +28,17 @@ from commonrail.data.registry import of_role
 from commonrail.plugins.new.study import StatedByUser
 from commonrail.plugins.prediction.band import Band
 from commonrail.plugins.prediction.run import LEVEL, predict
-from commonrail.plugins.update.page import RECORD, update_lines
+from commonrail.plugins.update.page import update_lines
+from commonrail.plugins.update.record import (
+    RECORD,
+    Agreement,
+    Baseline,
+    ChangedError,
+    ErrorSize,
+    MovedParameter,
+    NewData,
+    UpdateRecord,
+)
 from commonrail.plugins.update.study import LOCAL, Addition, make_updated_study, read_addition
 from commonrail.readers.toml import read_toml
 from commonrail.report.data.bands import too_few_inside
@@ -44,22 +55,6 @@ FAR_LEVEL = 0.999  # level of the bands that decide on a contradiction
 # (Markov's inequality: 0.001/0.1).
 FAR_SHARE, FAR_LEAST = 0.1, 2
 RISEN = 0.01  # smallest relative rise of an error that is reported
-
-
-class Agreement(StrEnum):
-    """Agreement of new data with the predictions of a run."""
-
-    AGREES = "agrees"
-    """The 90 % bands hold enough values."""
-
-    OUTSIDE = "outside the bands"
-    """The 90 % bands hold too few values."""
-
-    CONTRADICTS = "contradicts"
-    """Too many values lie outside the 99.9 % bands: injector or bench have probably changed."""
-
-    UNJUDGED = "not judged"
-    """Bands are missing: data of this kind were not fitted or are gone, or the run has no draws."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -132,9 +127,9 @@ def update(
     calibrated value, without correlations.
     """
     folder, place = file_path(run, "run"), file_path(out, "out")
-    fit = [file_path(path, "files") for path in sequence(files, "files", '["new.csv"]')]
-    judge = [file_path(path, "held_out") for path in sequence(held_out, "held_out", '["new.csv"]')]
-    if not fit and not judge:
+    fitted_files = [file_path(path, "files") for path in sequence(files, "files", '["new.csv"]')]
+    held_out_files = [file_path(path, "held_out") for path in sequence(held_out, "held_out", '["new.csv"]')]
+    if not fitted_files and not held_out_files:
         raise ConfigurationError("files: name one or more files with new data.")
     stated, threads = instance(stated or StatedByUser({}), StatedByUser, "stated"), thread_count(threads)
     listener = instance(listener or Listener(), Listener, "listener")
@@ -145,7 +140,8 @@ def update(
     if inputs and not flag(as_begun, "as_begun"):
         cure = "add --as-begun to update it as it was"
         check_origins(folder, inputs, str(read_about(folder).get("given", "")), cure)
-    best = {str(p["name"]): float(p["best"]) for p in record["parameters"]}
+    fit = read_as(CalibrationRecord, record)
+    best = {parameter.name: parameter.best for parameter in fit.parameters}
     draws = read_draws(folder, list(best)) if (folder / DRAWS).is_file() else None
     document = read_toml(folder / STUDY)[0]
     gone = [block["name"] for block in document["data"] if not (folder / block["file"]).is_file()]
@@ -157,7 +153,7 @@ def update(
     optimiser = read_record(former, "commonrail update") if former.is_file() else document
     optimiser = optimiser.get("optimiser", {})  # stated by the user, before any update
     with new_folder(place) as unfinished:
-        addition = read_addition(folder, inputs, fit, judge, stated)
+        addition = read_addition(folder, inputs, fitted_files, held_out_files, stated)
         study = make_updated_study(
             folder,
             record["parameters"],
@@ -171,25 +167,26 @@ def update(
         calibration = calibrate_into(unfinished, study, threads=threads, listener=listener)
         if calibration.status != "finished":
             raise KeyboardInterrupt
-        content: dict[str, Any] = {
-            "run": str(folder),
-            "optimiser": optimiser,
-            "gone": gone,
-            "prior": is_prior,
-            "new": new,
-        }
-        content |= {"moved": _compare_values(record, calibration), "errors": _errors(calibration)}
-        content["lines"] = update_lines(content)
+        result = UpdateRecord(
+            run=str(folder),
+            optimiser=optimiser,
+            gone=tuple(gone),
+            prior=is_prior,
+            new=new,
+            moved=_compare_values(fit, calibration),
+            errors=_errors(calibration),
+        )
+        content = to_record(result._asdict() | {"lines": update_lines(result)})
         with write_set(unfinished):
             write_record(unfinished / RECORD, content)
         write_report(unfinished, live=False)
-    return Update(place, calibration, {row["name"]: Agreement(row["agreement"]) for row in new}, content)
+    return Update(place, calibration, {data.name: data.agreement for data in new}, content)
 
 
 def _judge_new_data(
     study: Study, addition: Addition, best: Mapping[str, float], draws: Floats | None, threads: int | None
-) -> list[dict[str, Any]]:
-    """Judge new data sets by a run whose calibrated values are the start values of the study; records."""
+) -> tuple[NewData, ...]:
+    """Judge new data sets by a run whose calibrated values are the start values of the study."""
     fitted = [data for data in of_role(study.data, Role.FIT) if not addition.holds(data.name)]
     new, bands = [data for data in study.data if addition.holds(data.name)], dict[str, Band]()
     unseen = [data.changed(role=Role.VALIDATION) for data in new if data.kind in {other.kind for other in fitted}]
@@ -199,36 +196,36 @@ def _judge_new_data(
             prediction = predict(predicted_study, best, draws=draws, levels=(LEVEL, FAR_LEVEL), threads=threads)
             bands = {band.data.name: band for band in prediction.bands}
     scores = score_all(study, study.injector, threads, new)
-    return [
-        {"name": data.name, "role": data.role.value, "error": _measure_error(data, score)}
-        | {"baseline": _baseline(data, score, fitted), **_agreement(bands.get(data.name))}
+    rows = (
+        NewData(data.name, data.role, _measure_error(data, score), _baseline(data, score, fitted), Agreement.UNJUDGED)
         for data, score in zip(new, scores, strict=True)
-    ]
+    )
+    return tuple(_judge_by_band(row, bands.get(row.name)) for row in rows)
 
 
-def _agreement(band: Band | None) -> dict[str, Any]:
+def _judge_by_band(row: NewData, band: Band | None) -> NewData:
     values = 0 if band is None else int(np.count_nonzero(band.counted))
     if band is None or not values:
-        return {"agreement": Agreement.UNJUDGED.value}
+        return row
     outside, agreement = values - band.covered(FAR_LEVEL), Agreement.AGREES
     if outside >= max(FAR_SHARE * values, min(FAR_LEAST, values)):
         agreement = Agreement.CONTRADICTS
     elif too_few_inside({"band": band.judgement(LEVEL, "")}):
         agreement = Agreement.OUTSIDE
-    return {"agreement": agreement.value, "values": values, "covered": band.covered(LEVEL), "far": outside}
+    return row._replace(agreement=agreement, values=values, covered=band.covered(LEVEL), far=outside)
 
 
-def _measure_error(data: DataSet, score: Score) -> dict[str, Any]:
-    """Error of a data set as in the verdict of a report: a share, or in tolerances; JSON-able."""
+def _measure_error(data: DataSet, score: Score) -> ErrorSize:
+    """Error of a data set as in the verdict of a report."""
     fit_error = view_of(data.kind).fit_error(data.record({JUDGED: score}))
     size = fit_error.size if fit_error else float(np.sqrt(np.mean(data.errors(score.values) ** 2)))
-    return {"size": number(size), "in_tolerances": fit_error is None or fit_error.in_tolerances}
+    return ErrorSize(number(size), fit_error is None or fit_error.in_tolerances)
 
 
-def _baseline(data: DataSet, score: Score, fitted: Sequence[DataSet]) -> dict[str, Any] | None:
+def _baseline(data: DataSet, score: Score, fitted: Sequence[DataSet]) -> Baseline | None:
     """Trivial model from the fitted data: the usual one of the kind, or for a curve the fitted curve nearest to it."""
     for item in score.baselines(fitted):
-        return {"text": str(item["text"]), "beaten": item.get("beaten")}
+        return Baseline(str(item["text"]), item.get("beaten"))
     curves = [item for item in fitted if isinstance(item, RateData)]
     if not isinstance(data, RateData) or not curves:
         return None
@@ -236,35 +233,32 @@ def _baseline(data: DataSet, score: Score, fitted: Sequence[DataSet]) -> dict[st
     nearest = min(curves, key=lambda item: float(np.abs(np.log(_place(item) / place)).sum()))
     volume = np.append(0.0, np.cumsum(nearest.rate * np.diff(nearest.bounds)))
     trivial = replace(score, values=np.diff(np.interp(data.bounds, nearest.bounds, volume)) / np.diff(data.bounds))
-    size, other = (_measure_error(data, item)["size"] for item in (score, trivial))
+    size, other = (_measure_error(data, item).size for item in (score, trivial))
     beaten = None if size is None or other is None else size < other
-    return {"text": f"the nearest fitted curve, {nearest.name}", "beaten": beaten}
+    return Baseline(f"the nearest fitted curve, {nearest.name}", beaten)
 
 
 def _place(data: RateData) -> Floats:
     return np.array([data.point.initial_pressures()[0], 1e-6 + sum(pulse.duration for pulse in data.point.pulses)])
 
 
-def _compare_values(record: Mapping[str, Any], calibration: Calibration) -> list[dict[str, Any]]:
+def _compare_values(fit: CalibrationRecord, calibration: Calibration) -> tuple[MovedParameter, ...]:
     """Values [SI] before and after; largest move first, in half widths of the earlier interval."""
-    intervals = {parameter["name"]: parameter for parameter in record.get("certainty", {}).get("parameters", ())}
+    intervals = {p.name: (p.lower, p.upper) for p in fit.certainty.parameters} if fit.certainty else {}
     rows = []
-    for parameter in record["parameters"]:
-        before, after = float(parameter["best"]), calibration.best[parameter["name"]]
-        low, high = (intervals.get(parameter["name"], {}).get(end) for end in ("lower", "upper"))
-        moved = None if low is None or high is None or low == high else 2.0 * (after - before) / (high - low)
-        rows.append(
-            {"name": parameter["name"], "unit": parameter["unit"], "before": before, "after": after, "moved": moved}
-        )
-    return sorted(rows, key=lambda row: -abs(row["moved"] or 0.0))
+    for parameter in fit.parameters:
+        after = calibration.best[parameter.name]
+        low, high = intervals.get(parameter.name, (None, None))
+        moved = None if low is None or high is None or low == high else 2.0 * (after - parameter.best) / (high - low)
+        rows.append(MovedParameter(parameter.name, parameter.unit, parameter.best, after, moved))
+    return tuple(sorted(rows, key=lambda row: -abs(row.moved or 0.0)))
 
 
-def _errors(calibration: Calibration) -> list[dict[str, Any]]:
-    """Error of each data set with the earlier and the new values; `rises`: by more than `RISEN`."""
+def _errors(calibration: Calibration) -> tuple[ChangedError, ...]:
+    """Error of each data set with the earlier and the new values; it rises by more than `RISEN`."""
     rows, scores = [], calibration.scores
     for data, start, best in zip(calibration.study.data, scores["start"], scores[JUDGED], strict=True):
         before, after = _measure_error(data, start), _measure_error(data, best)
-        sizes = before["size"], after["size"]
-        rises = sizes[1] is None or (sizes[0] is not None and sizes[1] > (1.0 + RISEN) * sizes[0])
-        rows.append({"name": data.name, "role": data.role.value, "before": before, "after": after, "rises": rises})
-    return rows
+        rises = after.size is None or (before.size is not None and after.size > (1.0 + RISEN) * before.size)
+        rows.append(ChangedError(data.name, data.role, before, after, rises))
+    return tuple(rows)

@@ -9,7 +9,7 @@ import click
 
 from commonrail.base.errors import InputError
 from commonrail.base.stages import telling
-from commonrail.cli.console import Bar, print_json, print_lines, show_stages_on
+from commonrail.cli.console import Bar, print_json, print_text, show_stages_on
 from commonrail.cli.fit import JUDGED_SOON, stage_of
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import DecimalSign, Encoding, Json, SheetName, Threads, check_folder, free_run_folder
@@ -91,7 +91,5 @@ def update(
     if json:
         print_json({"kind": "update", "folder": str(place), **result.content})
         return
-    print_lines(
-        [*result.content["lines"], verdict(read_as(CalibrationRecord, read_result(place)), str(place)).headline]
-    )
+    print_text([*result.content["lines"], verdict(read_as(CalibrationRecord, read_result(place)), str(place)).headline])
     click.echo(f"report: {place / 'report.html'}")

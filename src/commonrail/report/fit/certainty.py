@@ -90,6 +90,13 @@ def interval_digits(p: CertainParameter) -> int:
     return min(2 + math.floor(math.log10(size / width)), 12) if 0.0 < width < size else 1
 
 
+def verdict_sentence(parameters: Sequence[ParameterRecord]) -> str:
+    """Number of parameters by verdict."""
+    counts = Counter(p.verdict for p in parameters)
+    counted = [f"{count} {verdict}" for verdict, count in counts.most_common() if verdict]
+    return f"{count_noun(len(parameters), 'parameter')}: {', '.join(counted) or 'not judged'}."
+
+
 def certainty_lines(certainty: CertaintyRecord | None) -> list[str]:
     """Sentences on the search, the tests for lack of fit, the errors of the bench, and cures."""
     if certainty is None:

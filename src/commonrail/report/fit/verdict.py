@@ -264,7 +264,8 @@ def verdict(record: CalibrationRecord, run: str) -> ReportVerdict:
     notes = [point for point in points if point.kind is Kind.NOTE]
     urgent = {point.step for point in against if point.level == BAD}
     after = [Step(*map_line(record, run), USE)] if level != BAD else []
-    steps = dict.fromkeys([*(point.step for point in (*against, *notes)), *after])
+    # what a note advises, such as further measurements, is of no use before the model fits
+    steps = dict.fromkeys([*(point.step for point in (against if level == BAD else [*against, *notes])), *after])
     order = sorted(steps, key=lambda step: (step not in urgent, not step.command, step.turn))
     return ReportVerdict(level, TITLES[level], [p.reason for p in against], [p.reason for p in notes], order)
 
@@ -331,14 +332,41 @@ def _tests(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
         if test.detected:
             chances = [chance for chance in (test.probability, test.score, test.size, 1.0) if chance is not None]
             step = Step(text, advice.calibrate(), FREE)
-            if free := _suspect(record, test):
+            if _is_of_quantity(test):
+                words = "Check the calibration of the meter, the unit and density of the data, and the nozzle's holes."
+                step = Step(words, turn=FREE)
+            elif not _is_worth_a_fit(record, test.relief):
+                step = LACKING
+            elif free := _suspect(record, test):
                 words = f"Free {free}, which the data look like, unless you can measure and state it."
                 step = Step(words, advice.calibrate(free=free), FREE)
             reason = f"{test.sentence[:1].upper()}{test.sentence[1:]}."
             yield Point(Kind.TEST, reason, step, probability=min(chances))
 
 
-_OF_METER = {"delay": "delay", "bandwidth": "cutoff", "gain": "gain", "offset": "offset"}  # suspects of a data set
+LEAST_RELIEF = 0.1  # share of the error that a change of the study must promise, chosen: 10 % become 9 %
+LACKING = Step(
+    "Check units, time zero and operating points of the data, then the type and the drawing of the injector: no single "
+    "value that the study fixes would lower the errors much."
+)
+
+
+def _is_worth_a_fit(record: CalibrationRecord, relief: float) -> bool:
+    """Return whether a change of a study is expected to lower its errors, unless they are good already."""
+    errors = (view_of(d["kind"]).fit_error(d) for d in of_role(record.data, "fit"))
+    return relief >= LEAST_RELIEF or worst_level(filter(None, errors)) in ("", GOOD)
+
+
+def _is_of_quantity(test: LackOfFitRecord) -> bool:
+    """Return whether the data look like a gain or an offset of their meter.
+
+    A meter whose gain is free makes every quantity of the model uncertain by it: freeing it is no cure.
+    """
+    key = parts_of(test.name)[1] if is_of_meter(test.name) else test.suspect
+    return key in ("gain", "offset")
+
+
+_OF_METER = {"delay": "delay", "bandwidth": "cutoff"}  # suspects of a data set
 
 
 def _suspect(record: CalibrationRecord, test: LackOfFitRecord) -> str:
@@ -360,6 +388,9 @@ def _suspect(record: CalibrationRecord, test: LackOfFitRecord) -> str:
 def _errors(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
     """Errors on each data set, fitted or not."""
     step = Step("Check units, time zero and operating points of the data, then the bounds of the parameters.")
+    certainty = record.certainty
+    reliefs = [certainty.widening, *(t.relief for t in certainty.tests if t.detected)] if certainty else [1.0]
+    step = step if any(_is_worth_a_fit(record, relief) for relief in reliefs) else LACKING
     for data in record.data:
         if (error := view_of(data["kind"]).fit_error(data)) is not None:
             name = f"{data['name']}{'' if data['role'] == 'fit' else ', which was not fitted,'}"
@@ -455,7 +486,9 @@ def _parameters(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
     if bounded := [p.name for p in parameters if p.at_bound]:
         text = "These bounds are the ends of what is possible or built: check the drawing, and free what acts alike."
         step = Step(text, turn=WIDEN)
-        if movable := [p.name for p in parameters if p.at_bound and can_widen(p._asdict())]:
+        movable = [p.name for p in parameters if p.at_bound and can_widen(p._asdict())]
+        certainty = record.certainty
+        if movable and (certainty is None or _is_worth_a_fit(record, certainty.widening)):
             text = f"Widen the bounds of {_some(movable)} if the parts allow it."
             step = Step(text, advice.calibrate(widen=True), WIDEN)
         yield Point(Kind.BOUND, f"At a bound: {_some(bounded)}.", step)

@@ -1,0 +1,57 @@
+"""What one more free value, or a wider bound, is expected to take away from the error; models are linear."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.space import Space
+from commonrail.data.noise import Correlation, Law, Noise
+from commonrail.plugins.certainty.relief import Relief
+from tests.plugins.certainty.linear import TRUTH, Floats, N, design, fitted, likelihood
+
+WHITE = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE)
+T = np.linspace(0.0, 1.0, N)
+
+
+def measured(more: Floats | float, seed: int) -> Floats:
+    return np.asarray(design() @ TRUTH + more + 0.2 * np.random.default_rng(seed).standard_normal(N))
+
+
+def rms_of_least_squares(columns: Floats, y: Floats) -> float:
+    return float(np.sqrt(np.mean((y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]) ** 2)))
+
+
+def test_the_relief_is_that_of_a_refit_by_least_squares() -> None:
+    wave = np.sin(40.0 * T)
+    y = measured(wave, 1)
+    relief = Relief(fitted(likelihood([y], [design()], [WHITE])))
+    refit = rms_of_least_squares(np.column_stack([design(), wave]), y) / rms_of_least_squares(design(), y)
+    assert relief.of_values(0.01 * wave[None]) == pytest.approx(1.0 - refit, abs=2e-3)  # a search ends near its optimum
+    assert relief.of_values(np.sin(70.0 * T)[None]) < 0.02
+    assert relief.of_bounds() == 0.0
+
+
+def test_a_bound_that_holds_a_parameter_off_has_the_relief_of_a_wider_one() -> None:
+    """The truth of the second parameter is 3, and its bound is 2."""
+    ranges = [(0.1, 10.0), (0.1, 2.0), (0.1, 10.0)]
+    room = Space([
+        Parameter(name, 1.5, low, high, "1", mark="E", source="test")
+        for name, (low, high) in zip("abc", ranges, strict=True)
+    ])  # fmt: skip
+    y = measured(0.0, 2)
+    found = fitted(likelihood([y], [design()], [WHITE], room))
+    after = rms_of_least_squares(design(), y) / float(np.sqrt(np.mean(found.errors**2)))
+    assert after < 0.4
+    assert Relief(found).of_bounds() == pytest.approx(1.0 - after, abs=5e-2)  # weights are those of the first fit
+
+
+def test_curves_count_as_much_as_maps() -> None:
+    """A curve of 300 samples, and a map of 12 values that alone has the error: half of the mean square goes."""
+    x, rows = design(), np.linspace(0, N - 1, 12).astype(int)
+    wave = np.cos(np.pi * np.arange(12))
+    map_values = x[rows] @ TRUTH + 2.0 * wave
+    found = fitted(likelihood([measured(0.0, 3), map_values], [x, x[rows]], [WHITE, WHITE]))
+    change = np.append(np.zeros(N), wave)
+    assert Relief(found).of_values(change[None]) == pytest.approx(1.0 - np.sqrt(0.5), abs=0.05)
