@@ -193,7 +193,7 @@ class LackOfFitRecord(NamedTuple):
     probability: float | None = None
     score: float | None = None
     size: float | None = None
-    relief: float = 0.0
+    relief: float | None = None  # share of the error that freeing the suspect promises to take away
 
 
 class CertaintyRecord(NamedTuple):
@@ -209,7 +209,7 @@ class CertaintyRecord(NamedTuple):
     settled: bool = False
     withdrawn: str = ""
     discrepancy: float = 0.0
-    widening: float = 0.0
+    widening: float | None = None  # share of the error that wider bounds promise to take away
     draws_refused: Annotated[str, Key("draws.refused")] = ""
     bench: tuple[BenchQuantity, ...] = ()
     combinations: tuple[CombinedValue, ...] = ()

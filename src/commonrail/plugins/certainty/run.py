@@ -184,7 +184,7 @@ def assess(
     verdicts = verdicts_of(judged, d, (low, high), correlation, reason, limit=limit, level=level)
     points = points[:, :d]
     sums = {text: _combined(float(row @ values), points @ row, level) for text, row in rows.items()}
-    widening = Relief(result).of_bounds()
+    widening = Relief(result).of_bounds(d)
     return Certainty(result, values, draws, d, level, low, high, correlation, tests, reason, verdicts, sums, widening)
 
 
