@@ -34,19 +34,19 @@ from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.variants import Variant, connections_of
 
-_INTERVALS = 16  # of the way from rail pressure to zero: temperatures are exact to about 0.01 K
+_INTERVALS = 16  # from rail pressure to zero: temperatures are exact to about 0.01 K
 _LENGTHS = ("plunger_needle.plunger_guide_length", "plunger_needle.needle_guide_length")
-_HALF_DIFFERENCE = 0.5  # K: of temperatures for the slope of density; third derivatives are negligible over it
+_HALF_DIFFERENCE = 0.5  # [K], for the derivative of density; third derivatives are negligible
 
 
 def density_and_expansivity(fuel: Fuel, pressure: float, temperature: float) -> tuple[float, float]:
     """Density [kg/m3] and isobaric expansivity alpha = -(d rho/dT)/rho [1/K], a central difference.
 
-    `pressure` [Pa]; `temperature` [K]: one outside the fuel's range counts as that at its end.
+    `pressure` [Pa]; `temperature` [K]: limited to the fuel's range.
     """
     low, high = fuel.temperature_range
     at = min(max(temperature, low + _HALF_DIFFERENCE), high - _HALF_DIFFERENCE)
-    real = replace(fuel, adiabatic=False)  # whose density is that at its temperature
+    real = replace(fuel, adiabatic=False)  # density at the given temperature
     cold, hot = real.density(pressure, np.array([at - _HALF_DIFFERENCE, at + _HALF_DIFFERENCE])).tolist()
     mean = 0.5 * (cold + hot)
     return mean, (cold - hot) / (2.0 * _HALF_DIFFERENCE * mean)
@@ -96,15 +96,15 @@ def _along(fuel: Fuel, temperature: float, pressures: Floats, dissipated: float)
 
 
 class Effect(NamedTuple):
-    """Relative changes [1] of injected and returned mass by the heat: a second and a third simulation.
+    """Relative changes [1] of injected and returned mass caused by heating, from two further simulations.
 
     Attributes
     ----------
     injected, returned : float
-        With all fuel as hot as that in the control chamber while the valve is open, and the guides' leak as its own
-        heat makes it. The fuel in front of the needle is colder than that.
+        With all fuel at the temperature of the control chamber while the valve is open, and with the heated leak of the
+        guides. The real fuel upstream of the needle is colder.
     returned_by_leak : float
-        With the leak's own heat alone.
+        With the heated leak of the guides only.
     """
 
     injected: float
@@ -128,13 +128,15 @@ class Heating:
     sac : float
         After the needle's seat, mean of the injected mass.
     jet : float
-        At the end of the nozzle's holes, where (c_d)² of the pressure drop is motion: a jet without contraction.
+        At the end of the nozzle's holes, where the share c_d² of the pressure drop is kinetic energy (jet not
+        contracted).
     injected : float
-        Once its motion has become heat.
+        After the kinetic energy of the jet has become heat.
     leak_factor : float
-        Leak of the guides with the viscosity at the temperature that it has on its way, over that at `rail` [1].
+        Leak of the guides with the viscosity at the temperature in the gap, over the leak at the temperature `rail`
+        [1].
     beyond : bool
-        A temperature is above the fuel's range: properties are then those at its end.
+        A temperature is above the fuel's range; the properties are then taken at the end of the range.
     limits : tuple of str
         Where the fuel would boil, and which holes cavitate, in words.
     effect : Effect or None
@@ -301,7 +303,7 @@ def _mean(values: Floats, weight: Floats) -> float:
 
 
 def _cavitation(hole: str, free: Floats, most: Floats, flows: Bools) -> tuple[str, ...]:
-    """Sentence on a hole whose (c_d A)² Δp is above what cavitation lets through, of the samples in which it flows."""
+    """Sentence on a hole whose (c_d A)² Δp is above what cavitation lets through, in samples with flow."""
     share = float(np.mean(free[flows] > most[flows])) if flows.any() else 0.0
     return (f"{hole} cavitates in {percent(share, 0)} % of the time in which it flows",) if share > 0.0 else ()
 
@@ -333,9 +335,9 @@ def _effect(injector: Injector, point: OperatingPoint, estimate: Heating, step: 
 
 
 def beside(injector: Injector, point: OperatingPoint, solution: Solution, step: float | None) -> Beside:
-    """Figures and record in addition to a simulation; without an estimate the figure says why, for any error.
+    """Figures and record of heating for a simulation; if the estimate fails, the figure states the reason.
 
-    `step`: time step [s] of the simulations that give the effect; None for none.
+    `step`: time step [s] of the simulations of the effect; None omits them.
     """
     if injector.fuel.heat_capacity_law is None:
         text = f"not estimated: {injector.fuel.name} states no heat capacity (table [heat_capacity] of its file)"

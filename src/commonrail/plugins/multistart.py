@@ -45,9 +45,7 @@ class MultiStartSettings:
     Raises `ConfigurationError` if a number lies outside its range, or a count is not an integer.
     """
 
-    size: ClassVar[str] = (
-        "{starts} starts of {members} draws, {generations} iterations at most"  # in words, of a report
-    )
+    size: ClassVar[str] = "{starts} starts of {members} draws, {generations} iterations at most"  # for reports
 
     # candidates drawn and simulated once; descents start from good ones far from each other
     members: int = count(128, MOST_MEMBERS, 1)
@@ -126,7 +124,7 @@ class MultiStartLeastSquares(Optimiser):
 
     @property
     def ends(self) -> tuple[Best, ...]:
-        """End points of the descents of all waves."""
+        """End points of all descents, best first."""
         return ranked(self.best, self.population, self.costs)
 
     def _noise(self, cost: float) -> float:
@@ -134,7 +132,7 @@ class MultiStartLeastSquares(Optimiser):
         return noise_of(cost, self._ends.residuals.shape[1], self.space.dimension, self._loss.units)
 
     def _losses(self) -> tuple[LossSum, float]:
-        """Losses, smoothed at the best descent's residuals, and the change of their sum that changes 2 ln L by 1."""
+        """Losses, smoothed near the best descent's residuals, and the change of their sum that changes 2 ln L by 1."""
         best = self._ends.residuals[int(np.argmin(self.costs))]
         losses = LossSum.near(self._loss, best)
         return losses, self._noise(float(losses.costs(best)))

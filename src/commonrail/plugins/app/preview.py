@@ -22,7 +22,7 @@ from commonrail.base.input import read_plain
 
 MOST_SAMPLES = 400  # of a curve that is drawn
 LONGEST_LINE = 20_000_000  # of an answer [bytes]
-# Dimensions next to the section, by the words in it.
+# Parameters listed next to the section drawing, by group.
 GROUPS = {
     "solenoid": "solenoid.turns solenoid.resistance solenoid.residual_gap drive.peak_current drive.hold_current",
     "armature and valve": "valve.lift valve.mass valve.spring_preload valve.seat_diameter",
@@ -134,7 +134,7 @@ class Worker:
         return self._study
 
     def study(self, path: str, values: dict[str, float], shifts: dict[str, float]) -> dict[str, Any]:
-        """Data of a study and its start values; other `values` [SI] and `shifts` of time zeros [s] count first."""
+        """Data of a study, simulated at its start values; `values` [SI] replace these, `shifts` [s] move time zeros."""
         from commonrail.data.simulator import Simulator
 
         study = self._load(Path(path))

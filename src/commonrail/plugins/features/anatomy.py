@@ -216,7 +216,7 @@ class Section:
         return float(self.values[name].max()) if name in self.values else 0.0
 
     def move(self, name: str, stroke: float, by: str = "") -> Markup:
-        """Attributes of a part that moves up by a stroke [px] at the largest lift of a course, or of `by`."""
+        """Attributes of a part that moves with a lift, up by a stroke [px] at the largest lift (of `by` if given)."""
         if name not in self.values:
             return Markup("")
         scale = -stroke / max(self.largest(by or name), 1e-9)

@@ -1,4 +1,4 @@
-"""Energising times that hold a quantity: of a second injection at any dwell, of a single one over a condition."""
+"""Energising times for a constant quantity: second injection at any dwell, or single injection over a condition."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def hold(
         Rail pressures and one condition, such as ``{"rail_pressure": ["80 MPa"], "drive.boost_voltage": [50, 65]}``.
         With a ``first_energising_time`` the condition is the dwell, and the times apply to the second injection.
     quantities : array
-        SI or texts with units [m³]; a small one gives the dead time.
+        SI values or texts with units [m³]; a small quantity gives the dead time.
     longest : float or str
         Longest simulated energising time [s].
     time_step, threads, **fixed

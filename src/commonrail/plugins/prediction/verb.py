@@ -51,9 +51,9 @@ def predict(
 
     At operating points, or at all data of the study; bands of 50 % and 90 %.
 
-    A band holds what the parameters may be, and how far measured values lie from the best prediction: the tolerance
-    of a map, or the residual level of the fit where that is larger. Without operating points the measured values
-    inside the bands are counted, those of the validation apart.
+    A band combines parameter uncertainty and the scatter of measured values about the best prediction: the tolerance of
+    a map, or the residual level of the fit if it is larger. Without operating points the measured values inside the
+    bands are counted, separately for validation data.
 
     \b
     Examples:
