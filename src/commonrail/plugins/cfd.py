@@ -30,7 +30,7 @@ HOLES = "nozzle.holes"
 
 
 class Course(NamedTuple):
-    """Mass flow of one hole [kg/s] at times (n,) [s], linear between them, and what it is in words."""
+    """Mass flow of one hole [kg/s] at times (n,) [s], linear between them, with a description."""
 
     time: Floats
     rate: Floats

@@ -53,9 +53,9 @@ def density_and_expansivity(fuel: Fuel, pressure: float, temperature: float) -> 
 
 
 def heat_capacity(fuel: Fuel, temperature: float) -> float:
-    """Isobaric specific heat capacity [J/(kg K)] at a temperature [K], which is held at the ends of the fuel's range.
+    """Isobaric specific heat capacity [J/(kg K)] at a temperature [K], limited to the fuel's range.
 
-    Raises ConfigurationError if the fuel states none.
+    Raises ConfigurationError if the fuel states no heat capacity.
     """
     if fuel.heat_capacity_law is None:
         raise ConfigurationError(
@@ -68,8 +68,8 @@ def heat_capacity(fuel: Fuel, temperature: float) -> float:
 def throttle(fuel: Fuel, temperature: float, pressures: Floats) -> Floats:
     """Temperatures (n,) [K] at pressures (n,) [Pa] that a fuel passes at constant enthalpy.
 
-    As in a hole or a guide whose outflow has lost its motion, without heat to the walls. The midpoint rule between the
-    pressures: 16 intervals over 160 MPa are exact to 0.01 K.
+    This describes a hole or a guide after the outflow has lost its kinetic energy, without heat to the walls. The
+    midpoint rule is used between the pressures: 16 intervals over 160 MPa are exact to 0.01 K.
 
     `temperature`: at the first pressure [K]. Raises ConfigurationError as `heat_capacity` does.
     """
@@ -114,7 +114,7 @@ class Effect(NamedTuple):
 
 @dataclass(frozen=True)
 class Heating:
-    """Temperatures [K] along the way, without heat to the walls; NaN where there is no flow.
+    """Temperatures [K] along the flow path, without heat to the walls; NaN without flow.
 
     Attributes
     ----------
@@ -209,7 +209,7 @@ def heating(
 
 
 def _refuse_other(point: OperatingPoint, solution: Solution) -> None:
-    """Refuse a solution whose length or rail pressure at rest differs from the point's."""
+    """Refuse a solution whose duration or initial rail pressure differs from the operating point."""
     rail = solution.channels.get("rail_pressure", np.array([point.initial_pressures()[0]]))[0]
     for words, unit, stated, simulated, slack in (
         ("duration", "s", point.duration, float(np.ptp(solution.time)), 2.0 * float(np.diff(solution.time[:2])[0])),
@@ -237,7 +237,7 @@ def _way(injector: Injector, point: OperatingPoint) -> _Way:
     """Way of a simulation's fuel; `ConfigurationError` if it states no heat capacity."""
     fuel, start = injector.fuel, injector.values[FUEL_TEMPERATURE]
     rail, _, low = point.initial_pressures()
-    if fuel.adiabatic:  # the stated temperature is that before the pump
+    if fuel.adiabatic:  # the stated temperature is upstream of the pump
         start = float(compress(fuel, start, np.linspace(low, rail, _INTERVALS + 1))[-1])
     pressures = np.linspace(rail, 0.0, _INTERVALS + 1)
     return _Way(pressures, throttle(fuel, start, pressures))
@@ -246,7 +246,7 @@ def _way(injector: Injector, point: OperatingPoint) -> _Way:
 def _nozzle(
     fuel: Fuel, c: Any, point: OperatingPoint, solution: Solution, way: _Way
 ) -> tuple[float, float, float, tuple[str, ...]]:
-    """Temperatures after seat, holes and the end of motion, means of the injected mass, and limits reached."""
+    """Temperatures after the seat, after the holes and of the jet at rest, averaged over mass, and limits reached."""
     weight, channels = np.maximum(solution.mass_rate, 0.0), solution.channels
     sac, discharge = _middles(channels["sac_pressure"]), _middles(channels["discharge_coefficient"])
     cylinder = _middles(values_at(point.cylinder_pressure, solution.time))
@@ -265,7 +265,7 @@ def _nozzle(
 
 
 def _drain(c: Any, variant: Variant, solution: Solution, way: _Way) -> tuple[float, tuple[str, ...]]:
-    """Temperature in the control chamber, mean of what the valve lets out, and the holes that cavitate."""
+    """Temperature in the control chamber, averaged over the valve's outflow, and the holes that cavitate."""
     channels, hole, vapour = solution.channels, c.control_chamber, c.fuel.vapour_pressure
     feed, chamber = channels["accumulation_pressure"], channels["control_pressure"]
     gap = np.square(c.valve.gap_slope * np.maximum(channels["valve_lift"], 0.0))  # (c_d A)², as `valve.gap_cda2`
@@ -282,7 +282,7 @@ def _drain(c: Any, variant: Variant, solution: Solution, way: _Way) -> tuple[flo
 
 
 def _leak_factor(fuel: Fuel, guides: Any, way: _Way, low: float) -> float:
-    """Leak of both guides with its own heat over that without, by Reynolds' equation, q l = π d/12 ∫ g³/ν dp [1]."""
+    """Leak of both guides heated over unheated [1], by Reynolds' equation, q l = π d/12 ∫ g³/ν dp."""
     inside = way.pressures > low
     p = np.append(way.pressures[inside], low)
     warm = np.minimum(np.append(way.temperatures[inside], way.at(low)), fuel.temperature_range[1])
@@ -303,13 +303,13 @@ def _mean(values: Floats, weight: Floats) -> float:
 
 
 def _cavitation(hole: str, free: Floats, most: Floats, flows: Bools) -> tuple[str, ...]:
-    """Sentence on a hole whose (c_d A)² Δp is above what cavitation lets through, in samples with flow."""
+    """Sentence on a hole whose (c_d A)² Δp is above the limit of cavitation, with the share of its flow time."""
     share = float(np.mean(free[flows] > most[flows])) if flows.any() else 0.0
     return (f"{hole} cavitates in {percent(share, 0)} % of the time in which it flows",) if share > 0.0 else ()
 
 
 def _boiling(fuel: Fuel, what: str, temperature: float, behind: float, place: str) -> tuple[str, ...]:
-    """Sentence on fuel whose vapour pressure is above the pressure that it comes to [Pa]."""
+    """Sentence on fuel that boils: its vapour pressure is above the pressure downstream [Pa]."""
     vapour = float(fuel.vapour_pressure(np.clip(temperature, *fuel.temperature_range)))
     if vapour <= behind:
         return ()
@@ -319,7 +319,7 @@ def _boiling(fuel: Fuel, what: str, temperature: float, behind: float, place: st
 
 
 def _effect(injector: Injector, point: OperatingPoint, estimate: Heating, step: float) -> Effect:
-    """Changes by the heat, of three candidates of one batch."""
+    """Effect of heating, from three candidates of one batch."""
     fuel, start = injector.fuel, injector.values[FUEL_TEMPERATURE]
     rail, _, low = point.initial_pressures()
     hot = start + estimate.control_chamber - estimate.rail

@@ -50,7 +50,7 @@ class MultiStartSettings:
     # candidates drawn and simulated once; descents start from good ones far from each other
     members: int = count(128, MOST_MEMBERS, 1)
     generations: int = count(60, MOST_GENERATIONS)  # iterations of the descents, at most
-    # parallel descents, fewer if not enough draws can be simulated. As many again follow if these end without agreement
+    # parallel descents, fewer if too few draws can be simulated; the same number follows if they end without agreement
     starts: int = count(8, MOST_STARTS, 1)
     difference: float = 1e-4  # forward difference of the derivatives as a share of each range
 
@@ -62,12 +62,12 @@ class MultiStartSettings:
 
 
 class MultiStartLeastSquares(Optimiser):
-    """Least squares with geodesic acceleration from several starts; it ends when enough of them agree.
+    """Least squares with geodesic acceleration from several starts; it ends when enough starts agree.
 
     The first step simulates draws from priors and bounds. Each further step is an iteration of all descents. When all
-    have ended, the search has converged if `AGREEING` of them are within `ALIKE` of the best 2 ln L and a full step
-    from the best is predicted to gain less than `SMALL_GAIN`. Otherwise as many descents start once more from other
-    draws. The likelihood uses the noise of the objective, see `noise_of`.
+    descents have ended, the search has converged if `AGREEING` descents are within `ALIKE` of the best 2 ln L and a
+    full step from the best is predicted to gain less than `SMALL_GAIN`. Otherwise the same number of descents starts
+    from other draws. The likelihood uses the noise of the objective, see `noise_of`.
 
     `rng`: source of every draw.
     """

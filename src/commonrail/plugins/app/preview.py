@@ -1,4 +1,4 @@
-"""Simulations for the pages, in a process of their own: the server stays small, and no page waits for a compiler.
+"""Simulations for the pages, in a separate process: the server stays small, and no page waits for a compiler.
 
 ``python -m commonrail.plugins.app.preview`` reads requests and writes answers, a line of JSON each.
 """
@@ -118,7 +118,7 @@ def _compare(data: Any, simulated: Any) -> dict[str, Any]:
 
 
 class Worker:
-    """Answers to requests; the study that was loaded last stays in memory."""
+    """Answers to requests; the last study stays in memory."""
 
     def __init__(self) -> None:
         self._key: Any = None
@@ -154,7 +154,7 @@ class Worker:
         return {"data": sets, "meters": meters}
 
     def parameters(self, path: str) -> dict[str, Any]:
-        """Free parameters of a study [SI], and all that could be freed."""
+        """Free parameters of a study [SI], and all parameters that could be freed."""
         from commonrail.base.units import to_text
         from commonrail.physics.injector import parameter_quantities
 

@@ -20,7 +20,7 @@ from commonrail.data.base import DataSet
 from commonrail.data.noise import NOISE, Correlation, Law, Noise
 
 FREEDOM = 4.0  # of Student's t
-ROUNDING = 0.2  # of the corner of the Laplace law, and width of the kernel of its density, in scales
+ROUNDING = 0.2  # radius of the rounded corner of the Laplace law, and kernel width of its density, in scales
 _NORMAL = 1.4826  # standard deviation of a normal sample over its median magnitude
 _TURNS = 60
 
@@ -31,7 +31,7 @@ class DensityLaw(NamedTuple):
     The slope of the Laplace law is a kernel density estimate: its mean over residuals is twice their density at zero.
     """
 
-    cost: Callable[[Floats], Floats]  # ρ, which is −2 ln of the density without its constant
+    cost: Callable[[Floats], Floats]  # ρ = −2 ln of the density, without its constant
     weight: Callable[[Floats], Floats]  # ψ/u with ψ = ρ′/2
     slope: Callable[[Floats], Floats]  # ψ′
     constant: float  # −2 ln of the density at zero, with scale 1
@@ -115,7 +115,7 @@ def scale_of(law: Law, errors: Floats, freedom: float) -> float:
 MOST = 15  # largest order
 _SHARE = 0.1  # of the samples that the order may reach
 _LIMIT = 0.995  # largest reflection coefficient
-BIAS = 2.0  # of the first reflection coefficient of a series whose mean is known: −2 r/n
+BIAS = 2.0  # of the first reflection coefficient r of n samples with known mean: −2 r/n
 
 
 class Autoregression:
@@ -126,12 +126,12 @@ class Autoregression:
 
     @property
     def order(self) -> int:
-        """Number of former samples that a sample depends on."""
+        """Number of previous samples that a sample depends on."""
         return len(self.reflections)
 
     @cached_property
     def predictors(self) -> list[Floats]:
-        """Coefficients of the best predictors from 0, 1, … `order` former samples, by Levinson's recursion."""
+        """Coefficients of the best predictors from 0, 1, … `order` previous samples, by Levinson's recursion."""
         predictors = [np.empty(0)]
         for k in self.reflections:
             previous = predictors[-1]
@@ -140,7 +140,7 @@ class Autoregression:
 
     @property
     def innovation_share(self) -> float:
-        """Standard deviation of an innovation over that of a sample."""
+        """Standard deviation of an innovation over the standard deviation of a sample."""
         return float(np.sqrt(np.prod(1.0 - self.reflections**2)))
 
     def whiten(self, errors: Floats) -> Floats:
@@ -341,7 +341,7 @@ LENGTH, TIME_LENGTH, PRESSURE_LENGTH = 50e-6, 0.2e-3, 40e6  # [s], [s], [Pa]
 SMALL_VALUE = 0.03  # share of the largest value of a map; smaller values have the discrepancy of this share
 HEIGHT = (2.0 / math.pi) ** 0.25  # of bumps one length apart whose squares add up to 1
 LEAST_NEAR = 3  # fewest samples per length for a curve to have a discrepancy
-MOST_ROOTED = 600  # values of a map whose covariance is decomposed
+MOST_ROOTED = 600  # most values of a map for which the covariance itself is decomposed
 MOST_BUMPS = 150  # along an axis; in a longer record the bumps are farther apart
 HALF_PERIODS = 3  # of a drift: cosines with 1, 2 and 3 half periods over the record
 
@@ -351,7 +351,7 @@ class Block:
     """Residuals of a data set within the residuals of a fit."""
 
     name: str
-    rows: slice  # its place
+    rows: slice  # rows within all residuals
     noise: Noise = NOISE  # as stated, with standard deviations in the unit of the residuals
     unit: str = ""  # unit of the residuals, for texts
     ordered: bool = False  # the values are a curve over time

@@ -164,7 +164,7 @@ def _probability_figure(diagnosis: Diagnosis) -> Figure:
 
 
 def quantity_figure(diagnosis: Diagnosis) -> Figure:
-    """Measured quantities, and those of the leading fault, against the band of sound parts."""
+    """Measured quantities and quantities of the leading fault, against the band of sound parts."""
     rows, best = diagnosis.tests, diagnosis.diagnoses[0].name
     places = points(float(i) for i in range(len(rows)))
 

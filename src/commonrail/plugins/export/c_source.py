@@ -234,7 +234,7 @@ class _Function:
         return self.names.setdefault(value, f"v{len(self.names)}") if value[0] == "%" else constant(value, kind)
 
     def define(self, value: str, kind: str) -> str:
-        """C name of a computed value, whose type is declared."""
+        """C name of a computed value; its type is declared."""
         if kind not in TYPES:
             raise unknown(kind)
         name = self.value(value, kind)

@@ -19,15 +19,15 @@ from commonrail.plugins.export.entry_points import LANES, sizes
 from commonrail.plugins.export.object_files import Compiler, Target, compiler_for, list_vectors
 from commonrail.plugins.export.sources import Model, insert_model_name, make_model, template
 
-# Folder whose files appear once all are complete.
+# Folder in which files appear only when all are complete.
 
 
 @contextmanager
 def place_when_complete(folder: Path) -> Iterator[Path]:
     """Give an empty folder to write into; if the block ends without an error, its files move to `folder`.
 
-    A new folder, with its parents, appears at once. In an existing one, each file replaces that of the same
-    name, and others stay. After an error nothing has changed.
+    A new folder, with its parents, appears in one step. In an existing folder, each file replaces the file of its name,
+    and other files stay. An error changes nothing.
     """
     exists = folder.exists()
     if not exists:

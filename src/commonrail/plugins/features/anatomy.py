@@ -201,8 +201,8 @@ def anatomy_tiles(solution: Solution, point: OperatingPoint | None) -> list[Tile
 class Section:
     """Section of an injector whose parts follow the frames of a slow motion; called by its template.
 
-    The still shows the frame of the largest needle lift. The attributes of each element state what moves it, for the
-    script of the page.
+    The still shows the frame of the largest needle lift. The attributes of each element tell the script of the page
+    which course moves it.
     """
 
     def __init__(self, values: Mapping[str, Floats], is_moving: bool = True) -> None:

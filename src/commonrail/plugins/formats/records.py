@@ -1,4 +1,4 @@
-"""Channels of MDF and TDMS records, each with times of its own, read by a library in a child process.
+"""Channels of MDF and TDMS records, each with its own times, read by a library in a child process.
 
 A channel whose name occurs in several groups is named with its group, ``800bar 300us/ROI``. Numbers are converted by
 the linear, rational and tabular rules of the file; a rule that is a formula as text is not evaluated. A channel of

@@ -71,9 +71,9 @@ def compensation(
 ) -> Compensation:
     """Find energising times of a second injection that hold its quantity, at dwells (d,) [s].
 
-    The quantity is the total minus that of the first injection alone, and NaN where both are fused. `axes` belong to
-    the second injection. `ConfigurationError` if a dwell is negative or the first energising time [s] is not
-    greater than zero.
+    The quantity is the total minus the quantity of the first injection alone, and NaN if both injections are fused.
+    `axes` belong to the second injection. `ConfigurationError` if a dwell is negative or the first energising time [s]
+    is not greater than zero.
     """
     if not (first_energising_time > 0.0 and np.all(dwell >= 0.0)):
         raise ConfigurationError("The first energising time must be greater than zero, the dwells zero or greater.")

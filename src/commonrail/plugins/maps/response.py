@@ -23,8 +23,8 @@ from commonrail.engine.threads import usable_threads
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
 
-# Time simulated after the end of energising, plus a share of the energising. A simulation ends early once its needle
-# has closed; one whose needle is still open is repeated with the longest horizon.
+# Time simulated after the end of energising, plus a share of the energising. A simulation ends early once the needle
+# has closed. If the needle is still open, the simulation is repeated with the longest horizon.
 AFTER = (2e-3, 0.5)  # [s], [1]
 LONGEST_AFTER = 12e-3  # [s]
 

@@ -86,7 +86,7 @@ def usual_axes(data: Sequence[DataSet]) -> tuple[Floats, Floats]:
 
 
 def list_fitted_kinds(data: Sequence[DataSet]) -> list[str]:
-    """List the kinds of measurement that can be planned, in the order of the data; ConfigurationError if none can."""
+    """Kinds of measurement that can be planned, in the order of the data; ConfigurationError if there is no kind."""
     kinds = list(dict.fromkeys(data_set.kind for data_set in data if data_set.kind in KINDS))
     if not kinds:
         fitted = join_words(sorted({data_set.kind for data_set in data}))

@@ -82,6 +82,6 @@ def _numbers(subject: Subject, main: Record) -> dict[str, Any]:
 
 
 def _colours(main: Record) -> Sequence[str]:
-    """Colours of the rail pressures of a map, from the lowest on; none of a curve."""
+    """Colours of the rail pressures of a map, lowest first; empty for a curve."""
     count = len({row["rail_pressure"] for row in main.get("rows", ()) if not row.get("dead_time")})
     return [colour_of(JUDGED, i, count) for i in range(count)]

@@ -16,7 +16,7 @@ from commonrail.plugins.paper.study import Configuration
 
 # One repetition of the paper's study: one synthetic measurement and every search on it.
 
-# Models that are set beside the experiment.
+# Models that are compared with the experiment.
 LABELS = {
     "rigid": "rigid body",
     "rigid_fitted": "rigid body, stop and control volume fitted",
@@ -62,9 +62,9 @@ class Repetition:
     failed. `best` is the search with (70, 50) generations and members at 160 MPa; `table3` has each search at 160 MPa
     with J (3,) of its best candidate at all pressures. `own_curve_searches` has a search (70, 50) on each validation
     curve; `rigid` is the rigid body fitted at 160 MPa. `random_j` (3, members) is J of random feasible stiffnesses, the
-    first population of `best`. `identified` is the certainty of each stiffness by the curve at 160 MPa, by name; empty
-    if no simulation succeeded. `metered` has, by label of `METERED`, the search (70, 50) at 160 MPa with a meter, and J
-    (3,) of its best candidate.
+    first population of `best`. `identified` is the certainty of each stiffness from the curve at 160 MPa, by name;
+    empty if no simulation succeeded. `metered` has, by label of `METERED`, the search (70, 50) at 160 MPa with a meter,
+    and J (3,) of its best candidate.
     """
 
     seed: int
@@ -103,8 +103,8 @@ def generations_of_one() -> int:
 def repeat(bench: cr.lab.Bench, seed: int, after: Callable[[], None]) -> Repetition:
     """Measure and search, on one thread, because repetitions run side by side.
 
-    The seed is that of the measurement's scatter and noise, and of every search. `after` is called after every
-    generation; what it raises ends the repetition. SimulationError if the truth cannot be simulated.
+    The seed determines the measurement's scatter and noise, and every search. `after` is called after every generation;
+    what it raises ends the repetition. SimulationError if the truth cannot be simulated.
     """
     data = measure(bench, seed)
     fit = data[0]
@@ -172,7 +172,7 @@ def measure(bench: cr.lab.Bench, seed: int) -> tuple[cr.RateData, ...]:
 def search(
     bench: cr.lab.Bench, data: cr.RateData, settings: cr.fit.EvolutionSettings, seed: int | tuple[int, ...]
 ) -> Found:
-    """Fit k1…k7 to one curve; the seed is that of the search."""
+    """Fit k1…k7 to one curve; `seed`: seed of the search."""
     return _models(bench)[0].search(data, settings, seed, lambda: None)
 
 
@@ -282,7 +282,7 @@ def reproduce(
     ----------
     bench : Bench
     seeds, threads, progress
-        As for `for_seeds`, which also says what else is raised.
+        As for `for_seeds`, which lists further exceptions.
 
     Raises
     ------

@@ -58,7 +58,7 @@ class Band(NamedTuple):
         return float(np.median(0.5 * (high - low)[which] / scale))
 
     def columns(self, levels: Sequence[float]) -> dict[str, Floats]:
-        """Place, prediction, edges and measured value (n,) of each value [SI]; NaN where there is none."""
+        """Place, prediction, edges and measured value (n,) of each value [SI]; NaN if missing."""
         data, size = self.data, len(self.values)
         points = data.points if data.bounds is None else [data.points[0]] * size
         nothing = np.full(size, np.nan)
@@ -67,7 +67,7 @@ class Band(NamedTuple):
             "energising_time": np.array([point.pulses[0].duration if point.pulses else 0.0 for point in points]),
             "start": nothing if data.bounds is None else np.asarray(data.bounds[:-1]),
             "end": nothing if data.bounds is None else np.asarray(data.bounds[1:]),
-            "predicted": np.where(data.judged, self.values, nothing),  # a dead time is no quantity
+            "predicted": np.where(data.judged, self.values, nothing),  # a dead time is not a quantity
         }
         for level in levels:
             sides = zip(("lower", "upper"), self.edges[level], strict=True)

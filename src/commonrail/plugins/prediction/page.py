@@ -1,4 +1,4 @@
-"""Predictions with bands: tables, and what notebooks show."""
+"""Predictions with bands: tables, and displays in notebooks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""commonrail predict: what a calibrated model predicts, with bands that measured values should lie in."""
+"""commonrail predict: predictions of a calibrated model, with bands for measured values."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def predict(
 def _points(
     study: Study, options: tuple[str | None, str | None, Path | None], pressures: tuple[str | None, str | None]
 ) -> list[OperatingPoint]:
-    """Operating points that are asked for; none for the data of the study."""
+    """Requested operating points; empty for the data of the study."""
     from commonrail.engine.operating_point import OperatingPoint
     from commonrail.plugins.prediction.file import read_points
 
