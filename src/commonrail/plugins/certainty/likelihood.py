@@ -26,7 +26,7 @@ from commonrail.plugins.certainty.noise_fit import Block, FittedNoise, block_of,
 # Step of one-sided differences during the search, as a share of the bounds' width. With many parameters, valleys bend
 # within 1e-3; a PWM drive needs a step as wide as its switching.
 FORWARD, FORWARD_ROUGH = 1e-4, 1e-3
-FINER = 4.0  # the error of the time step is estimated with this fraction of it
+FINER = 4.0  # factor by which a shorter time step gives the error of the time step
 
 
 class Likelihood:
