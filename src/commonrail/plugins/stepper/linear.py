@@ -56,7 +56,7 @@ class Operation(NamedTuple):
     inputs: Floats  # (steps of a sample, 6)
     march: Callable[[Floats, Floats], None]  # function (memory, inputs)
     channels: Callable[[Floats, Floats], Mapping[str, float]]  # function (memory, inputs of the last step), by name
-    # coefficients of the injector
+    # coefficients and variant of the injector
     coefficients: Any
     variant: Variant
 
