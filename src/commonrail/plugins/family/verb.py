@@ -290,5 +290,5 @@ def _print_quantities(injector_type: InjectorType) -> None:
         ]
         for i, point in enumerate(points)
     ]
-    title = f"quantities of {len(drawn)} parts drawn with these spreads and 3 % of flow, at 5 MPa cylinder pressure"
+    title = f"quantities of {len(drawn)} parts drawn with these spreads, 3 % for the flow; cylinder pressure 5 MPa"
     print_rows(["rail pressure", "energising time", "median", "90 % of parts"], rows, title, texts=0)

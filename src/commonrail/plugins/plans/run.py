@@ -136,8 +136,8 @@ def plan(
     plan : TestPlan or path
         A path is read by `load_plan`.
     stroke_rate : float or str, optional
-        Strokes [1/s], or text such as ``"1000 1/min"``, for tests that state none: between two strokes the guides leak
-        into the return at rail pressure.
+        Strokes [1/s], or text such as ``"1000 1/min"``, for tests that do not state it: between two strokes the guides
+        leak into the return at rail pressure.
     cylinder_pressure, return_pressure : float or str
         [Pa], or texts with units; default: an injector bench, 0.5 and 0.1 MPa.
     time_step : float or str

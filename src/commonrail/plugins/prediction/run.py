@@ -1,9 +1,8 @@
 """Predictions of a fit with bands, by draws of its parameters.
 
-A band holds what the parameters may be, and the scatter of measured values about the best prediction: the residual
-level of the fit, with the discrepancy of the model. Where at least `scatter.LEAST` values of a map are fitted, all of
-it is scaled by what the fit predicts of each value that is held out; with fewer, a stated tolerance is the least
-scatter.
+A band combines parameter uncertainty and the scatter of measured values about the best prediction: the residual level
+of the fit, with the discrepancy of the model. If at least `scatter.LEAST` values of a map are fitted, the scatter is
+scaled by predictions of values that are left out in turn; with fewer values, a stated tolerance is the least scatter.
 """
 
 from __future__ import annotations
