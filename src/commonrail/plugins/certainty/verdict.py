@@ -5,17 +5,20 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy import special
 
 from commonrail.base.arrays import Floats
 from commonrail.base.text import join_words, quantity, significant
 from commonrail.calibration.identifiability import LIMIT, ParameterVerdict
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
+from commonrail.calibration.parameter import Parameter
 from commonrail.plugins.certainty.covariance import student
 from commonrail.plugins.certainty.estimate import Estimate
 
 NAMED = 0.5  # least correlation for another parameter to be named
 MOST_NAMED = 3
 MOSTLY = 0.5  # least squared correlation for an uncertain quantity to be named as cause
+LEAST_NARROWED = 0.8  # half width over that known before, from which the data are not said to determine a value
 MOST_TOLD = 10.0  # largest half width over value that is given as a figure
 
 
@@ -56,6 +59,10 @@ def verdicts_of(
         elif wall := _constraint(estimate, i):
             verdict, sentence = ParameterVerdict.CONSTRAINED, f'held by the constraint "{wall}" ({figure})'
             cure = "measure where these parameters act differently, or check the constraint"
+        elif verdict is ParameterVerdict.DETERMINED and (source := _known_before(parameter, half, level)):
+            verdict = ParameterVerdict.INSENSITIVE
+            sentence = f"the data are insensitive to it: the interval is that of its {source} ({figure})"
+            cure = "measure where it acts more, if it matters to know it better"
         elif verdict is ParameterVerdict.DETERMINED and reason:
             verdict, sentence = ParameterVerdict.NOT_CONFIRMED, f"{figure}; not confirmed, because {reason}"
             cure = "search from more starts" if "converged" in reason else "mend what the test shows, then fit again"
@@ -73,6 +80,15 @@ def verdicts_of(
             cure = "measure it on the part, or at points where it has more effect; the fitted value has no meaning"
         assessments.append(Assessment(verdict, sentence, cure, half))
     return assessments
+
+
+def _known_before(parameter: Parameter, half: float, level: float) -> str:
+    """What gives an interval of this half width without data: "prior" or "bounds"; empty if the data narrow it."""
+    sizes = {"bounds": 0.5 * level * (parameter.upper - parameter.lower)}
+    if parameter.prior is not None:
+        sizes["prior"] = float(special.ndtri(0.5 * (1.0 + level))) * parameter.prior.sigma
+    source = min(sizes, key=sizes.__getitem__)
+    return source if half > LEAST_NARROWED * sizes[source] else ""
 
 
 def _percent(half: float, value: float) -> str:

@@ -458,7 +458,7 @@ def _tiles(m: InjectionMap, compared: Comparison | None) -> list[Tile]:
         ),
         Tile(
             "with longer energising",
-            f"falls at {count_noun(falls, 'place')}" if falls else "always grows",
+            f"falls at {count_noun(falls, 'place')}" if falls else "never falls",
             f"by more than {to_fixed(FALL, 2, MM3)} mm³",
             CARE if falls else GOOD,
         ),

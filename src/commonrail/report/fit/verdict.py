@@ -441,7 +441,11 @@ def _ending(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
         step = Step("Continue the search.", advice.of_run("resume", MORE), ON)
         step = step if record.convergence.cut_short else _full(advice, record)
         kind = Kind.SEARCH if _is_unfinished(record) else Kind.NOTE
-        yield Point(kind, f"The search has not converged: {search_words(record.convergence)}.", step)
+        words = search_words(record.convergence)
+        reason = f"The search has not converged: {words}."
+        if kind is Kind.NOTE:
+            reason = f"The most likely values are found, although the search by itself has not converged: {words}."
+        yield Point(kind, reason, step)
     errors = (view_of(d["kind"]).fit_error(d) for d in of_role(record.data, "fit"))
     if start is not None and not best < start and worst_level(filter(None, errors)) != GOOD:
         step = Step("Check bounds and data: the start values fit as well as anything that was tried.")
@@ -503,7 +507,7 @@ def _is_lost(data: Record) -> bool:
 def _parameters(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
     parameters = record.parameters
     if bounded := [p.name for p in parameters if p.at_bound]:
-        text = "These bounds are the ends of what is possible or built: check the drawing, and free what acts alike."
+        text = f"Check the drawing: {_some(bounded)} ended at the limits of what is possible or built."
         step = Step(text, turn=WIDEN)
         if movable := _movable(record):
             is_worth = _is_worth_a_fit(record, record.certainty.widening if record.certainty else None)
