@@ -50,6 +50,7 @@ def test_an_interval_that_was_known_before_is_not_determined_by_the_data(source:
     parameters[1] = replace(parameters[1], reference=3.0, **narrow)  # type: ignore[arg-type]
     y = x @ TRUTH + 0.2 * np.random.default_rng(5).standard_normal(N)
     found = fitted(likelihood([y], [x], [STATED], Space(parameters)))
+    found = replace(found, point=TRUTH)
     low, high = (2.86, 3.14) if source == "bounds" else (3.0 - 1.9 * 0.06, 3.0 + 1.9 * 0.06)
     ends = np.array([1.99, low, 4.9]), np.array([2.01, high, 5.1])
     verdicts = [one.verdict for one in verdicts_of(found, 3, ends, np.eye(3), "")]
