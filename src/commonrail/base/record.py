@@ -1,7 +1,8 @@
-"""Records of results: JSON-able form of typed objects, and the objects again.
+"""Records of results: conversion of typed objects to JSON and back.
 
-A result is a dataclass or a named tuple of numbers, texts, enums, arrays and such objects. `to_record` makes what its
-JSON file holds, `from_record` reads that back, and pages and tables use attributes whose names are checked.
+A result is a dataclass or a named tuple of numbers, texts, enums, arrays and such objects. `to_record` converts a
+result for its JSON file, `from_record` converts it back. Pages and tables use attributes, whose names a type checker
+verifies.
 """
 
 from __future__ import annotations

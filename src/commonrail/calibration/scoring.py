@@ -30,13 +30,13 @@ def scores_of(
     start: Scores | None = None,
     best: Mapping[str, float] | None = None,
 ) -> dict[str, Scores]:
-    """Every data set under the start values, the calibrated ones and, if it makes sense, a rigid body.
+    """Scores of all data sets with the start values, the calibrated values and, for curves, a rigid body.
 
-    `start` are the scores of the start values, if they are known. Of the calibrated values `best` those of meters count
-    for "best"; start values and rigid body keep the study's meters.
+    `start`: scores of the start values, if known. `best`: calibrated values; their meter values apply to the scores
+    "best" alone. Start values and rigid body use the study's meters.
     """
     injectors = {"best": calibrated}
-    traces = any(d.bounds is not None for d in study.data)  # what a rigid body lacks is seen in a course in time
+    traces = any(d.bounds is not None for d in study.data)  # the effect of the body shows only in curves
     if with_rigid and study.injector.variant.body is Body.FLEXIBLE and traces:
         rigid = study.injector.variant._replace(body=Body.RIGID)
         injectors["rigid"] = replace(study.injector, variant=rigid)
@@ -50,9 +50,9 @@ def scores_of(
 def score_all(
     study: Study, injector: Injector, threads: int | None = None, data: Sequence[DataSet] | None = None
 ) -> tuple[Score, ...]:
-    """Score of each data set, in their order, with the injector as it is and time step and `same_bits` of the study.
+    """Scores of the data sets, in order, for an injector with the study's time step and `same_bits`.
 
-    `data` stand in place of the study's own.
+    `data`: data sets in place of the study's.
     """
     simulator = Simulator(injector, (), study.time_step, threads, same_bits=study.same_bits)
     return tuple(d.score(simulator) for d in (study.data if data is None else data))

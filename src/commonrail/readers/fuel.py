@@ -95,10 +95,10 @@ _Range = Annotated[tuple[float, float], PlainValidator(_range)]
 
 @dataclass(frozen=True)
 class _Polynomials:
-    """Type of a law: its coefficients K are the polynomials of these names in (T - 353.15 K)/(40 K), in a unit.
+    """Schema of a law: its coefficients `names` are polynomials in (T - 353.15 K)/(40 K), in `unit`.
 
-    `logarithm`: unit of the other form that the law may have, whose polynomials give the natural logarithm. The schema
-    is made here: a model of each law takes long to make.
+    `logarithm`: alternative unit, with which the polynomials give the natural logarithm. The schema is written out: a
+    Pydantic model of each law takes long to build.
     """
 
     unit: str
@@ -146,7 +146,7 @@ class _Ranges(FileModel):
 
 
 class FuelModel(FileModel):
-    """Whole file, or the table ``fuel.definition`` of an injector; it may say more than is read."""
+    """Whole file, or the table ``fuel.definition`` of an injector; unknown keys are ignored."""
 
     model_config = ConfigDict(extra="ignore")
 

@@ -71,7 +71,7 @@ def of_role(data: Sequence[Record], role: str) -> list[Record]:
 
 # Command lines that repeat a calibration or use its result.
 
-MORE = "--generations 50"  # option of `resume` where more of a search is advised
+MORE = "--generations 50"  # option of `resume` in the advice to continue a search
 
 
 class Advice(NamedTuple):
@@ -82,7 +82,7 @@ class Advice(NamedTuple):
 
     @classmethod
     def of(cls, run: str, file: str = STUDY) -> Advice:
-        """Advice on the run in a folder, with the study of `study_of_run`; `file` is the name of its copy there."""
+        """Advice on the run in a folder; `file`: name of the copy of the study in this folder."""
         return cls(run, final_text(study_of_run(run, file), Path(run)))
 
     def calibrate(self, *, widen: bool = False, free: str = "") -> str:
