@@ -54,10 +54,9 @@ def _is_computed(text: str) -> bool:
 
 
 def write_csv(path: Path, notes: Iterable[str], header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Write a table, whole or not at all; `OutputError` as `replacing`.
+    """Write a complete table or nothing; raises `OutputError` as `replacing` does.
 
-    This is where tables are written: a text that a spreadsheet would compute is neutralised, and `CsvFile` with `plain`
-    reads it back as it was.
+    A text that a spreadsheet would compute is neutralised; `CsvFile` with `plain` restores it.
 
     `notes`: comment lines above the header. `header`: names of the columns with their units.
     """

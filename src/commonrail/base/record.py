@@ -25,9 +25,9 @@ _Result = TypeVar("_Result")
 
 
 class Key(NamedTuple):
-    """Annotation of a field whose key in the record is not its name: ``Annotated[float, Key("clock.seconds")]``.
+    """Annotation of a field whose key in the record differs from its name: ``Annotated[float, Key("clock.seconds")]``.
 
-    `path`: with points for nested keys; empty for an object whose keys are merged into the record.
+    `path`: key, or nested keys joined by points; empty to merge the keys of an object into the record.
     """
 
     path: str

@@ -1,4 +1,4 @@
-"""Effects of free parameters near the best values, and what the plug-ins of "after_fit" add for a calibration."""
+"""Effects of free parameters near the best values, and assessment of a calibration by the plug-ins of "after_fit"."""
 
 from __future__ import annotations
 

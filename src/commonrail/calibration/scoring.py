@@ -1,4 +1,4 @@
-"""Scores of data sets under models, and members of a fit: optima that fit alike, and the mean of what they predict."""
+"""Scores of models on data sets, and members of a fit: optima that fit equally well, and their mean prediction."""
 
 from __future__ import annotations
 
@@ -72,25 +72,26 @@ def check_drive(injector: Injector, study: Study, label: str) -> None:
             )
 
 
-# Members of a fit: optima of one search that fit alike, and the mean of what they predict.
+# Members of a fit: optima of one search that fit equally well, and the mean of their predictions.
 #
-# Where data leave many combinations of parameters open, optima that fit alike differ between the measured points, and
-# errors there cancel in part.
+# If data leave many combinations of parameters open, such optima differ between the measured points, and the mean
+# cancels part of their errors.
 
-# Objective of a member relative to the best: its misfit is then 1.4 times as large. The mean needs several members; on
-# the maps of the cases it predicts better than the best of them more often than not (cases/family/README.md).
+# Largest objective of a member relative to the best; the misfit is then 1.4 times as large. The mean needs several
+# members; on the maps of the cases it predicts better than the best of them more often than not
+# (cases/family/README.md).
 WORST = 2.0
 
 
 def members_of(ends: Sequence[Best]) -> list[Best]:
-    """Optima, the best first, whose objective is at most `WORST` times that of the best."""
+    """Optima, the best first, whose objective is at most `WORST` times the best objective."""
     return [end for end in ends if end.cost <= WORST * ends[0].cost]
 
 
 def mean_of(data: Sequence[DataSet], scores: Sequence[Sequence[Score]]) -> tuple[Score, ...]:
-    """Scores of the mean of what several models predict, from those of each model.
+    """Scores of the mean prediction of several models, from the scores of each model.
 
-    None unless all data are maps and there are several models.
+    Empty unless all data are maps and there are several models.
     """
     maps = [data_set for data_set in data if isinstance(data_set, QuantityData)]
     if len(maps) < len(data) or len(scores) < 2:
@@ -114,7 +115,7 @@ def injector_of(study: Study, best: Mapping[str, float], number: int = 1) -> Inj
 def mean_scores(
     study: Study, calibrated: Injector, best: Scores, ends: Sequence[Best], threads: int | None
 ) -> tuple[tuple[Injector, ...], dict[str, Scores]]:
-    """Injectors of the members, and the scores of the mean of what they predict; nothing where there is no mean.
+    """Injectors of the members, and the scores of their mean prediction; both empty if there is no mean.
 
     `calibrated` with the scores `best` is the first member.
     """

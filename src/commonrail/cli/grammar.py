@@ -1,7 +1,7 @@
 """Grammar of the command: its verbs, each imported when it is called, and their options from annotated signatures.
 
-A verb is a click command that is registered in the group "verbs" of `commonrail.base.registry`. Those of the package
-are functions under the decorator `verb`; an installed package may declare its own in this way or with click alone.
+A verb is a click command that is registered in the group "verbs" of `commonrail.base.registry`. The verbs of this
+package are functions under the decorator `verb`. Installed packages may use the decorator or click directly.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Verb(click.Command):
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the function, and say what the short form of its tables has left out."""
+        """Run the function, and report what its short tables omit."""
         check_paths(ctx.params)
         try:
             return super().invoke(ctx)
@@ -200,7 +200,7 @@ class Verbs(click.Group):
         self.prefix = prefix
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names of the verbs, those that ship first; one that cannot be loaded is named on stderr instead."""
+        """Names of the verbs, shipped verbs first; a verb that cannot be loaded is reported on stderr."""
         names = []
         for name in self._names():
             try:
@@ -228,7 +228,7 @@ class Verbs(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Import the verb that is called; from then on Ctrl-C is a request, see `catch_stops`."""
+        """Import the called verb; from then on Ctrl-C requests a stop, see `catch_stops`."""
         if find("verbs", self.prefix + args[0]) is None:
             names = self._names() if self.prefix else [*entries("verbs")]
             ctx.fail(f"No such command '{args[0]}'{nearest(args[0], names)}.")
@@ -237,7 +237,7 @@ class Verbs(click.Group):
         return resolved
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the verbs under headings, those without one, such as those of installed packages, last."""
+        """Write the verbs under headings; verbs without a heading, such as from installed packages, come last."""
         headings = words_on_shipped("HEADINGS")
         names = self.list_commands(ctx)
         placed = {name for verbs in headings.values() for name in verbs}

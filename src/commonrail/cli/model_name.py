@@ -76,8 +76,8 @@ def check_labels(labels: Sequence[str]) -> None:
 def read_model_name(text: str) -> NamedModel:
     """Model of a text [LABEL=]INJECTOR[@WORD,…], as in ``stiff=runs/a@rigid,regulated``.
 
-    INJECTOR is an injector's file, a name of the catalogue or a run folder of ``commonrail calibrate``; the words are
-    those of a variant. `InputError` if the injector cannot be read, or a word is unknown or contradicts another.
+    INJECTOR is an injector's file, a name of the catalogue or a run folder of ``commonrail calibrate``; the words state
+    a variant. `InputError` if the injector cannot be read, or a word is unknown or contradicts another.
     """
     label, source, words = _split_label_and_words(text)
     if label is not None and not label.strip():

@@ -38,7 +38,7 @@ def rates_entries(*words: str) -> dict[str, Any]:
     return {"rates": (of_table(slopes, RATES), TABLE)}
 
 
-# Runge's stages: times within the step (there is no fifth), and weights of the slopes
+# Runge-Kutta stages: times within the step (the last entry is a filler), and weights of the slopes
 AHEAD = (0.0, 0.5, 0.5, 1.0, 0.0)
 SHARE = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
 MET = 1e-9  # distance of the current from its limit that counts as zero, relative to the band

@@ -155,7 +155,7 @@ def simulate(
 
 
 def _read_point(point: OperatingPoint | None, keywords: dict[str, Any]) -> OperatingPoint:
-    """Operating point of `simulate`, given as such or by its fields."""
+    """Operating point of `simulate`, given as an object or by its fields."""
     if point is not None:
         instance(point, OperatingPoint, "point")
         if keywords:
@@ -368,7 +368,7 @@ def _run(
 def _simulate(
     names: Sequence[str], candidates: Floats, prepared: Prepared, run: Callable[..., tuple[Outcome, Floats]]
 ) -> Batch:
-    """Simulate a part of a population whose parameters fit into memory."""
+    """Simulate a batch of candidates whose parameters fit into memory."""
     injector, points = prepared.injector, prepared.points
     inside = admissible(names, candidates, injector.fuel, injector.variant.actuation)
     if not inside.all():

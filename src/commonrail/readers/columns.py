@@ -1,4 +1,4 @@
-"""Columns as they stand in a file, of whatever format, before their units are known."""
+"""Columns of a file in any format, before their units are known."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from commonrail.physics.law import Domain
 from commonrail.readers.location import LONGEST_NAME, Place
 from commonrail.readers.toml import FileModel, fault
 
-# Form of a data file where its bytes do not tell it: encoding and decimal sign of a text, sheet of a workbook.
+# Form of a data file that its bytes do not show: encoding and decimal sign of a text, sheet of a workbook.
 
 
 class FileForm(NamedTuple):
-    """Form of a file, as stated by whoever reads it.
+    """Form of a file, as the caller states it.
 
-    The encoding and the decimal sign, "." or ",", apply to a text, the sheet to a workbook. Empty
-    means UTF-8, a point unless it may separate thousands, and the first sheet that is not empty.
+    The encoding and the decimal sign, "." or ",", apply to a text, the sheet to a workbook. Defaults: UTF-8, a point
+    unless it may separate thousands, the first sheet that is not empty.
     """
 
     encoding: str = ""
@@ -38,14 +38,14 @@ class FileForm(NamedTuple):
 
 PLAIN = FileForm()
 
-# Encodings of Python for names of hosts and for literals: no file of measurements has them.
+# Python encodings of host names and literals; files of measurements do not use them.
 _NOT_OF_FILES = ("idna", "punycode", "raw-unicode-escape", "undefined", "unicode-escape", "unicode_escape")
 
 
 def check_encoding(name: str, at: str) -> str:
     """Return the name of an encoding of texts.
 
-    Raises `InputError` for an unknown name; `at` is the place where it was stated.
+    Raises `InputError` for an unknown name; `at`: place where the name was stated.
     """
     try:
         return _known_encoding(name)
@@ -193,9 +193,9 @@ def name_and_unit(cell: str) -> tuple[str, str]:
 
 
 def find_column(path: Path, names: Sequence[str], column: str, what: str = "") -> int:
-    """Index of the column of a name, with or without its unit.
+    """Index of a column by its name, with or without the unit.
 
-    `what` says what it is for. Raises `InputError` if it is not there, or there twice.
+    `what`: purpose of the column, for messages. Raises `InputError` if the column is missing or occurs twice.
     """
     column = column if column in names else name_and_unit(column)[0]
     count = names.count(column)
@@ -328,7 +328,7 @@ class ChannelSheet:
         return self._channels[name].unit
 
     def remark(self, name: str) -> str:
-        """Remark on the content of a channel, empty if there is nothing to say."""
+        """Remark on the content of a channel; may be empty."""
         return self._channels[name].remark
 
     def take(self, columns: Sequence[Column]) -> Table:

@@ -35,9 +35,9 @@ _UNREAD = {
     b"LOGG": "BLF",
     b"%PDF": "PDF",
 }
-# Later bytes by which a format is known.
+# Signatures of formats without a reader that follow other bytes.
 _INSIDE = {b"WAVEDESC": "LeCroy", b":WFM#": "Tektronix", b"<usi:tdm": "DIAdem", b"urn:schemas-microsoft-com": "XML"}
-# Binary formats without such bytes, by their endings.
+# Binary formats without a signature, by file ending.
 _ENDINGS = {"nc": "NetCDF", "xls": "old Excel", "ifl": "IFL", "tdx": "DIAdem"}
 _ALIASES = {"xlsm": "xlsx", "mdf": "mf4", "pq": "parquet"}
 _CURES = {
@@ -83,7 +83,7 @@ def unread_format(path: Path) -> str:
 
 
 def refuse_unread(path: Path) -> None:
-    """Refuse a file whose format is not read (`InputError`), with the way out."""
+    """Raise `InputError` with a remedy if the format of a file has no reader."""
     if name := unread_format(path):
         cure = _CURES.get(name, "export the columns to a CSV file")
         which = "binary files of this format" if name == "binary" else f"{name} files"
@@ -91,7 +91,7 @@ def refuse_unread(path: Path) -> None:
 
 
 def _first_bytes(path: Path) -> bytes:
-    """First bytes of a plain file; none if it cannot be read."""
+    """First bytes of a plain file; empty if it cannot be read."""
     try:
         with open_plain(path, sys.maxsize) as stream:
             return stream.read(_FIRST)
@@ -100,7 +100,7 @@ def _first_bytes(path: Path) -> bytes:
 
 
 def _members(path: Path) -> list[str]:
-    """Names of the files in a ZIP archive; none if it is damaged or too large."""
+    """Names of the files in a ZIP archive; empty if the archive is damaged or too large."""
     try:
         with open_plain(path, LARGEST_FILE) as stream, ZipFile(stream) as archive:
             return archive.namelist()

@@ -100,7 +100,7 @@ def _unit(behind: str, kind: str, stated: str, at: Place) -> str:
     )
 
 
-# Operating points that the names of columns state, such as "500bar_300us".
+# Operating points in the names of columns, such as "500bar_300us".
 
 _POINT = re.compile(r"(\d+(?:[.,]\d+)?)(\s*[_ ]?)(MPa|bar|hPa|us|µs|ms)(?![A-Za-z])", re.A)
 _LAST_NUMBER = re.compile(r"(\d+)(?=\D*$)", re.A)
@@ -167,9 +167,8 @@ class WideTable(NamedTuple):
 def find_traces(grid: Grid, time: str, stated: dict[str, str]) -> WideTable:
     """Traces of a table with operating points above.
 
-    `time`: name that the column of times shall have; it is the first column. `stated`: units that the file does not
-    give: "rail pressure", "energising time", "time" and "rate". Raises `InputError` if there are no such rows, or a
-    unit is missing.
+    `time`: name for the first column, which holds the times. `stated`: units that the file lacks, of "rail pressure",
+    "energising time", "time" and "rate". Raises `InputError` if rows with operating points or a unit are missing.
     """
     points, start = _points(grid, stated)
     if not points:

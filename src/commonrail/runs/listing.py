@@ -20,7 +20,7 @@ STOPPED, DAMAGED = "stopped", "damaged"
 
 @dataclass(frozen=True)
 class Run:
-    """A run as its journal tells it.
+    """State of a run, from its journal.
 
     Attributes
     ----------

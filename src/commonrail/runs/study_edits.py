@@ -97,7 +97,7 @@ def can_widen(parameter: Mapping[str, Any]) -> bool:
     """True if the bound that a parameter has met can be moved: it is not an end of the domain or of the usual range."""
     name = parameter["name"]
     if not is_of_meter(name) and name not in parameter_quantities():
-        return True  # of a part that is not installed, whose domain is unknown
+        return True  # parameter of a plug-in that is not installed: its domain is unknown
     moved = widen_bound(parameter)
     return moved.name != FUEL_TEMPERATURE and abs(moved.after - moved.before) > 1e-9 * abs(moved.before)
 
@@ -105,8 +105,8 @@ def can_widen(parameter: Mapping[str, Any]) -> bool:
 def widen_study(path: Path, run: Path) -> tuple[Study, list[MovedBound]]:
     """Read a study with the bounds of a run, after moving the bounds that were met; the file is unchanged.
 
-    Raises `StudyError` if the run is of another study or has met no bound that can be moved, and `InputError` as
-    `read_result` and `load_study`.
+    Raises `StudyError` if the run belongs to another study or has not met a movable bound, and `InputError` as
+    `read_result` and `load_study` do.
     """
     study, parameters = load_study(path), read_result(run)["parameters"]
     free = {parameter.name: parameter for parameter in study.space.parameters}

@@ -115,8 +115,7 @@ class Samples(NamedTuple):
 def read_samples(table: Table, column: str, model: RateModel, at: Place) -> Samples:
     """Samples of a column of rates, with the times of its table.
 
-    An empty cell at the end of the `column` ends it. Raises `InputError` if there are too few, or one is missing
-    between others.
+    An empty cell at the end of the `column` ends the samples. Raises `InputError` for too few samples or a gap.
     """
     time, rate = table.columns[model.time] - model.time_zero, table.columns[column]
     empty = np.flatnonzero(np.isnan(rate))
@@ -158,7 +157,7 @@ def bounds_around(time: Floats) -> Floats:
 
 
 def within_window(samples: Samples, model: RateModel, at: Place) -> Samples:
-    """The samples whose intervals lie in the window, on the raster that is asked for."""
+    """Samples whose intervals lie in the window, at the requested sample interval."""
     begin, end = float(samples.bounds[0]), float(samples.bounds[-1])
     if model.window is not None:
         begin, end = model.window

@@ -236,7 +236,7 @@ class QuantityData(ToleratedData):
         return np.where(self.judged, self.absolute + self.relative * np.abs(values), np.nan)
 
     def score(self, simulator: Simulator) -> QuantityScore:
-        """Score of the simulator's injector as it is."""
+        """Score of the simulator's injector, unchanged."""
         return QuantityScore(self, self.simulated(simulator, ITSELF)[0], _find_dead_times(self, simulator))
 
     def record(self, scores: Mapping[str, QuantityScore]) -> dict[str, Any]:
@@ -298,14 +298,14 @@ class QuantityScore(Score):
         }
 
     def missing(self) -> list[Missing]:
-        """Points whose simulation failed, and those whose dead time was not found."""
+        """Points whose simulation failed or whose dead time was not found."""
         points = self.data.points
         failed = np.flatnonzero(np.isnan(self.values) & self.data.judged)
         dead = np.flatnonzero(self.data.dead_time)[np.isnan(self.dead_time)]
         return [Missing(points[i]) for i in failed] + [Missing(points[i], NO_DEAD_TIME, NOT_REACHED) for i in dead]
 
     def quantities(self) -> tuple[Floats, Floats]:
-        """Measured and simulated quantities where there are both [m³]."""
+        """Measured and simulated quantities of the points that have both [m³]."""
         both = np.isfinite(self.values) & self.data.judged
         return self.data.quantity[both], self.values[both]
 
@@ -390,8 +390,8 @@ def held_out_name(name: str) -> str:
 def divide(data: _Map, model: HoldOutModel, at: Place) -> tuple[_Map, _Map]:
     """Part of a map that is fitted, and the part that is held out for validation.
 
-    Held out are the quantities at one of the rail pressures or at one of the energising times, and the dead times at
-    one of the rail pressures.
+    The held-out part has the quantities at the named rail pressures or energising times, and the dead times at the
+    named rail pressures.
 
     Raises `ConfigurationError` if the map is not fit data, no row has a named pressure or time, or either part is
     empty.
@@ -422,13 +422,13 @@ def select_rows(data: QuantityData, column: int, value: float) -> Bools:
 def chosen_rows(data: _Map, rows: Bools, name: str = "", role: Role | None = None) -> _Map:
     """Some rows of a map.
 
-    The mask `rows` is (n,); name and role are those of the map by default.
+    The mask `rows` is (n,); by default, name and role are the map's.
     """
     return replace(_at_rows(data, np.flatnonzero(rows)), name=name or data.name, role=role or data.role)
 
 
 def _select_any(data: QuantityData, column: int, targets: Sequence[float], unit: str, at: Place) -> Bools:
-    """Rows at one of the wanted values."""
+    """Mask of the rows at any of the `targets`."""
     matching = np.zeros(len(data.points), bool)
     present = point_places(data)[data.judged, column]
     for value in targets:
@@ -469,7 +469,7 @@ def rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
 
 
-# A quantity map whose rows are held out in turn, and predicted by fits to the rest.
+# Cross-validation: the rows of a quantity map are held out in turn, and predicted by fits to the rest.
 
 
 _COLUMNS = {"rail_pressure": 0, "energising_time": 1}

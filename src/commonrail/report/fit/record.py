@@ -22,7 +22,7 @@ _MARKS = {"F": "fitted", "M": "measured", "C": "from the ECU", "E": "estimate"}
 
 
 def meter_lines(record: CalibrationRecord) -> list[str]:
-    """One sentence for each meter through which the simulated curves and quantities are seen; often none."""
+    """One sentence for each meter through which simulated curves and quantities pass; often empty."""
     lines = []
     for meter in record.meters:
         parts = [
