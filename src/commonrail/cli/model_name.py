@@ -26,10 +26,10 @@ _RESERVED = frozenset(
 
 
 class NamedModel(NamedTuple):
-    """Injector as the command line names it, with the meters kept beside it.
+    """Injector named on the command line, with its meters.
 
-    `stated`: the label was given in the text. `folder`: run folder that it is of. `run`: that folder, if its calibrated
-    injector is without changes.
+    `stated`: the label was given in the text. `folder`: run folder of the injector. `run`: this folder, if its
+    calibrated injector is unchanged.
     """
 
     label: str
@@ -42,9 +42,9 @@ class NamedModel(NamedTuple):
 
 
 def read_model_names(texts: Iterable[str]) -> list[NamedModel]:
-    """Models with labels that differ: one that was given counts, one that was made up gets a number where it must.
+    """Models with distinct labels: stated labels are kept, generated labels are numbered if necessary.
 
-    `InputError` if one cannot be read, or a label is given twice.
+    `InputError` if a text cannot be read, or two texts state one label.
     """
     models = [read_model_name(text) for text in texts]
     taken: set[str] = set()
@@ -63,7 +63,7 @@ def read_model_names(texts: Iterable[str]) -> list[NamedModel]:
 
 
 def check_labels(labels: Sequence[str]) -> None:
-    """Refuse (`ConfigurationError`) no model, too many, and labels that tables and files cannot carry."""
+    """Raise `ConfigurationError` for a wrong number of models, or a label that tables and files cannot hold."""
     if not 1 <= len(labels) <= MOST_MODELS:
         raise ConfigurationError(f"Between 1 and {MOST_MODELS} models can be compared at a time, not {len(labels)}.")
     for label in labels:
@@ -76,8 +76,8 @@ def check_labels(labels: Sequence[str]) -> None:
 def read_model_name(text: str) -> NamedModel:
     """Model of a text [LABEL=]INJECTOR[@WORD,…], as in ``stiff=runs/a@rigid,regulated``.
 
-    INJECTOR is an injector's file, a name of the catalogue or a run folder of ``commonrail calibrate``; the words are
-    those of a variant. `InputError` if the injector cannot be read, or a word is unknown or contradicts another.
+    INJECTOR is an injector's file, a name of the catalogue or a run folder of ``commonrail calibrate``; the words state
+    a variant. `InputError` if the injector cannot be read, or a word is unknown or contradicts another.
     """
     label, source, words = _split_label_and_words(text)
     if label is not None and not label.strip():

@@ -194,7 +194,7 @@ class FitKind(Generic[_Study, _Fit]):
             if _generations(study) != journal.generations:
                 raise StudyError(
                     f"{journal.path}: the journal is damaged: it asks for {journal.generations} generations and "
-                    f"{self.file} for {_generations(study)}; take a copy of it that is whole."
+                    f"{self.file} for {_generations(study)}; use an intact copy."
                 )
         elif study is None:
             raise StudyError(

@@ -342,7 +342,7 @@ class Journal(RunJournal):
         files = [Input(*map(str, row)) for row in self._table("input")]
         for item in files:
             if Path(item.name).is_absolute() or ".." in Path(item.name).parts:
-                raise StudyError(f"{self.path}: the path {item.name} leaves the run folder; take a copy that is whole.")
+                raise StudyError(f"{self.path}: the path {item.name} leaves the run folder; use an intact copy.")
         return files
 
     @property

@@ -33,9 +33,7 @@ def check_trust(path: Path) -> Iterator[None]:
     try:
         yield
     except UNTRUE as error:
-        raise StudyError(
-            f"{path}: the journal is damaged ({type(error).__name__}); take a copy of it that is whole."
-        ) from error
+        raise StudyError(f"{path}: the journal is damaged ({type(error).__name__}); use an intact copy.") from error
 
 
 @contextmanager
@@ -60,7 +58,7 @@ def _sentence(path: Path, error: sqlite3.Error) -> CommonrailError:
             f"{path} cannot be written ({error}); what was done before is kept: make room or copy the folder to "
             "another place, then go on from it."
         )
-    return StudyError(f"{path}: this cannot be read as a journal ({error}); take a copy of it that is whole.")
+    return StudyError(f"{path}: this cannot be read as a journal ({error}); use an intact copy.")
 
 
 def refuse_rollback(path: Path) -> None:

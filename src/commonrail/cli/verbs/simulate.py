@@ -284,7 +284,7 @@ def figures(run: Run) -> list[tuple[str, str]]:
         *([("synthetic", run.injector.synthetic)] if run.injector.synthetic else []),
         ("reference density", f"{s.reference_density:.1f} kg/m³"),
         *run.heating.figures,
-        ("mass balance", f"{s.balance:.1e} of the injected mass, of 1 mg if that is more"),
+        ("mass balance", f"relative error {s.balance:.1e}"),
         ("engine", f"{s.engine}, {run.precision.value}, {run.seconds:.2f} s with loading or compiling"),
         ("injector", f"{run.injector.title} ({run.injector.variant.label})"),
     ]
