@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from commonrail.base.errors import ConfigurationError, InputError
+from commonrail.base.hooks import note
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import apply_words
 from commonrail.readers.injector import CATALOGUE, in_catalogue, injector_catalogue, load_injector, load_meters
@@ -90,12 +92,26 @@ def read_model_name(text: str) -> NamedModel:
     if not in_catalogue(source) and Path(source).is_dir():
         from commonrail.runs.folder import note_stopped
 
-        note_stopped(Path(source))
         folder = Path(source)
+        note_stopped(folder)
+        _note_unusable(folder)
     origin = meters, folder if words is None else None, folder
     if label is not None:
         return NamedModel(label.strip(), injector, text, True, *origin)
     return NamedModel(_stem(source) + (f"@{words}" if words else ""), injector, text, False, *origin)
+
+
+def _note_unusable(folder: Path) -> None:
+    """Note that a run is not usable by its verdict; a folder without a result is not judged."""
+    from commonrail.calibration.record import CalibrationRecord, read_as  # all slow to import
+    from commonrail.report.fit.rules import BAD
+    from commonrail.report.fit.verdict import verdict
+    from commonrail.runs.folder import read_result
+
+    with suppress(InputError):
+        judged = verdict(read_as(CalibrationRecord, read_result(folder)), str(folder))
+        if judged.level == BAD:
+            note(f"{folder}: {judged.headline}", once=True)
 
 
 def _split_label_and_words(text: str) -> tuple[str | None, str, str | None]:

@@ -205,6 +205,8 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
         bench = {key: stated.pressures.get(key) or noted.get(key, UNKNOWN) for key in _BENCH}
         read = [key for key in _BENCH if key in noted and not stated.pressures.get(key)]
         trial = _Trial(model, [bench | block for block in blocks], study)
+        if trial.error:
+            raise InputError(trial.error)
         free = free_by_name or trial.screen_parameters()
         delay, doubts = trial.delay(), trial.doubt_units(surveys)
         for curve in delay.curves if delay else ():
@@ -357,7 +359,7 @@ class _Trial:
         for i in range(len(blocks)):
             try:
                 self.sets += [(i, data) for data in self._read_block(i)]
-            except CommonrailError as error:  # reading the study reports it too
+            except CommonrailError as error:
                 self.error = final_text(str(error), study.parent)
 
     def _read_block(self, i: int) -> list[DataSet]:
@@ -380,9 +382,9 @@ class _Trial:
         for rank, data_set in enumerate(sets):
             data.append(_thin(data_set, left // (len(sets) - rank)))
             left -= len(data[-1].simulated_points)
-        free = [] if self.error else screen(self.model, self.space, data, self.step)
+        free = screen(self.model, self.space, data, self.step)
         if not free:
-            reason = self.error or "the data do not depend on them, or state no operating points."
+            reason = "the data do not depend on them, or state no operating points."
             note(f"Usual parameters are free within 10 %, because the screening failed: {reason}")
         return free
 
