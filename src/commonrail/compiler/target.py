@@ -203,8 +203,7 @@ def exact_processor() -> Processor:
     """
     if not is_x86():
         raise ConfigurationError(
-            f"same_bits needs an x86-64 processor, and the processor of this machine is {platform.machine()}; "
-            "omit same_bits."
+            f"same_bits needs an x86-64 processor, and this machine is of kind {platform.machine()}; omit same_bits."
         )
     return own_processor()._replace(exact=True)
 

@@ -49,7 +49,7 @@ def _beyond_numbers(injector: Injector, error: ArithmeticError) -> str:
     name = max(sizes, key=lambda name: sizes[name])
     return (
         f"{injector.name}: the simulation fails with an arithmetic error ({error}); correct the implausible "
-        f"parameter. The most extreme is {name} = {injector.values[name]:g} "
+        f"parameter; the most extreme is {name} = {injector.values[name]:g} "
         f"{injector.quantities[name].unit.removesuffix('1')}".rstrip()
         + "."
     )
@@ -143,7 +143,7 @@ def simulate(
         if engine is Engine.REFERENCE:
             if real is not Precision.F64:
                 raise ConfigurationError(
-                    f"The reference engine computes only in f64; use the lanes engine for {real.value}."
+                    f"The reference engine computes in f64 alone; use the lanes engine for {real.value}."
                 )
             from commonrail.engine.reference import simulate_reference
 
