@@ -1,9 +1,9 @@
 """Covariance of the most likely values, from the curvature of the prewhitened likelihood.
 
-With whitened derivatives J_b of block b, the covariance is the sandwich V = B⁻¹ (Σ τ_b J_bᵀJ_b) B⁻¹. The bread is B =
-Σ m_b J_bᵀJ_b with the mean slope m_b of the block's law, and τ_b = K² Σψ²/ν_b (Huber's factor K). This is the
-covariance of the estimator under any law; a Gaussian block has m = τ = 1. Priors are a block with stated deviations.
-Bounds and constraints are not projected out. The draws start from V, and the intervals come from V if the draws fail.
+With whitened derivatives J_b of block b, the covariance is the sandwich V = B⁻¹ (Σ τ_b J_bᵀJ_b) B⁻¹. The bread is B = Σ
+m_b J_bᵀJ_b with the mean slope m_b of the block's law, and τ_b = K² Σψ²/ν_b (Huber's factor K). V holds for any law; a
+Gaussian block has m = τ = 1. Priors are a block with stated deviations. Bounds and constraints are not projected out.
+The draws start from V, and the intervals come from V if the draws fail.
 """
 
 from __future__ import annotations

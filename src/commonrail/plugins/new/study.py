@@ -98,7 +98,7 @@ _CHECKED = {
     "rate_unit": "unit by the names of the columns",
     "rail_pressure": "by the name of the file or its column",
     "energising_time": "by the name of the file or its column",
-    "shots": "the only current begins to rise by offset after the trigger's edge, to a sample of it",
+    "shots": "the only current starts to rise at the offset after the trigger's edge, within one sample",
 }
 # Weight of a map next to rates. On two benches of 50 points and 120 shots (`studies/walk_bench.py`, seeds 1 and 2) it
 # lowers the rms of the quantities above 3 mm³ from 0.9 and 2.7 % to 0.7 and 0.9 %, and raises the largest error of a
@@ -287,7 +287,7 @@ def block_of_file(survey: Survey, surveys: Sequence[Survey], model: Injector, st
 
 
 def _drive(survey: Survey, unit: str) -> dict[str, Any]:
-    """Key with the only channel that may be the measured drive, or with the pattern of several.
+    """Key with the only possible channel of the measured drive, or with a name pattern for several channels.
 
     Energising starts at time 0, so a record that begins earlier shows the zero of the sensor.
     """
@@ -587,7 +587,7 @@ def _line(key: str, value: Any, is_checked: bool = False) -> str:
     comments = {
         "role": '"fit", or "validation": compared, not fitted',
         "window": 'samples that count, from the start of energising; for a meter: meter = "NAME", [meters.NAME]',
-        "synthetic": "what about the data is not measured",
+        "synthetic": "part of the data that is not measured",
     }
     if is_checked:
         comments[key] = f"CHECK IT: {_CHECKED[key]}"

@@ -97,7 +97,7 @@ _WRONG_UNITS = tuple(power * density for power in (1e3, 1e-3) for density in (1.
 
 
 def _unit_hint(plan: TestPlan, score: PlanScore, pressures: tuple[Quantity, Quantity], simulator: Simulator) -> str:
-    """Sentence on a wrong unit that would bring most deliveries inside, if none is; empty if there is no such unit."""
+    """Hint at a wrong unit if no delivery is inside and another unit would bring most inside; else empty."""
     at = [i for i, test in enumerate(plan.tests) if test.measure is Measure.DELIVERY]
     tests, values = [score.data.tests[i] for i in at], score.values[at]
 
