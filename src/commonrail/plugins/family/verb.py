@@ -112,6 +112,7 @@ def type_(
     if json:
         print_json(_type_record(injector_type, out))
     else:
+        print_synthetic(injector_type.synthetic)
         _print_type(injector_type)
     _say_written(injector_type, out)
 
