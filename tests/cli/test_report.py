@@ -69,3 +69,11 @@ def test_a_result_that_somebody_has_spoilt_is_one_sentence(
     done = command("report", rate_run)
     assert done.status == 2
     assert done.sentence
+
+
+def test_the_tables_of_a_calibration_are_printed_again(command: Command, rate_run: Path, tmp_path: Path) -> None:
+    """As `calibrate --full` printed them, without another fit."""
+    short, full = command("report", rate_run, "--no-live"), command("report", rate_run, "--no-live", "--full")
+    assert short.out.splitlines() == full.out.splitlines()[-1:] == [str(rate_run / "report.html")]
+    assert "plunger_needle.k1" in full.out
+    assert command("report", tmp_path, "--full").status == 2

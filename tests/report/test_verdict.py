@@ -193,8 +193,12 @@ def test_synthetic_data_and_none_that_were_held_back_are_noted() -> None:
 
 def test_a_trivial_model_that_is_as_good_is_told() -> None:
     record = sound()
-    record["data"][1]["baselines"] = [{"beaten": False}]
-    assert "On map at 80 MPa a trivial model is as good or better." in verdict(record, "runs/a").notes
+    baselines = [
+        {"beaten": False, "sentence": "Interpolation is better."},
+        {"beaten": True, "sentence": "A gain is not."},
+    ]
+    record["data"][1]["baselines"] = baselines
+    assert verdict(record, "runs/a").notes == ["Interpolation is better."]
 
 
 def test_a_trivial_model_that_predicts_held_out_rows_better_is_told() -> None:

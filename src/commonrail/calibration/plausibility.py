@@ -612,7 +612,9 @@ def of_settings(study: Study) -> tuple[Finding, ...]:
 
 def of_values(study: Study, scores: Sequence[Score], of: str = "start values") -> tuple[Finding, ...]:
     """Findings about the data beside their simulation with values `of` the parameters, one score for each data set."""
-    return (*_start_findings(study, scores), *share_findings(study.data, scores, of))
+    # the most likely values follow the noise of each set; only those of an evolution follow its weight
+    shares = share_findings(study.data, scores, of) if study.method.is_evolution else ()
+    return (*_start_findings(study, scores), *shares)
 
 
 def _start_findings(study: Study, scores: Sequence[Score]) -> Iterator[Finding]:

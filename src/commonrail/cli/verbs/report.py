@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import click
 
 from commonrail.base import registry
 from commonrail.base.errors import InputError, PluginError
 from commonrail.cli.console import print_json, say
+from commonrail.cli.fit import Outcome, print_fit
 from commonrail.cli.grammar import Argument, Option, verb
 from commonrail.cli.options import Json, NoLive
 
@@ -22,6 +23,7 @@ def report(
     page: Annotated[
         bool, Option("--page", help="Make further pages beside it: bench.html with sliders, and those of plug-ins.")
     ] = False,
+    full: Annotated[bool, Option("--full", help="Print verdict and all tables of a calibration too.")] = False,
     no_live: NoLive = False,
     json: Json = False,
 ) -> None:
@@ -37,6 +39,7 @@ def report(
       commonrail report runs/paper-1
       commonrail report runs/paper-1 --pdf
       commonrail report runs/paper-1 --page
+      commonrail report runs/paper-1 --full
     """
     from commonrail.report.page import write_report
     from commonrail.report.pdf import browser, print_pdf
@@ -44,6 +47,7 @@ def report(
 
     if pdf:
         browser()  # refuse before anything is written
+    record = _read_calibration(run) if full else None
     pages = _make_pages(run) if page else []
     lacking = kind_of(run).extra(run)
     path = write_report(run, live=not no_live)
@@ -54,7 +58,18 @@ def report(
         files = {"report": str(path)} | ({"pdf": str(printed)} if printed else {})
         print_json({"kind": "report", **files} | ({"pages": list(map(str, pages))} if page else {}))
     else:
+        if record is not None:
+            print_fit(Outcome(run, path, record))
         click.echo("\n".join(str(file) for file in (path, printed, *pages) if file))
+
+
+def _read_calibration(run: Path) -> dict[str, Any]:
+    """Record of the run of a calibration, whose tables are printed."""
+    from commonrail.runs.folder import RESULT, read_result
+
+    if not (run / RESULT).is_file():
+        raise InputError(f"{run}: --full prints the tables of a calibration, and there is no {RESULT}; omit --full.")
+    return read_result(run)
 
 
 def _make_pages(run: Path) -> list[Path]:

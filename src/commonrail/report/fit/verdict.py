@@ -488,13 +488,16 @@ def _prediction(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
     if narrow := [d["name"] for d in record.data if "band" in d and too_few_inside(d)]:
         cure = Step("State a discrepancy of these data, or free what the model lacks; do not rely on its bands before.")
         yield Point(Kind.NOTE, f"The bands hold too few measured values of {_some(narrow)}: they are too narrow.", cure)
-    beaten = [d["name"] for d in validation if any(b.get("beaten") is False for b in d.get("baselines", ()))]
+    for data in validation:
+        for baseline in data.get("baselines", ()):
+            if baseline.get("beaten") is False:
+                yield Point(Kind.NOTE, baseline["sentence"], step)
     beaten_rows = dict.fromkeys(
         left_out.name for left_out in held_out if any(b.beaten is False for b in left_out.baselines)
     )
-    for of, names in (("", beaten), ("held out rows of ", list(beaten_rows))):
-        if names:
-            yield Point(Kind.NOTE, f"On {of}{_some(names)} a trivial model is as good or better.", step)
+    if beaten_rows:
+        reason = f"On held out rows of {_some(list(beaten_rows))} a trivial model is as good or better."
+        yield Point(Kind.NOTE, reason, step)
 
 
 def _is_lost(data: Record) -> bool:
