@@ -11,6 +11,7 @@ from commonrail.calibration.record import CertainParameter, CertaintyRecord, Par
 from commonrail.data.records import LABELS, Record, Texts
 from commonrail.report.fit.certainty import interval_digits, interval_text
 from commonrail.report.fit.record import by_kind, short_names
+from commonrail.report.parameter_names import FORMULA_SIGNS
 
 # The calibrated parameters against their bounds, as text and positions for a bar.
 
@@ -33,11 +34,13 @@ class ParameterRow:
     is the distance of the best from the prior's value in its standard deviations, "+0.8 σ"; empty without a prior.
     `best_at` and `start_at` are positions between the bounds, `span` and `prior` left ends and widths of interval and
     prior there, all held within the bar [%]; `span` of the whole bar says that the data do not bound the value.
-    `is_outside` says that the best lies outside the interval of the likelihood.
+    `is_outside` says that the best lies outside the interval of the likelihood. `label` is the meaning, with the name
+    as `detail`; a meaning that is a formula is the detail of a short name.
     """
 
     name: str
-    short: str
+    label: str
+    detail: str
     meaning: str
     source: str
     verdict: str
@@ -91,10 +94,12 @@ def parameter_table(parameters: Sequence[ParameterRecord], certainty: CertaintyR
 
 def _row(p: ParameterRecord, certain: CertainParameter | None, short: str) -> ParameterRow:
     unit, start, best, prior = p.unit, p.reference, p.best, p.prior
+    is_plain = bool(p.meaning) and not any(sign in p.meaning for sign in FORMULA_SIGNS)
     ends = (certain.lower, certain.upper) if certain else _about(best, p.standard_error)
     return ParameterRow(
         name=p.name,
-        short=short,
+        label=p.meaning if is_plain else short,
+        detail=p.name if is_plain else p.meaning,
         meaning=p.meaning,
         source=p.source or "no source given",
         verdict=p.verdict or MISSING,
