@@ -1,4 +1,4 @@
-"""``python -m commonrail``: the command where no script of that name is on the path."""
+"""``python -m commonrail``: the command, if its script is not on the path."""
 
 from commonrail.cli.start import main
 

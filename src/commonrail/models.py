@@ -1,4 +1,4 @@
-"""Catalogue, parts and parameters of injectors; what becomes of a model: files, pages, linear models."""
+"""Injector models: catalogue, parts, parameters, and export to files, pages and linear models."""
 
 from commonrail.base.public import attach
 

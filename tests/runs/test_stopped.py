@@ -10,7 +10,9 @@ import pytest
 from commonrail.cli.model_name import read_model_name
 from commonrail.readers.injector import load_injector
 from commonrail.readers.injector_writer import dump_injector
+from commonrail.report.fit.rules import BAD, TITLES
 from commonrail.runs.folder import note_stopped
+from tests.report.samples import map_record
 
 
 @pytest.fixture
@@ -48,3 +50,15 @@ def test_a_search_that_has_ended_is_not_told(tmp_path: Path, told: list[str], re
         (folder / "result.json").write_text(result, encoding="utf-8")
     read_model_name(str(folder))
     assert told == []
+
+
+@pytest.mark.parametrize(("percent", "is_told"), [(40.0, True), (2.0, False)])
+def test_a_run_that_is_not_usable_is_told(tmp_path: Path, told: list[str], percent: float, is_told: bool) -> None:
+    """Whoever simulates it, or computes a map for a control unit."""
+    folder = run(tmp_path / "run", "finished")
+    record = map_record()
+    for data in record["data"]:
+        data["figures"]["best"]["rms_large_percent"] = percent
+    (folder / "result.json").write_text(json.dumps(record), encoding="utf-8")
+    read_model_name(str(folder))
+    assert any(TITLES[BAD] in sentence for sentence in told) is is_told

@@ -1,4 +1,4 @@
-"""Tables written as CSV, in which no text is a formula for a spreadsheet."""
+"""CSV tables in which a spreadsheet takes no text for a formula."""
 
 from __future__ import annotations
 
@@ -9,37 +9,36 @@ from pathlib import Path
 
 from commonrail.base.output import line_text, replacing
 
-# Texts in tables that a spreadsheet would compute: neutralised where tables are written, restored where they are read.
+# Cells that a spreadsheet would compute are neutralised when tables are written, and restored when tables are read.
 #
-# A text that would be taken for a formula gets an apostrophe in front, which makes it a text for every spreadsheet.
-# The same text comes back: `restore(neutralise(text)) == text`, and texts that nobody would compute stay as they
-# are.
+# A text that looks like a formula gets an apostrophe in front, which makes it a text for every spreadsheet. All other
+# texts stay unchanged, and `restore(neutralise(text)) == text`.
 
 MARK = "'"
 
-# Signs with which a formula begins, in full width too, after spaces and quotes that a spreadsheet may drop.
+# First sign of a formula, also in full width, after spaces and quotes that a spreadsheet may drop.
 _FORMULA = re.compile(r"[\s'\"]*[=+\-@＝＋－＠]")
 _NUMBER = re.compile(r"[\s'\"]*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
 _SEPARATORS = re.compile(r"([,;\t])")
 
 
 def neutralise(text: str) -> str:
-    """Cell of a table, which no spreadsheet computes; numbers stay numbers."""
+    """Text of a cell that no spreadsheet computes; numbers stay unchanged."""
     return MARK + text if _is_computed(text) else text
 
 
 def restore(cell: str) -> str:
-    """Text of a cell that `neutralise` gave."""
+    """Text that `neutralise` has turned into this cell."""
     return cell[1:] if cell.startswith(MARK) and _is_computed(cell[1:]) else cell
 
 
 def comment_line(text: str) -> str:
-    """Comment line of a text; a spreadsheet divides it into cells at each separator."""
+    """Comment line of a text, neutralised after each separator, where a spreadsheet begins a new cell."""
     return f"# {_behind_separators(line_text(text), neutralise)}"
 
 
 def restore_note(line: str) -> str:
-    """Text of a line that `comment_line` gave, without its sign."""
+    """Text of a line of `comment_line` whose comment sign has been removed."""
     return _behind_separators(line, restore)
 
 
@@ -55,10 +54,9 @@ def _is_computed(text: str) -> bool:
 
 
 def write_csv(path: Path, notes: Iterable[str], header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Write a table, whole or not at all; `OutputError` as `replacing`.
+    """Write a complete table or nothing; raises `OutputError` as `replacing` does.
 
-    This is where tables are written: a text that a spreadsheet would compute is neutralised, and `CsvFile` with `plain`
-    reads it back as it was.
+    A text that a spreadsheet would compute is neutralised; `CsvFile` with `plain` restores it.
 
     `notes`: comment lines above the header. `header`: names of the columns with their units.
     """

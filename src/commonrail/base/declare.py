@@ -217,7 +217,7 @@ def settings(cls: Any = None, *, kw_only: bool = True) -> Any:
 
 
 def _settings(cls: Any, kw_only: bool, frame: types.FrameType) -> Any:
-    """Class under `settings`; `frame` is where it is defined, whose names its annotations use."""
+    """Dataclass of settings; its annotations are resolved with the names of `frame`, where the class is defined."""
     check = getattr(cls, "__post_init__", None)
 
     def read(self: Any) -> None:

@@ -69,7 +69,7 @@ def _compiling() -> Iterator[None]:
     line.show("")
 
 
-NOTEBOOK = "commonrail.report.notebook"  # named, not imported: a result below knows no drawing
+NOTEBOOK = "commonrail.report.notebook"  # a name, not an import: results do not depend on drawing
 
 
 class Shown:
@@ -97,8 +97,7 @@ class Shown:
         Parameters
         ----------
         ax : matplotlib.axes.Axes or sequence of them, optional
-            Axes for the panels of the figure, from the top; one takes the first panel. By default those of a new
-            figure.
+            Axes for the panels of the figure, from the top; a single one takes the first panel. Default: a new figure.
         figure : int
             Number of the figure among those of `figures`, from 0.
         point : OperatingPoint, optional

@@ -56,7 +56,7 @@ def read_plain(path: Path, largest: int = LARGEST_FILE) -> bytes:
     with _as_input_error(path), open_plain(path, largest) as stream:
         size = min(os.fstat(stream.fileno()).st_size, largest)
         data = stream.read(size + 1)  # as many bytes as are asked for are reserved before the first is read
-        if len(data) > size:  # a file may grow, and those of the system say that they are empty
+        if len(data) > size:  # a file may grow, and system files report size 0
             data += stream.read(largest - size)
     if len(data) > largest:
         raise _too_large(path, f"more than {largest / 1e6:g} MB", largest)
@@ -72,11 +72,11 @@ def read_plain(path: Path, largest: int = LARGEST_FILE) -> bytes:
 def open_plain(path: Path, largest: int = LARGEST_FILE) -> Iterator[BinaryIO]:
     """Stream of a plain file, which had at most `largest` bytes when it was opened.
 
-    Raises `InputError` as `read_plain`, but for a file that grows while it is read.
+    Raises `InputError` as `read_plain` does, except for a file that grows during reading.
     """
     with _as_input_error(path):
         check_plain(path, largest)
-        # Neither waits for the other end of a pipe, should one have taken the file's place meanwhile.
+        # O_NONBLOCK: do not wait for the other end if a pipe has replaced the file in the meantime.
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     with open(handle, "rb") as stream:
         _refuse_unless_plain(path, os.fstat(handle), largest)
@@ -84,7 +84,7 @@ def open_plain(path: Path, largest: int = LARGEST_FILE) -> Iterator[BinaryIO]:
 
 
 def check_plain(path: Path, largest: int | None = None) -> None:
-    """Refuse what is not a plain file, without opening it: to open a device may do something, and a pipe waits.
+    """Check that a path is a plain file without opening it: a device may act when opened, a pipe may wait.
 
     Raises `InputError` if it is a folder, device, pipe or socket, or a link to one, or larger than `largest` bytes.
     Raises `OSError` if there is nothing, or nothing that may be examined.
@@ -182,9 +182,9 @@ def check_sum(path: Path) -> None:
 
 
 def check_sums(folder: Path, *names: str) -> None:
-    """Refuse a folder in which a file that its checksums list is not the one that was written.
+    """Refuse a folder if a file has changed since its checksum was written.
 
-    A file that is missing is refused by whoever reads it. `names`: files to check, by default all. Raises
+    A missing file is left to its reader. `names`: files to check, by default all. Raises
     `InputError` for a changed file, or if the checksums cannot be read.
     """
     sums = folder / SUMS

@@ -19,7 +19,7 @@ from commonrail.base.input import SUMS, digest, read_sums
 _CONTROL = re.compile("[\x00-\x08\x0a-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")  # but tabs
 PART = ".part"  # end of the name of a file that is being written
 
-# Folder of the set that is being written, and by its place where each file is until then; None if it is to be removed.
+# Folder of the set of files being written, and each file's temporary path by final path; None to remove the file.
 _set: ContextVar[tuple[Path, dict[Path, Path | None]] | None] = ContextVar("_set", default=None)
 
 
@@ -44,8 +44,8 @@ def writing(path: Path, option: str = "") -> Iterator[None]:
 def replacing(path: Path, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
     """Stream to a file that takes the place of `path` at the end of the block, unless the block ends in an error.
 
-    A crash or a full disk leaves what was at `path` before; a power cut the old or the new file, never a fragment.
-    Inside `write_set` the file comes to its place with the others of the set.
+    After a crash or on a full disk, `path` keeps its old content; after a power cut, the old or the new file, never a
+    fragment. Inside `write_set` all files of the set are replaced together.
 
     Raises `OutputError` if it cannot be written, or `path` is a symbolic link, a device or a folder, and
     `KeyboardInterrupt` if a stop was asked for, see `check_unheld_stop`.
@@ -108,12 +108,12 @@ def check_target(path: Path) -> None:
 
 
 def _create(path: str, flags: int) -> int:
-    """Open a file that is not there yet: what somebody has put in its place is not followed."""
+    """Create and open a file; raises an error if the path exists, so that a planted link is not followed."""
     return os.open(path, flags | os.O_EXCL, 0o666)
 
 
 def _sync_folder(folder: Path) -> None:
-    """See that the move is on disk too, where the system can tell."""
+    """Flush the renaming of a file to disk, if the system supports it."""
     with suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:
@@ -151,7 +151,7 @@ def write_set(folder: Path, *stale: str, inputs: Mapping[str, str] = {}) -> Iter
         for place, temporary in parts.items():
             sums[place.relative_to(folder).as_posix()] = "" if temporary is None else digest(temporary)
         with replacing(folder / SUMS, "wb") as stream:
-            # a line holds no name with two lines
+            # omit names with a line break
             lines = (f"{text}  {name}\n" for name, text in sums.items() if text and "\n" not in name)
             stream.writelines(map(os.fsencode, lines))
     except BaseException:

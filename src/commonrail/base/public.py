@@ -12,7 +12,7 @@ from typing import Any
 _NAME = re.compile(r"^from (\S+) import (\w+) as \w+$", re.M)
 PACKAGE = "commonrail"
 
-# Names that have changed with their place, by what they were.
+# Present names of moved functions and classes, by former name.
 RENAMED = {
     "certify": "certainty",
     "judge_part": "parts.judge",
@@ -25,7 +25,7 @@ RENAMED = {
 
 @cache
 def read_stub(stub: Path) -> dict[str, str]:
-    """Modules by the public names that a stub states; a namespace is of the module ``"."``."""
+    """Module of each public name in a stub; ``"."`` for a namespace."""
     return {name: home for home, name in _NAME.findall(stub.read_text(encoding="utf-8"))}
 
 

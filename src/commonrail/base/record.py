@@ -1,7 +1,8 @@
-"""Records of results: JSON-able form of typed objects, and the objects again.
+"""Records of results: conversion of typed objects to JSON and back.
 
-A result is a dataclass or a named tuple of numbers, texts, enums, arrays and such objects. `to_record` makes what its
-JSON file holds, `from_record` reads that back, and pages and tables use attributes whose names are checked.
+A result is a dataclass or a named tuple of numbers, texts, enums, arrays and such objects. `to_record` converts a
+result for its JSON file, `from_record` converts it back. Pages and tables use attributes, whose names a type checker
+verifies.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ _Result = TypeVar("_Result")
 
 
 class Key(NamedTuple):
-    """Annotation of a field whose key in the record is not its name: ``Annotated[float, Key("clock.seconds")]``.
+    """Annotation of a field whose key in the record differs from its name: ``Annotated[float, Key("clock.seconds")]``.
 
-    `path`: with points for nested keys; empty for an object whose keys are merged into the record.
+    `path`: key, or nested keys joined by points; empty to merge the keys of an object into the record.
     """
 
     path: str

@@ -8,13 +8,13 @@ from contextvars import ContextVar
 
 from commonrail.base.hooks import within
 
-# Called with a phase, its steps done, the most that it may take, and figures as text.
+# Called with a phase, its completed steps, its largest number of steps, and figures as text.
 Listener = Callable[[str, int, int, str], None]
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 
 def telling(listener: Listener | None) -> AbstractContextManager[None]:
-    """Have a function called at each stage inside the block, or none."""
+    """Call a listener at each stage inside the block; None: no listener."""
     return within(_listener, listener)
 
 

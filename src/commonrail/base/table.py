@@ -54,7 +54,7 @@ class Part(NamedTuple):
     cells: Callable[[Any], Iterable[str | Cell]]
 
 
-OPERATING_POINT = ("rail, MPa", "energising, µs")  # heads of the inputs of rows that have a name too
+OPERATING_POINT = ("rail, MPa", "energising, µs")  # heads of the input columns of rows that also have a name
 
 
 def table_from_parts(
@@ -67,7 +67,7 @@ def table_from_parts(
 ) -> Table:
     """Table of any rows.
 
-    `rows`: what the parts make cells of. `texts`: number of columns that are words. `inputs`: see `Table`.
+    `rows`: objects from which the parts make cells. `texts`: number of columns that are words. `inputs`: see `Table`.
     """
     heads = tuple(head for block in parts for head in block.heads)
     texts_or_cells = ((cell for block in parts for cell in block.cells(row)) for row in rows)
@@ -85,8 +85,8 @@ def table_from_columns(
 ) -> Table:
     """Table of any rows, column by column.
 
-    `rows`: what the columns read, such as parts of a record. `columns`: head, and the key of a row or what makes its
-    text or cell. `texts`: number of columns that are words. `inputs`: see `Table`.
+    `rows`: objects that the columns read, such as parts of a record. `columns`: head, and the key in a row or a
+    function that returns its text or cell. `texts`: number of columns that are words. `inputs`: see `Table`.
     """
 
     def cell(row: Any, text: str | Callable[[Any], str | Cell]) -> str | Cell:
@@ -105,9 +105,9 @@ def judge_size(error: float | None, steps: Sequence[float]) -> str:
 def mark_least(
     errors: Sequence[float | None], text: Callable[[float | None], str], steps: Sequence[float] = ()
 ) -> list[Cell]:
-    """Cells of a row of errors; the least is marked, and what reads the same, unless all of them do.
+    """Cells of a row of errors; the least and equal texts are marked, unless all texts are equal.
 
-    With `steps` each cell has the size of its error.
+    With `steps`, each cell gets the class of its error.
     """
     sizes = [None if error is None else text(abs(error)) for error in errors]
     numbers = [abs(error) for error in errors if error is not None]

@@ -17,9 +17,9 @@ from commonrail.base.arrays import Bools, Floats
 from commonrail.base.errors import ConfigurationError, InputError, nearest
 from commonrail.physics.elementary import product
 
-# Rounding forgiven in a row, and what a strict row (<) asks beyond equality; both relative to the
-# largest magnitude the row's terms take within the bounds. The margin is the larger by far, so a
-# strict row that counts as met is met strictly in floating point too.
+# Tolerance for rounding in a row, and margin of a strict row (<); both relative to the largest
+# magnitude of the row's terms within the bounds. The margin is much larger than the tolerance, so an
+# accepted strict row is also strict in floating point.
 ROUNDING = 1e-12
 STRICT_MARGIN = 1e-9
 # A polytope whose largest inscribed ball is smaller than this (bounds scaled to 1) has no room:
@@ -131,7 +131,7 @@ def deepest_point(polytope: Polytope) -> tuple[Floats, float]:
     return centre.copy(), radius
 
 
-@functools.lru_cache(maxsize=8)  # a space asks whether it has room first, and where later
+@functools.lru_cache(maxsize=8)  # a space first asks whether it has room, and later for the point
 def _deepest_point(row_bytes: bytes, floor_bytes: bytes) -> tuple[Floats, float]:
     from scipy.optimize import linprog  # slow to import, and a study without constraints does without
 
@@ -173,7 +173,7 @@ def conflicting_rows(constraints: LinearConstraints, lower: ArrayLike, upper: Ar
 _NUMBER = r"(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
 _NAME = r"(?P<name>[A-Za-z_]\w*(?:\.\w+)*)"
 _RELATION = re.compile(r"([<>]=?)")
-# A term with its sign: the sign of an exponent begins no other one.
+# A term with its sign; the sign of an exponent does not begin a new term.
 _PIECE = re.compile(r"[+-]?(?:[A-Za-z_][\w.]*|[0-9.]+(?:[eE][+-]?[0-9]+)?|[^+-])+|[+-]")
 _TERM = re.compile(rf"(?P<sign>[+-]?)\s*(?=\S)(?:{_NUMBER}\s*(?:\*\s*(?=[A-Za-z_])|$))?{_NAME}?\s*")
 

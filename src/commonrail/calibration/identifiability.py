@@ -1,4 +1,4 @@
-"""Effects of free parameters near the best values, and what the plug-ins of "after_fit" add for a calibration."""
+"""Effects of free parameters near the best values, and assessment of a calibration by the plug-ins of "after_fit"."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from commonrail.calibration.run import Calibration
 from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study, objective_of
 
-NORMAL = 1.96  # standard errors of half an interval of 95 %
-LIMIT = 0.1  # half width over value, up to which a parameter is called determined
+NORMAL = 1.96  # standard errors in half the width of a 95 % interval
+LIMIT = 0.1  # relative half width up to which a parameter is called determined
 
 
 class ParameterVerdict(StrEnum):
-    """Statement of the data on a parameter."""
+    """How well the data determine a parameter."""
 
     DETERMINED = "determined"
     COMBINED = "only in combination"
@@ -38,18 +38,18 @@ class ParameterVerdict(StrEnum):
 
     @classmethod
     def by_width(cls, half: float, alone: float, value: float, limit: float = LIMIT) -> ParameterVerdict:
-        """Verdict by the half width [SI] of an interval, and of the one with all other parameters known."""
+        """Verdict from the half width [SI] of an interval; `alone`: half width if all other parameters are known."""
         if half <= limit * abs(value):
             return cls.DETERMINED
         return cls.COMBINED if alone <= limit * abs(value) else cls.INSENSITIVE
 
 
 class Identified(dict[str, dict[str, Any]]):
-    """Findings of each free parameter by name.
+    """Results for each free parameter by name.
 
-    `influence` is None where the best values could not be simulated. `sections` are parts of result.json on the fit as
-    a whole, and `bands` has the section "band" of a data set by its name. `estimate` are the most likely values [SI]
-    that take the place of those of the search, if any do, and `draws` (m, d) [SI] are draws of the parameters.
+    `influence` is None where the best values could not be simulated. `sections` are parts of result.json on the whole
+    fit. `bands` holds the section "band" of each data set by name. `estimate` holds the most likely values [SI] if they
+    replace the values of the search. `draws` (m, d) [SI] are draws of the parameters.
     """
 
     def __init__(self, influence: Influence | None = None) -> None:
@@ -63,19 +63,19 @@ class Identified(dict[str, dict[str, Any]]):
 
 @dataclass(frozen=True)
 class FinishedFit:
-    """Fit that functions of the group "after_fit" judge, each called with it.
+    """Finished fit, the argument of each function of the group "after_fit".
 
     Attributes
     ----------
     calibration : Calibration
     identified : Identified
-        What the function adds to or replaces: findings of parameters, sections, bands.
+        Results that the function extends or replaces: verdicts on parameters, sections, bands.
     threads : int or None
         None: all usable processors.
     starts : int
         Starts of further searches.
     shared : dict
-        What a function leaves to those after it, by the name of its part.
+        Results that a function passes to later functions, by plug-in name.
     """
 
     calibration: Calibration
@@ -94,8 +94,8 @@ def plain_objective(study: Study, threads: int | None) -> Objective:
 def identify(calibration: Calibration, threads: int | None = None, *, starts: int = 1) -> Identified:
     """Effect, standard error and verdict of each free parameter on the fitted data, and bands of all data.
 
-    Effects are those of `identify_at`; standard errors, verdicts and bands those of the plug-ins of "after_fit". Their
-    bits depend on the processor, with `same_bits` too. `KeyboardInterrupt` if a stop was asked for.
+    `identify_at` gives the effects; the plug-ins of "after_fit" give standard errors, verdicts and bands. Their bits
+    depend on the processor even with `same_bits`. Raises `KeyboardInterrupt` if a stop was requested.
     """
     study = instance(calibration, Calibration, "calibration").study
     objective = plain_objective(study, threads)
@@ -107,7 +107,7 @@ def identify(calibration: Calibration, threads: int | None = None, *, starts: in
             check_stop()
             try:
                 assessment.call(fit)
-            except PluginError as error:  # the others judge the fit all the same
+            except PluginError as error:  # the other plug-ins still assess the fit
                 hooks.note(str(error))
     return identified
 
@@ -115,11 +115,11 @@ def identify(calibration: Calibration, threads: int | None = None, *, starts: in
 def identify_at(space: Space, objective: FitObjective, best: Floats) -> Identified:
     """Effect, standard error and verdict of each free parameter on the data of an objective, at a point (d,) [SI].
 
-    From the Jacobian J of the residuals with respect to the position in the bounds, and the residual's own
-    size s² = |r|²/(N − d): a parameter moved alone has the standard error s/|J_i|, and s/|J_i⊥| once the
-    others may readjust, J_i⊥ being the part of J_i that they cannot imitate. With priors, which the effects leave out,
-    the standard error is that of data and priors together, see `Influence.errors`. Under the loss soft L1 each residual
-    counts with its weight there, see `Goal.roots_of_weights`. Local and linear: it says nothing about other basins.
+    J is the Jacobian of the residuals with respect to the position in the bounds, s² = |r|²/(N − d) the residual
+    variance. A parameter moved alone has the standard error s/|J_i|. If the other parameters readjust, the standard
+    error is s/|J_i⊥|; J_i⊥ is the part of J_i orthogonal to their columns. Priors reduce the standard error, see
+    `Influence.errors`, and do not change the effects. The soft-L1 loss weights the residuals, see
+    `Goal.roots_of_weights`. The analysis is local and linear: it says nothing about other optima.
 
     Returns
     -------

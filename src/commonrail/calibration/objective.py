@@ -43,8 +43,8 @@ class Goal(NamedTuple):
     """Rules of the objective besides the data: loss, and priors whose squared residuals are added to it.
 
     A candidate that does not meet one of the conditions loses, whatever its loss. `screening_step` is the time step [s]
-    of the simulations that screen candidates in f32, None for that of the search; `scale` is s of the loss
-    `Loss.SOFT_L1`, in units of the residuals. A point that `space` does not allow costs +inf and is not simulated.
+    of the simulations that screen candidates in f32; None: time step of the search. `scale` is s of the loss
+    `Loss.SOFT_L1`, in units of the residuals. A point outside `space` costs +inf and is not simulated.
     """
 
     loss: Loss = Loss.KINDS
@@ -55,9 +55,9 @@ class Goal(NamedTuple):
     space: Space | None = None
 
     def bent(self, residuals: Floats) -> Floats:
-        """Residuals (n, m) whose squares sum to the loss; those themselves unless the loss is soft L1.
+        """Residuals (n, m) whose squares sum to the loss; unchanged unless the loss is soft L1.
 
-        r sqrt(2/(1 + sqrt(1 + (r/s)²))): its square is 2 s² (sqrt(1 + (r/s)²) − 1), without the cancellation.
+        r sqrt(2/(1 + sqrt(1 + (r/s)²))), whose square is 2 s² (sqrt(1 + (r/s)²) − 1) without cancellation of digits.
         """
         if self.loss is not Loss.SOFT_L1:
             return residuals
@@ -85,8 +85,8 @@ def check_parts(injector: Injector, data: Sequence[DataSet], conditions: Sequenc
         check_condition(injector, condition)
     for data_set in data:
         if data_set.has_return and RETURN in unread_inputs(injector.variant):
-            cure = f"take a model with {reader_of(RETURN)}, or remove them"
-            raise ConfigurationError(f"{injector.name} has no return, and the data {data_set.name} are of it; {cure}.")
+            cure = f"take a model with {reader_of(RETURN)}, or remove these data"
+            raise ConfigurationError(f"{injector.name} has no return line for the data {data_set.name}; {cure}.")
 
 
 # Misfit between an injector and measured data, for whole populations at once.
@@ -95,9 +95,9 @@ NOT_SIMULATED = -1  # in place of a status
 
 
 class Scores(NamedTuple):
-    """Outcome of candidates: costs (n,), +inf where a simulation failed, and the single injections that it took.
+    """Scores of candidates: costs (n,), +inf for a failed simulation, and the number of injections simulated.
 
-    A status is the value of `Status` of the first operating point that failed, OK if none did.
+    A status is the value of `Status` of the first failed operating point, or OK.
     """
 
     costs: Floats
@@ -147,8 +147,8 @@ class FitObjective(Protocol):
 class Objective:
     """Objective of a set of data: Σ weight · J over the data sets, and the squared pulls of the priors.
 
-    J is as the kinds of data define it, the sum of the squared residuals, or their soft-L1 sum. `Study.objective` makes
-    that of a study.
+    J is as the kinds of data define it, the sum of the squared residuals, or their soft-L1 sum. `Study.objective`
+    returns the objective of a study.
 
     Parameters
     ----------
@@ -162,8 +162,8 @@ class Objective:
         [s].
     threads : int or None
     precision : Precision
-        Of the costs; the residuals for least squares, which are differences of small changes, are f64 always, and so
-        are the costs of curves that are seen through a meter.
+        Precision of the costs. Residuals for least squares, of which small differences are taken, and costs of curves
+        measured through a meter are always f64.
     goal : Goal
         Loss, priors of the parameters that vary, and how candidates are screened.
     same_bits : bool
@@ -205,7 +205,7 @@ class Objective:
             )
         check_parts(injector, data_sets, goal.conditions)
         self._points = tuple(condition.point for condition in goal.conditions)
-        # without a meter that shows what it is given
+        # drop ideal meters
         self.data = tuple(
             d if d.meter is None or is_metered(d, self.simulator) else d.changed(meter=None) for d in data_sets
         )
@@ -219,7 +219,7 @@ class Objective:
 
     @property
     def least_cost(self) -> float:
-        """Objective below which a difference is one of rounding, not of the fit: none."""
+        """Objective at which rounding dominates; 0 here."""
         return 0.0
 
     @property
@@ -251,7 +251,7 @@ class Objective:
             statuses = _first_failures(statuses, batch.status, term.failed(batch.status))
         if self.goal.loss is Loss.SOFT_L1:
             total += np.sum(self._of_data(self._costing, values, self.goal.bent) ** 2, axis=1)
-            lost = ~np.isfinite(total)  # simulated once more, for their reasons
+            lost = ~np.isfinite(total)  # simulate again for the statuses
             for term in self._terms if lost.any() else ():
                 status = _batch_of(self, term, values[lost]).status
                 statuses[lost] = _first_failures(statuses[lost], status, term.failed(status))
@@ -278,8 +278,8 @@ class Objective:
     def residuals(self, values: Floats) -> Floats:
         """Residuals for least squares (n, all samples and points, then priors).
 
-        Those of a data set are scaled by the root of its weight, and their squares sum to the loss where that is one of
-        squares or soft L1; of a candidate that does not meet a condition they are NaN.
+        The residuals of a data set are scaled by the root of its weight; for a loss of squares or soft L1, their
+        squares sum to the loss. They are NaN for a candidate that violates a condition.
         """
         return self._residuals(self.simulator, values)
 
@@ -297,7 +297,7 @@ class Objective:
         return residuals
 
     def _of_data(self, simulator: Simulator, values: Floats, law: Callable[[Floats], Floats]) -> Floats:
-        """Residuals (n, all samples and points), those of each data set under a law that knows no weight of the set."""
+        """Residuals (n, all samples and points); `law` transforms each data set before its weight is applied."""
         simulator.threads = self.simulator.threads
         residuals = []
         for d in self.data:
@@ -309,7 +309,8 @@ class Objective:
     def linearised(self, values: Floats) -> Floats:
         """Residuals as `residuals` returns them, for derivatives at the first candidate and standard errors.
 
-        Where the loss weighs residuals by their size, each is itself times the root of its weight at that candidate.
+        If the loss weights residuals by size, each residual is multiplied by the root of its weight at the first
+        candidate.
         """
         if self.goal.loss is not Loss.SOFT_L1:
             return self.residuals(values)
@@ -327,7 +328,7 @@ def _batch_of(objective: Objective, term: Term, values: Floats) -> Batch:
 def _first_failures(
     statuses: NDArray[np.int8], point_statuses: NDArray[np.integer[Any]], failed: Bools
 ) -> NDArray[np.int8]:
-    """Statuses (n,) with the first one (n, points) that failed where there is none yet."""
+    """Statuses (n,) in which OK is replaced by the status of the first failed point."""
     if not failed.any():
         return statuses
     first = point_statuses[np.arange(len(point_statuses)), np.argmax(failed, axis=1)].astype(np.int8)

@@ -112,8 +112,8 @@ class FitRecord:
 class ParameterRecord(NamedTuple):
     """A calibrated parameter [SI].
 
-    `effect` and `pinned` are changes of the residuals for a move of 1 % of the range, alone and after the others have
-    readjusted; `pull` is the distance of the best from the prior in its standard deviations.
+    `effect`, `pinned`: changes of the residuals for a move of 1 % of the range, alone and with the other parameters
+    readjusted. `pull`: distance of the best value from the prior in standard deviations of the prior.
     """
 
     name: str
@@ -169,7 +169,7 @@ class CombinedValue(NamedTuple):
 
 
 class NoiseRecord(NamedTuple):
-    """Noise of a data set: law, standard deviation `sigma` [unit] and the share of the rate that it grows by."""
+    """Noise of a data set: law, standard deviation `sigma` [unit], and its growth with the rate, `relative`."""
 
     name: str
     law: str
@@ -193,13 +193,13 @@ class LackOfFitRecord(NamedTuple):
     probability: float | None = None
     score: float | None = None
     size: float | None = None
-    relief: float = 0.0
+    relief: float | None = None  # share of the error that freeing the suspect promises to take away
 
 
 class CertaintyRecord(NamedTuple):
     """Certainty of a fit: intervals that hold the truth with the probability `level`, and what they rest on.
 
-    `draws_refused` says why draws from the posterior do not give the intervals alone.
+    `draws_refused`: reason why the intervals are not taken from posterior draws alone.
     """
 
     level: float
@@ -209,7 +209,7 @@ class CertaintyRecord(NamedTuple):
     settled: bool = False
     withdrawn: str = ""
     discrepancy: float = 0.0
-    widening: float = 0.0
+    widening: float | None = None  # share of the error that wider bounds promise to take away
     draws_refused: Annotated[str, Key("draws.refused")] = ""
     bench: tuple[BenchQuantity, ...] = ()
     combinations: tuple[CombinedValue, ...] = ()
@@ -218,7 +218,7 @@ class CertaintyRecord(NamedTuple):
 
     @property
     def confirms(self) -> bool:
-        """True if this has searched as a fit must: it has settled, and enough starts agree."""
+        """True if the search has converged and enough starts agree."""
         return self.settled and self.agreeing >= AGREEING
 
 

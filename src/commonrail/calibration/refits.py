@@ -1,4 +1,4 @@
-"""Further searches of a study: with other seeds, and without the rows that they then predict."""
+"""Further searches of a study: with other seeds, and for cross-validation."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def _seed_record(calibration: Calibration) -> dict[str, Any]:
 
 
 def _left_out(study: Study, by: str, search: Search, note: Note) -> list[dict[str, Any]]:
-    """Records of all fitted maps whose rows at each value of a quantity are held out in turn."""
+    """Cross-validation of all fitted maps: the rows at each value of `by` are held out in turn."""
     fitted = of_role(study.data, Role.FIT)
     maps = [data for data in fitted if isinstance(data, QuantityData)]
     folds: dict[str, list[Fold]] = {data.name: [] for data in maps}

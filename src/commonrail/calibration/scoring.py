@@ -1,4 +1,4 @@
-"""Scores of data sets under models, and members of a fit: optima that fit alike, and the mean of what they predict."""
+"""Scores of models on data sets, and members of a fit: optima that fit equally well, and their mean prediction."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ def scores_of(
     start: Scores | None = None,
     best: Mapping[str, float] | None = None,
 ) -> dict[str, Scores]:
-    """Every data set under the start values, the calibrated ones and, if it makes sense, a rigid body.
+    """Scores of all data sets with the start values, the calibrated values and, for curves, a rigid body.
 
-    `start` are the scores of the start values, if they are known. Of the calibrated values `best` those of meters count
-    for "best"; start values and rigid body keep the study's meters.
+    `start`: scores of the start values, if known. `best`: calibrated values; their meter values apply to the scores
+    "best" alone. Start values and rigid body use the study's meters.
     """
     injectors = {"best": calibrated}
-    traces = any(d.bounds is not None for d in study.data)  # what a rigid body lacks is seen in a course in time
+    traces = any(d.bounds is not None for d in study.data)  # the effect of the body shows only in curves
     if with_rigid and study.injector.variant.body is Body.FLEXIBLE and traces:
         rigid = study.injector.variant._replace(body=Body.RIGID)
         injectors["rigid"] = replace(study.injector, variant=rigid)
@@ -50,9 +50,9 @@ def scores_of(
 def score_all(
     study: Study, injector: Injector, threads: int | None = None, data: Sequence[DataSet] | None = None
 ) -> tuple[Score, ...]:
-    """Score of each data set, in their order, with the injector as it is and time step and `same_bits` of the study.
+    """Scores of the data sets, in order, for an injector with the study's time step and `same_bits`.
 
-    `data` stand in place of the study's own.
+    `data`: data sets in place of the study's.
     """
     simulator = Simulator(injector, (), study.time_step, threads, same_bits=study.same_bits)
     return tuple(d.score(simulator) for d in (study.data if data is None else data))
@@ -72,25 +72,26 @@ def check_drive(injector: Injector, study: Study, label: str) -> None:
             )
 
 
-# Members of a fit: optima of one search that fit alike, and the mean of what they predict.
+# Members of a fit: optima of one search that fit equally well, and the mean of their predictions.
 #
-# Where data leave many combinations of parameters open, optima that fit alike differ between the measured points, and
-# errors there cancel in part.
+# If data leave many combinations of parameters open, such optima differ between the measured points, and the mean
+# cancels part of their errors.
 
-# Objective of a member relative to the best: its misfit is then 1.4 times as large. The mean needs several members; on
-# the maps of the cases it predicts better than the best of them more often than not (cases/family/README.md).
+# Largest objective of a member relative to the best; the misfit is then 1.4 times as large. The mean needs several
+# members; on the maps of the cases it predicts better than the best of them more often than not
+# (cases/family/README.md).
 WORST = 2.0
 
 
 def members_of(ends: Sequence[Best]) -> list[Best]:
-    """Optima, the best first, whose objective is at most `WORST` times that of the best."""
+    """Optima, the best first, whose objective is at most `WORST` times the best objective."""
     return [end for end in ends if end.cost <= WORST * ends[0].cost]
 
 
 def mean_of(data: Sequence[DataSet], scores: Sequence[Sequence[Score]]) -> tuple[Score, ...]:
-    """Scores of the mean of what several models predict, from those of each model.
+    """Scores of the mean prediction of several models, from the scores of each model.
 
-    None unless all data are maps and there are several models.
+    Empty unless all data are maps and there are several models.
     """
     maps = [data_set for data_set in data if isinstance(data_set, QuantityData)]
     if len(maps) < len(data) or len(scores) < 2:
@@ -114,7 +115,7 @@ def injector_of(study: Study, best: Mapping[str, float], number: int = 1) -> Inj
 def mean_scores(
     study: Study, calibrated: Injector, best: Scores, ends: Sequence[Best], threads: int | None
 ) -> tuple[tuple[Injector, ...], dict[str, Scores]]:
-    """Injectors of the members, and the scores of the mean of what they predict; nothing where there is no mean.
+    """Injectors of the members, and the scores of their mean prediction; both empty if there is no mean.
 
     `calibrated` with the scores `best` is the first member.
     """

@@ -126,7 +126,7 @@ class Space:
     def centre(self) -> Floats:
         """The feasible point (d,) farthest from bounds and linear constraints, SI.
 
-        Where it breaks a constraint between products, the reference or a drawn point that does not.
+        If this point violates a constraint on products, the reference or a feasible drawn point.
         """
         depth, _ = deepest_point(self.polytope)
         deepest = self.lower + depth * (self.upper - self.lower)
@@ -162,7 +162,7 @@ class Space:
         return np.asarray(unit)
 
     def from_unit(self, unit: ArrayLike) -> Floats:
-        """Points (..., d) of unit coordinates (..., d); within the bounds where the unit is."""
+        """Points (..., d) of unit coordinates (..., d); coordinates in [0, 1] give points within the bounds."""
         z = np.asarray(unit, dtype=float)
         x = self.lower + z * self._limits.span
         if self._limits.bent:
@@ -189,7 +189,7 @@ class Space:
     def shortfall(self, x: ArrayLike) -> Floats:
         """Shortfall of each constraint (..., m) at points (..., d), by its span in the bounds.
 
-        Those of products, which stand last, are relative.
+        The shortfalls of products come last and are relative.
         """
         linear = np.maximum(0.0, -self.slack(x)) / self._limits.ranges
         if not len(self.products):
@@ -206,10 +206,10 @@ class Space:
         return linear & (self.products.shortfall(points) <= ROUNDING).all(axis=-1)
 
     def violation(self, x: ArrayLike) -> Floats:
-        """Sum (...) of what points (..., d) lack of bounds and constraints; 0 where they satisfy.
+        """Total violation (...) of bounds and constraints at points (..., d); 0 for feasible points.
 
-        Each part is divided by the range of the parameter, or by what the row can vary by within
-        the bounds, so that all parts are comparable (Lampinen 2002; Deb 2000). NaN counts +inf.
+        Each part is divided by the range of the parameter or of the row within the bounds, so that all parts are
+        comparable (Lampinen 2002; Deb 2000). NaN counts +inf.
         """
         points = np.asarray(x, dtype=float)
         outside = np.maximum(0.0, self.lower - points) + np.maximum(0.0, points - self.upper)
@@ -270,7 +270,7 @@ def _distances(space: Space, x: Floats) -> Floats:
 
 
 def _check_names(names: Sequence[str]) -> None:
-    """Refuse no name, and one that is there twice."""
+    """Check that there are names, each once."""
     if not names:
         raise ConfigurationError("parameters: name at least one parameter to calibrate")
     repeated = sorted({name for name in names if names.count(name) > 1})
@@ -307,8 +307,8 @@ def _halved(space: Space, start: Floats, goal: Floats) -> Floats:
 # Draws of starting points: uniform in the bounds, or uniform where the constraints hold too.
 
 # Steps of each chain, s d + d^2 for d parameters. The paper's seven parameters then have the means
-# and spreads of rejection sampling, and an ordering of 20 those of order statistics, to within
-# the noise of thousands of draws; half as many steps leave the latter 15 % of a spread off.
+# and spreads of rejection sampling, and 20 ordered parameters those of order statistics, within the
+# noise of thousands of draws. With half as many steps, the latter are off by 15 % of a spread.
 STEPS_PER_PARAMETER = 20
 # A step uses this much of its chord, which keeps rounding from carrying a point outside.
 _CHORD_USED = 1.0 - 1e-9
@@ -434,9 +434,9 @@ def _plan(space: Space) -> _Walk:
 
 
 def _straighten(space: Space) -> tuple[Bools, LinearConstraints]:
-    """Mask of the rows that are linear in ln x of the logarithmic parameters, and those rows so written.
+    """Mask of the rows that are linear in ln x of the logarithmic parameters, and these rows in ln x.
 
-    They are the rows without such parameters, and a x_i >= b x_j with both logarithmic, which is
+    These are the rows without logarithmic parameters, and a x_i >= b x_j with both logarithmic, which is
     ln x_i - ln x_j >= ln(b/a). (A curved row is left out here and tested at each step.)
     """
     matrix, lower = space.rows.matrix.copy(), space.rows.lower.copy()

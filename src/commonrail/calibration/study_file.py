@@ -41,7 +41,7 @@ from commonrail.readers.location import Place, Reach, locate_errors
 from commonrail.readers.meters import Amount, MeterHead, meters_of_tables, read_installed_meters
 from commonrail.readers.toml import UNSTATED, parse_toml, read_model, read_model_file, read_toml
 
-MOST_SAMPLES = 3_000_000  # of curves and courses; a course takes 64 bytes for each
+MOST_SAMPLES = 3_000_000  # of curves and of their measured pressures or drives; 64 bytes each
 
 
 def load_study(path: str | Path) -> Study:
@@ -169,7 +169,7 @@ def _started(injector: Injector, model: StudyModel, at: Place) -> Injector:
 
 
 def _check_own(name: str, injector: Injector, at: Place) -> None:
-    """Refuse a parameter of injectors that are actuated otherwise."""
+    """Refuse a parameter that this kind of injector does not have."""
     if name not in injector.values:
         raise (at / "name").error(
             f"{injector.name} is a {injector.variant.actuation.value} injector and has no {name}"
@@ -200,7 +200,7 @@ def _prior(model: ParameterModel, at: Place) -> Prior | None:
 
 
 def _origin(model: ParameterModel, origin: Source) -> Source:
-    """Mark and source of a start value; of a prior the mark F, unless one is stated."""
+    """Mark and source of a start value; with a prior, the mark is F unless stated."""
     if model.prior is not None:
         origin = Source("F", model.prior.source)
     return Source(model.mark or origin.mark, model.source or origin.text)
@@ -291,7 +291,7 @@ def _conditions(models: list[ConditionModel], injector: Injector, at: Place) -> 
 
 
 def _with_products(space: Space, texts: list[str], injector: Injector, data: Sequence[DataSet], at: Place) -> Space:
-    """The space with the constraints between products, in which the values that do not vary are known."""
+    """Search space with the constraints on products, in which fixed parameters enter with their values."""
     if not texts:
         return space
     fixed_values = {name: value for name, value in injector.values.items() if name not in space.names}
@@ -398,8 +398,8 @@ _KINDS = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg", b"<s
 def read_logo(path: Path, at: Place) -> str:
     """Picture as a data URI.
 
-    It is a PNG, JPEG or SVG of at most `LARGEST_LOGO` bytes, named in the study `at` a place. Raises `InputError`
-    if it cannot be read, is too large or is no such picture.
+    The picture is a PNG, JPEG or SVG of at most `LARGEST_LOGO` bytes; `at`: its key in the study. Raises `InputError`
+    if the file cannot be read, is too large or is not such a picture.
     """
     content = read_plain(path, LARGEST_LOGO)
     for opening, kind in _KINDS.items():
@@ -425,7 +425,7 @@ def load_meter(path: str | Path, name: str) -> Meter:
     InputError
         If the file cannot be read, something in it is unknown or of the wrong kind, or there is no such meter.
     ConfigurationError
-        If `path` is no path, or the quantities make no meter.
+        If `path` is not a path, or the quantities do not form a meter.
     """
     file = file_path(path, "path of a file with meters")
     at = Place(str(file))

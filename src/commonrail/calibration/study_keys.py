@@ -46,7 +46,7 @@ def known_parameter(item: str) -> str:
 
 
 def _in_its_unit(item: Any, info: ValidationInfo) -> float:
-    """Number in the unit of the parameter; a fault of its name is told before."""
+    """Number in the unit of the parameter; NaN if its name is invalid, which is reported first."""
     name = info.data.get("name")
     return Unit(parameter_quantities()[name].unit).read(item) if name else math.nan
 
@@ -140,7 +140,7 @@ def read_optimisers(table: Any) -> Optimisers:
     optimiser = match or registry.REGISTERED[0]
     model = _optimiser_model(optimiser.settings)  # type: ignore[arg-type]
     is_valid = match or name is None
-    stated = dict(model.model_validate(table if is_valid else {"method": name}))  # an unknown one is its first fault
+    stated = dict(model.model_validate(table if is_valid else {"method": name}))  # reports an unknown method first
     polish = {key: stated.pop(key) for key in ("polish", "polish_iterations", "stop_when_converged")}
     settings = {f.name: stated[f.name] for f in fields(optimiser.settings) if stated[f.name] is not None}
     return Optimisers(optimiser, settings, **polish)
@@ -170,14 +170,14 @@ def _setting(annotation: Any, most: float | None) -> tuple[Any, Any]:
 
 
 class JudgementModel(FileModel):
-    """Further searches by which the fit is judged: with the next seeds, and without the rows at each value in turn."""
+    """Further searches that assess the fit: with the next seeds, and with the rows at each value held out in turn."""
 
     seeds: int = Field(default=0, ge=0, le=MOST_SEEDS)
     leave_out: list[Annotated[LeaveOut, Field(strict=False)]] = Field(default=[], max_length=len(LeaveOut))
 
 
 def _with_pressures(block: Any, shared: Mapping[str, Any]) -> Any:
-    """A block of data with the pressures of the bench that it has keys for and does not state."""
+    """A block of data, with the bench pressures added for the keys that it has and does not state."""
     name = block.get("kind") if isinstance(block, Mapping) else None
     kind = find_kind(name) if isinstance(name, str) else None
     return {**{key: shared[key] for key in shared if key in kind.model.model_fields}, **block} if kind else block
@@ -210,7 +210,7 @@ class StudyModel(FileModel):
     loss_scale: Annotated[float, Unit("1")] | None = None
     fixed: list[FixedModel] = Field(default=[], max_length=MOST_PARAMETERS)
     same_bits: bool = False
-    cylinder_pressure: Annotated[float, Unit("Pa")] | None = None  # of the data that state none, as the next
+    cylinder_pressure: Annotated[float, Unit("Pa")] | None = None  # default of the data, as the next
     return_pressure: Annotated[float, Unit("Pa")] | None = None
     judgement: JudgementModel = JudgementModel()
     meters: MeterTables = Field(default_factory=dict)

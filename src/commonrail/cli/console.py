@@ -44,9 +44,9 @@ def say(text: str) -> None:
 
 
 def say_of_ending(text: str) -> None:
-    """Write a line for the person from a handler of signals, which may meet a print in its middle."""
+    """Write a line from a signal handler, which may interrupt a print."""
     with suppress(OSError):
-        show_cursor = "\x1b[?25h" if os.isatty(2) else ""  # a bar hides it, and will not come to show it again
+        show_cursor = "\x1b[?25h" if os.isatty(2) else ""  # a bar hides the cursor and cannot restore it
         os.write(2, f"{show_cursor}\ncommonrail: {text}\n".encode())
 
 
@@ -67,7 +67,7 @@ def compiling_words() -> str:
 
 @contextmanager
 def compiling() -> Iterator[None]:
-    """Say that a simulation is being compiled, with a sign of life in a terminal, else once for each sentence."""
+    """Report that a simulation is being compiled: a spinner in a terminal, else each sentence once."""
     console, words = stderr_console(), compiling_words()
     if console is not None:
         with console.status(words):
@@ -101,7 +101,7 @@ def columns_of(stream: TextIO) -> int:
 
 
 def wrap_line(text: str, indent: str = "") -> list[str]:
-    """Lines of a sentence: in a terminal broken between words, those after the first behind `indent`, in a file one."""
+    """Lines of a sentence: wrapped in a terminal, with `indent` from the second line on; a single line in a file."""
     if not sys.stdout.isatty():
         return [text]
     width = columns_of(sys.stdout)
@@ -122,13 +122,13 @@ def print_text(
     Parameters
     ----------
     lines : iterable of str
-        Sentences, the most important first. A short form always prints the first of a command, the verdict.
+        Sentences, the most important first. A short form always prints the first sentence of a command, the verdict.
     tables : sequence of Table
         Tables below the sentences.
     notes : iterable of str
         Explanations, which a short form leaves out.
     reserved : int
-        Lines that the sentences of a short form leave to the tables.
+        Lines of a short form that are reserved for the tables.
     """
     short, sentences = short_form(), [*lines]
     if short is None:
@@ -147,7 +147,7 @@ def print_text(
 
 
 def print_synthetic(text: str) -> None:
-    """Say that data or assumptions are synthetic, and why: in a short form the first sentence."""
+    """Report that data or assumptions are synthetic, and why; a short form prints the first sentence."""
     if not text:
         return
     short, begin = short_form(), "" if text.startswith("SYNTHETIC") else "SYNTHETIC: "
@@ -159,13 +159,13 @@ def print_synthetic(text: str) -> None:
 
 
 SHORT = "commonrail.short_form"  # key in the context of click
-ROWS_BELOW_TEXT = 2  # of a table; with room for fewer it is left out
+ROWS_BELOW_TEXT = 2  # least rows of a table; without room for them the table is omitted
 NAMED_TABLES = 3
 
 
 @dataclass
 class ShortForm:
-    """Short form of one command: the lines that are left below its verdict, and what was left out.
+    """Short form of one command: lines left below its verdict, and counts of omitted items.
 
     Rules and empty lines do not count.
     """
@@ -189,9 +189,10 @@ class ShortForm:
         return [sentence for (sentence,) in shown]
 
     def take_rows(self, title: str, heads: int, sizes: Sequence[int]) -> int:
-        """Number of rows, of `sizes` lines each below `heads` lines, that a table prints: of a later table all or none.
+        """Number of rows that a table prints; `sizes`: lines of each row, `heads`: lines above the rows.
 
-        The first table has at least one row if nothing was printed before, else `ROWS_BELOW_TEXT` or none.
+        The first table prints at least one row if nothing precedes it, else `ROWS_BELOW_TEXT` or none. A later table
+        prints all rows or none.
         """
         count = sum(end <= self.lines - heads for end in accumulate(sizes))
         if not self.has_begun:
@@ -263,7 +264,7 @@ def print_rows(
     texts : int, optional
         Number of leading columns with words; the others have numbers. By default all have words.
     inputs : sequence of str
-        Heads of the columns that a short form leaves out first: what was asked for, not what came of it.
+        Heads of the columns that a short form omits first: inputs, not results.
     """
     short, width = short_form(), columns_of(sys.stdout) - 2
     cells = [_cells(row) for row in (columns, *rows)]
@@ -308,7 +309,7 @@ def stderr_console() -> Console | None:
 
 
 def _mask_controls(text: str) -> str:
-    """Text without what a terminal would obey: names come from files of others."""
+    """Text without control characters, which files of others may contain."""
     return _OBEYED.sub("?", text)
 
 
@@ -385,7 +386,7 @@ class Bar(AbstractContextManager["Bar"]):
             say(text)
 
     def show(self, s: Stage) -> None:
-        """Show a stage; in a file at its first step and at every tenth part of it, with the time that is left."""
+        """Show a stage; in a file, write a line at the first step and at each tenth, with the remaining time."""
         check_unheld_stop()
         if self.console is not None:
             self.bar.update(self.task, description=s.phase, completed=s.done, total=s.total, figures=s.figures)
@@ -401,7 +402,7 @@ class Bar(AbstractContextManager["Bar"]):
 
 
 def show_stages_on(bar: Bar, after: float = 0.0) -> Listener:
-    """Listener that shows the stages of each phase, in a file those that end `after` so long [s]."""
+    """Listener that shows the stages of each phase; in a file, only stages later than `after` [s]."""
     start: list[float] = []
 
     def show(phase: str, done: int, most: int, figures: str) -> None:

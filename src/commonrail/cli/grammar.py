@@ -1,7 +1,7 @@
 """Grammar of the command: its verbs, each imported when it is called, and their options from annotated signatures.
 
-A verb is a click command that is registered in the group "verbs" of `commonrail.base.registry`. Those of the package
-are functions under the decorator `verb`; an installed package may declare its own in this way or with click alone.
+A verb is a click command that is registered in the group "verbs" of `commonrail.base.registry`. The verbs of this
+package are functions under the decorator `verb`. Installed packages may use the decorator or click directly.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Option:
     Parameters
     ----------
     *names : str
-        On the command line, where it is not that of the parameter.
+        Names on the command line, if they differ from the parameter's name.
     **settings
         ``help``, ``metavar``, ``min`` and ``max``, ``unit``, the SI unit of a number that is given as text with its
         unit, or what else `click.Option` takes.
@@ -44,11 +44,11 @@ class Option:
 
 
 class Argument(Option):
-    """Declaration of a positional argument, alike."""
+    """Declaration of a positional argument, with the parameters of `Option`."""
 
 
 class _Argument(click.Argument):
-    """Positional argument with a help text, which those of click have from 8.5 alone."""
+    """Positional argument with a help text, which click supports from 8.5 on."""
 
     def __init__(self, *args: Any, text: str, **settings: Any) -> None:
         super().__init__(*args, **settings)
@@ -72,9 +72,9 @@ class Verb(click.Command):
         super().format_options(ctx, formatter)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Read the command line; an option of one value that is given twice is refused, where click takes the last.
+        """Read the command line; refuse a repeated single-valued option, of which click would take the last value.
 
-        So is one of several values that has the same value twice.
+        An option with several values is refused if two values are equal.
         """
         seen: set[str | None] = set()
         values, _, order = self.make_parser(ctx).parse_args(list(args))
@@ -88,7 +88,7 @@ class Verb(click.Command):
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the function, and say what the short form of its tables has left out."""
+        """Run the function, and report what its short tables omit."""
         check_paths(ctx.params)
         try:
             return super().invoke(ctx)
@@ -102,8 +102,8 @@ def verb(function: Callable[..., None]) -> Verb:
 
     Each of its parameters is annotated with ``Annotated[type, Option(...)]`` or ``Annotated[type, Argument(...)]``. The
     type is str, int, float, bool (a flag), Path or an enumeration of texts; a ``tuple[type, ...]`` may be repeated, and
-    ``type | None`` is None where it is not given. A dataclass of such fields is a group that several verbs share; one
-    under `commonrail.base.declare.settings` has an option for each setting.
+    ``type | None`` is None if the option is absent. A dataclass of such fields is a group that several verbs share. In
+    a dataclass declared with `commonrail.base.declare.settings`, each setting becomes an option.
     """
     params: list[click.Parameter] = []
     groups: dict[str, tuple[Callable[..., Any], list[str]]] = {}
@@ -123,7 +123,7 @@ def verb(function: Callable[..., None]) -> Verb:
 
 
 def _fields(group: type) -> list[inspect.Parameter]:
-    """Fields of a group as parameters, those of declared settings with what is declared."""
+    """Fields of a group as parameters; a declared setting provides its type, help and default."""
     declared, fields = read_declarations(group), []
     for field in inspect.signature(group, eval_str=True).parameters.values():
         if (setting := declared.get(field.name)) is None:
@@ -200,7 +200,7 @@ class Verbs(click.Group):
         self.prefix = prefix
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names of the verbs, those that ship first; one that cannot be loaded is named on stderr instead."""
+        """Names of the verbs, shipped verbs first; a verb that cannot be loaded is reported on stderr."""
         names = []
         for name in self._names():
             try:
@@ -212,9 +212,9 @@ class Verbs(click.Group):
         return names
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import and return a verb; None where none has the name.
+        """Import and return a verb; None if no verb has the name.
 
-        Raises `PluginError` if that of an installed package cannot be loaded, or is no command of click.
+        Raises `PluginError` if the verb of an installed package cannot be loaded, or is not a click command.
         """
         entry = find("verbs", self.prefix + cmd_name)
         if entry is None:
@@ -228,7 +228,7 @@ class Verbs(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Import the verb that is called; from then on Ctrl-C is a request, see `catch_stops`."""
+        """Import the called verb; from then on Ctrl-C requests a stop, see `catch_stops`."""
         if find("verbs", self.prefix + args[0]) is None:
             names = self._names() if self.prefix else [*entries("verbs")]
             ctx.fail(f"No such command '{args[0]}'{nearest(args[0], names)}.")
@@ -237,7 +237,7 @@ class Verbs(click.Group):
         return resolved
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the verbs under headings, those without one, such as those of installed packages, last."""
+        """Write the verbs under headings; verbs without a heading, such as from installed packages, come last."""
         headings = words_on_shipped("HEADINGS")
         names = self.list_commands(ctx)
         placed = {name for verbs in headings.values() for name in verbs}
@@ -255,7 +255,7 @@ class Verbs(click.Group):
             return super().make_context(*args, **settings)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the verb that is called; its exceptions become sentences, and a stop that was asked for is no success."""
+        """Run the verb; an exception ends as a sentence, and a requested stop as a failure."""
         with end_on_errors():
             result = super().invoke(ctx)
             check_unheld_stop()

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from commonrail.base.errors import ConfigurationError, InputError
+from commonrail.base.hooks import note
 from commonrail.physics.injector import Injector
 from commonrail.physics.variants import apply_words
 from commonrail.readers.injector import CATALOGUE, in_catalogue, injector_catalogue, load_injector, load_meters
@@ -26,10 +28,10 @@ _RESERVED = frozenset(
 
 
 class NamedModel(NamedTuple):
-    """Injector as the command line names it, with the meters kept beside it.
+    """Injector named on the command line, with its meters.
 
-    `stated`: the label was given in the text. `folder`: run folder that it is of. `run`: that folder, if its calibrated
-    injector is without changes.
+    `stated`: the label was given in the text. `folder`: run folder of the injector. `run`: this folder, if its
+    calibrated injector is unchanged.
     """
 
     label: str
@@ -42,9 +44,9 @@ class NamedModel(NamedTuple):
 
 
 def read_model_names(texts: Iterable[str]) -> list[NamedModel]:
-    """Models with labels that differ: one that was given counts, one that was made up gets a number where it must.
+    """Models with distinct labels: stated labels are kept, generated labels are numbered if necessary.
 
-    `InputError` if one cannot be read, or a label is given twice.
+    `InputError` if a text cannot be read, or two texts state one label.
     """
     models = [read_model_name(text) for text in texts]
     taken: set[str] = set()
@@ -63,7 +65,7 @@ def read_model_names(texts: Iterable[str]) -> list[NamedModel]:
 
 
 def check_labels(labels: Sequence[str]) -> None:
-    """Refuse (`ConfigurationError`) no model, too many, and labels that tables and files cannot carry."""
+    """Raise `ConfigurationError` for a wrong number of models, or a label that tables and files cannot hold."""
     if not 1 <= len(labels) <= MOST_MODELS:
         raise ConfigurationError(f"Between 1 and {MOST_MODELS} models can be compared at a time, not {len(labels)}.")
     for label in labels:
@@ -76,8 +78,8 @@ def check_labels(labels: Sequence[str]) -> None:
 def read_model_name(text: str) -> NamedModel:
     """Model of a text [LABEL=]INJECTOR[@WORD,…], as in ``stiff=runs/a@rigid,regulated``.
 
-    INJECTOR is an injector's file, a name of the catalogue or a run folder of ``commonrail calibrate``; the words are
-    those of a variant. `InputError` if the injector cannot be read, or a word is unknown or contradicts another.
+    INJECTOR is an injector's file, a name of the catalogue or a run folder of ``commonrail calibrate``; the words state
+    a variant. `InputError` if the injector cannot be read, or a word is unknown or contradicts another.
     """
     label, source, words = _split_label_and_words(text)
     if label is not None and not label.strip():
@@ -90,12 +92,26 @@ def read_model_name(text: str) -> NamedModel:
     if not in_catalogue(source) and Path(source).is_dir():
         from commonrail.runs.folder import note_stopped
 
-        note_stopped(Path(source))
         folder = Path(source)
+        note_stopped(folder)
+        _note_unusable(folder)
     origin = meters, folder if words is None else None, folder
     if label is not None:
         return NamedModel(label.strip(), injector, text, True, *origin)
     return NamedModel(_stem(source) + (f"@{words}" if words else ""), injector, text, False, *origin)
+
+
+def _note_unusable(folder: Path) -> None:
+    """Note that a run is not usable by its verdict; a folder without a result is not judged."""
+    from commonrail.calibration.record import CalibrationRecord, read_as  # all slow to import
+    from commonrail.report.fit.rules import BAD
+    from commonrail.report.fit.verdict import verdict
+    from commonrail.runs.folder import read_result
+
+    with suppress(InputError):
+        judged = verdict(read_as(CalibrationRecord, read_result(folder)), str(folder))
+        if judged.level == BAD:
+            note(f"{folder}: {judged.headline}", once=True)
 
 
 def _split_label_and_words(text: str) -> tuple[str | None, str, str | None]:

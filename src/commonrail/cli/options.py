@@ -52,7 +52,7 @@ def check_file(path: Path | None, option: str) -> None:
 
 
 def check_report(path: Path | None) -> None:
-    """Refuse a page that could not be written later, or whose name would take it for another file."""
+    """Refuse a report that could not be written later, or whose name does not end in .html."""
     check_file(path, "--report")
     if path is not None and path.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--report: {path}: a report is an HTML page; name it {path.with_suffix('.html')}.")
@@ -96,7 +96,7 @@ def free_run_folder(stem: str, under: Path = Path("runs")) -> Path:
 
 
 def stem_of(source: Path) -> str:
-    """Name for runs of a file: one that is called study or family says less than its folder."""
+    """Name for runs of a file: its stem, or its folder's name if the stem is study or family."""
     return source.absolute().parent.name if source.stem in ("study", "family") else source.stem
 
 
@@ -113,7 +113,7 @@ NO_RESULT = ("json", "full", "threads")  # options that change no result
 
 
 def command_again(*without: str, **values: str) -> str:
-    """Command line that runs, `without` some options and what changes no result, with values in place of its own."""
+    """Present command line, `without` some options and `NO_RESULT`, and with replaced values."""
     import shlex
 
     import click
@@ -134,8 +134,8 @@ def command_again(*without: str, **values: str) -> str:
 def refuse_unused(needed: Mapping[str, tuple[bool, str]]) -> None:
     """Refuse options that would do nothing.
 
-    `needed`: by the parameter's name, whether there is what it acts upon, and what that is, such as "--out FILE".
-    Raises `InputError` for the first one that is given in vain.
+    `needed`: by the parameter's name, whether its prerequisite is present, and the prerequisite, such as "--out FILE".
+    Raises `InputError` for the first option without effect.
     """
     for name, (useful, what) in needed.items():
         if not useful and is_given(name):
@@ -159,7 +159,7 @@ def read_axis(text: str, unit: str, option: str, *, increasing: bool = False) ->
     if ":" in text:
         return _range(text, unit, option)
     texts = _with_units(text.split(","), option)
-    import numpy as np  # late: help does without
+    import numpy as np  # imported late: help does not need it
 
     values = np.array([parse(value_text, unit, option) for value_text in texts])
     if len(values) > MOST_VALUES:
@@ -194,7 +194,7 @@ def _range(text: str, unit: str, option: str) -> Floats:
 
 
 def _with_units(parts: list[str], option: str) -> list[str]:
-    """Texts with a unit each, taken from the next one that has one."""
+    """Texts with a unit each; a text without a unit takes the unit of the next text that has one."""
     completed: list[str] = []
     unit = ""
     for text in reversed(parts):
@@ -247,7 +247,7 @@ ClusterAddress = Annotated[
 def read_form(encoding: str | None, decimal: str | None, sheet: str | None, files: Iterable[Path] = ()) -> FileForm:
     """Form of data files as options state it.
 
-    `InputError` if there is no such encoding or decimal sign, or none of the `files` is read by what is stated.
+    `InputError` if the encoding or the decimal sign is unknown, or an option applies to none of the `files`.
     """
     from commonrail.readers.columns import FileForm, check_encoding
     from commonrail.readers.tables import idle_key
@@ -326,7 +326,7 @@ def with_overrides(injector: Injector, settings: Sequence[str]) -> Injector:
 
 
 def read_models(texts: Sequence[str], settings: Sequence[str]) -> list[NamedModel]:
-    """Models of a command line, all of them with the values of ``--set``; one that is changed is no run any more."""
+    """Models of a command line, all with the values of ``--set``; a changed model no longer counts as a run."""
     from commonrail.cli.model_name import read_model_names
 
     models = read_model_names(texts)
@@ -346,7 +346,8 @@ def read_pressures(
 ) -> tuple[float, float]:
     """Cylinder pressure and pressure at the end of the return line [Pa].
 
-    What is not stated is that of the first data of a run folder or study, else of `usual`; it is said on stderr.
+    A pressure that is not stated comes from the first data of a run folder or study, else from `usual`; stderr reports
+    it.
     """
     from commonrail.base.text import quantity
     from commonrail.cli.console import say

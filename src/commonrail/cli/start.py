@@ -14,12 +14,12 @@ from commonrail.cli.guard import end_process
 
 def main() -> None:
     """Run the command."""
-    # One that a shell has set to be ignored, as for `commonrail ... &`, stays ignored.
+    # SIGINT stays ignored if a shell has set it so, as for `commonrail ... &`.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, end_process)
     open_standard_streams()
     show_what_can_be_shown()
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # it would search all installed packages for them
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # Pydantic would search all installed packages for plug-ins
     leave_out_warnings()
     # A start, imports and all, makes 150,000 objects that stay: searches for garbage among them take 90 ms.
     gc.set_threshold(300_000)
@@ -38,11 +38,11 @@ def main() -> None:
         raise
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is done: the end of the process is not interrupted
-        gc.freeze()  # nor is what it leaves searched for garbage, which takes 0.2 s after `calibrate`
+        gc.freeze()  # no garbage collection at exit, which takes 0.2 s after `calibrate`
 
 
 def drop_unwritten() -> None:
-    """Drop what stdout could not take: Python's own attempt at its end would make any status 120."""
+    """Discard output that stdout could not take; otherwise Python's flush at exit sets the status to 120."""
     try:
         sys.stdout.flush()
     except (OSError, ValueError):
@@ -50,7 +50,7 @@ def drop_unwritten() -> None:
 
 
 def leave_out_warnings() -> None:
-    """Keep NumPy's warnings, of an overflow or a mean of nothing, off the terminal; `python -W` and its like count."""
+    """Suppress NumPy's warnings, such as of an overflow, unless `python -W` or a similar option is set."""
     if not sys.warnoptions:
         warnings.simplefilter("ignore", RuntimeWarning)
 

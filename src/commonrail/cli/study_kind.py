@@ -1,4 +1,4 @@
-"""Kinds of study besides that of an injector, registered in the group "studies": what calibrates and resumes them."""
+"""Kinds of study other than injectors, registered in the group "studies" with their functions."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _FORMAT = re.compile(r"commonrail-(?P<name>.+)/\d+")
 class RunOptions(NamedTuple):
     """Options of the command line for a search in a run folder."""
 
-    seed: int | None = None  # None: that of the file
-    generations: int = 0  # number to be added to those of a run
+    seed: int | None = None  # None: seed of the file
+    generations: int = 0  # additional generations
     as_begun: bool = False  # resume although files outside the folder have changed
     threads: int | None = None  # None: all processors
     workers: int | None = None  # number of processes that simulate
@@ -33,8 +33,8 @@ class StudyKind(NamedTuple):
     resume : function of (Path, RunOptions)
         Resumes the run in a folder and prints its result.
     calibrate : function of (Path, Path or None, RunOptions), optional
-        Fits the study of a file into a new run folder, a free one of runs/ for None, and prints its result; without it
-        the kind has a verb of its own.
+        Fits the study of a file into a new run folder (None: an unused one in runs/) and prints its result. Without
+        this function, the kind has its own verb.
     """
 
     resume: Callable[[Path, RunOptions], None]
@@ -54,10 +54,10 @@ def kind_of_study(path: Path) -> StudyKind | None:
 
 
 def kind_of_run(folder: Path) -> StudyKind | None:
-    """Kind of the study whose run a folder holds; None for that of an injector."""
+    """Kind of the study in a run folder; None for a study of an injector."""
     from commonrail.runs.journal import JOURNAL
 
-    if not (folder / JOURNAL).is_file() or (folder / "study.toml").is_file():  # whose injector may have any name
+    if not (folder / JOURNAL).is_file() or (folder / "study.toml").is_file():  # a study of an injector
         return None
     parts = registry.entries("studies").items()
     return next((entry.load() for name, entry in parts if (folder / f"{name}.toml").is_file()), None)

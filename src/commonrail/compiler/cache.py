@@ -60,12 +60,12 @@ def read(path: Path) -> tuple[bytes | None, str]:
 
 
 def _seal(name: str, payload: bytes) -> bytes:
-    # the name is included: another kernel under it would give other bits, or crash the process
+    # the digest includes the name: a different kernel under this name would give wrong results or crash
     return _HEADER + hashlib.sha256(name.encode() + payload).digest() + payload
 
 
 def write(path: Path, payload: bytes) -> None:
-    """Store a payload with its digest; a concurrent reader gets the file before or after."""
+    """Store a payload with its digest; a concurrent reader gets the old or the new file."""
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=".")
     try:
         with open(handle, "wb") as file:

@@ -1,7 +1,7 @@
 """Child process that lowers laws to LLVM's text.
 
-Numba types and lowers laws in a child process, for no particular processor. The child runs Numba without optimisation
-and vectors, which leaves the caller's Numba unaffected, and remembers laws typed for earlier kernels. It ends with its
+Numba types and lowers laws in a child process, for a generic processor. The child runs Numba without optimisation and
+vectorisation, so that the caller's Numba is unaffected, and keeps laws typed for earlier kernels. It ends with its
 parent, or after some idle time.
 """
 

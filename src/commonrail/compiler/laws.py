@@ -1,7 +1,7 @@
-"""Laws for Numba: overloads by precision, memory at addresses, rows as one vector.
+"""Laws for Numba: overloads by precision, arrays at given addresses, rows as vectors.
 
-Only the child process that lowers laws (`lower`), CUDA kernels and tests import it: loading Numba takes longer than a
-simulation.
+Only the child process that lowers laws (`lower`), CUDA kernels and tests import this module: loading Numba takes longer
+than a simulation.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def exchange_rounding(typing: Any, bits: Any, mask: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         place = cgutils.alloca_once_value(builder, context.get_constant(types.int32, 0))
-        place.align = CACHE_LINE  # and with it the stack: a vector kept there at any place straddles two lines
+        place.align = CACHE_LINE  # also aligns the stack: an unaligned vector would straddle two cache lines
         if platform.machine() not in ("x86_64", "AMD64"):
             return builder.load(place)
         kind = ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t])
@@ -123,7 +123,7 @@ def number(typing: Any, bits: Any) -> Any:
 
 
 def _row(context: Any, builder: Any, kind: Any, at: Any, lanes: int, new: Any = None) -> Any:
-    """Vector of `lanes` numbers of an array, `at` it and the index of the first one; or store a `new` one there."""
+    """Load a vector of `lanes` numbers; `at`: array and index of the first number. With `new`, store it there."""
     array, first = at
     data, number = context.make_array(kind)(context, builder, array).data, context.get_value_type(kind.dtype)
     place = builder.bitcast(builder.gep(data, [first]), ir.VectorType(number, lanes).as_pointer())
@@ -166,8 +166,8 @@ def row_tester(lanes: int) -> Callable[..., bool]:
 def row_gatherer(lanes: int) -> Callable[..., None]:
     """Function (target, to, source, where) that gathers a row as one vector, each lane from a row of its own.
 
-    With `where` = (place, first, now, mask) lane i is read from row `first` + ((`now` − delay) & `mask`) of the source,
-    its delay being number `place` + i of the target, a whole one.
+    With `where` = (place, first, now, mask), lane i is read from row `first` + ((`now` − delay) & `mask`) of the
+    source. The delay is number `place` + i of the target, an integer.
     """
 
     @intrinsic
@@ -218,9 +218,9 @@ TABLE = types.int64(types.CPointer(types.int64))  # type: ignore[attr-defined]
 
 
 def of_table(function: Callable[..., Any], described: tuple[Any, ...], real: type = np.float64) -> Callable[..., Any]:
-    """Function of a table that replaces the described arguments; its signature is `TABLE`.
+    """Function with one argument, a table that holds the described arguments; its signature is `TABLE`.
 
-    `described`: of each argument, see `load`; `real`: of arrays of kind "real".
+    `described`: description of each argument, see `load`; `real`: type of arrays of kind "real".
     """
     read, law = _reader(described, real), physics(function)
 

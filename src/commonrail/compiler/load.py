@@ -15,8 +15,8 @@ from commonrail.compiler.cache import ENDING, Source, get_or_make
 from commonrail.compiler.table import address, fill
 from commonrail.compiler.target import Processor, System, may_compile, own_processor
 
-# function (result, exception, table) -> int of addresses: it returns 0 and does not write the exception; the result
-# receives what the function returns
+# function (result, exception, table) -> int; the arguments are addresses. The function's value is written to result;
+# the return value is 0, and exception is not used
 Call = Callable[[int, int, int], int]
 
 
@@ -71,7 +71,7 @@ class Kernel:
     ----------
     source : Source
     name : str
-        Of the source's function, whose argument is a table (`laws.of_table`).
+        Name of the function in the source; its argument is a table (`laws.of_table`).
     described : tuple
         The arguments, see `fill`.
     plain : function, optional

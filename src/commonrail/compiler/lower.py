@@ -14,7 +14,7 @@ from typing import Any
 
 from commonrail.compiler.target import System
 
-# Level 1 without vectors: level 0 gives fourteen times the text and takes a quarter longer, level 3 depends on the
+# Level 1 without vectorisation: level 0 gives fourteen times the text and takes 25 % longer; level 3 depends on the
 # processor.
 NUMBA = {
     "NUMBA_OPT": "1",
@@ -27,7 +27,7 @@ NUMBA = {
 }
 # Reference counts of arrays: kernels have only views, which need none.
 _COUNTS = re.compile(r"^ *(?:tail )?call void @NRT_(?:in|de)cref\(.*\n", re.MULTILINE)
-_IDLE = 300.0  # idle time after which a child of about 300 MB ends [s]; the next one types all laws again
+_IDLE = 300.0  # idle time after which a child process (300 MB) ends [s]; a new one must type all laws again
 
 
 def _serve(kind: str) -> None:
@@ -89,17 +89,17 @@ def _text(name: str, function: Callable[..., Any], signature: Any, *, kind: str)
 def emit(texts: Mapping[str, str], names: Mapping[str, str], system: System, visibility: str = "default") -> bytes:
     """Object file of functions.
 
-    `texts`: by the name of the function in its text; `names`: by the same, its name in the object.
+    `texts`: LLVM text of each function by its name there; `names`: name in the object file by name in the text.
     """
     machine, module = optimise(texts, names, system, visibility)
     return bytes(machine.emit_object(schedule_instructions(machine, module)))
 
 
 def schedule_instructions(machine: Any, module: Any) -> Any:
-    """Reschedule an optimised module so few instructions wait for operands.
+    """Reschedule an optimised module so that few instructions wait for operands.
 
-    A step is one long piece of code, of which a processor sees a fourth at once. LLVM relies on it for the
-    order, except in its model of an in-order x86-64 processor, Intel's first Atom.
+    A time step is one long block of code, and an out-of-order processor sees only a quarter of it at a time. LLVM
+    reorders instructions only for its in-order x86-64 model, Intel's first Atom, which is used here.
     """
     import llvmlite.binding as llvm
 

@@ -46,7 +46,7 @@ def fill(described: Any, values: Any, real: type = np.float64) -> tuple[Ints, li
     arrays: list[NDArray[Any]] = []
     for kind, value in _leaves(described, values):
         if isinstance(kind, Array):
-            # in place where the function writes: those arrays are contiguous and of that kind
+            # an array that the function writes is not copied: it is contiguous and of this kind already
             array = np.ascontiguousarray(value, real if kind.kind == REAL else kind.kind)
             if array.ndim != kind.dimensions:
                 raise TypeError(f"an array of {array.ndim} dimensions in place of {kind.dimensions}")

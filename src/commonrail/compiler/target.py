@@ -1,9 +1,8 @@
-"""Target of the compiler: the processor for which kernels are compiled, and the versions of all that computes.
+"""Target of the compiler: the processor for which kernels are compiled, and the versions of the numerical packages.
 
-The kernels of the lanes are compiled for a level of x86-64, v4 (AVX-512) or v3 (AVX2 and FMA), the highest of this
-machine: libraries compiled elsewhere contain the same code. ``COMMONRAIL_KERNELS=v3`` selects the lower.
-Other processors are targets by name, and so is the one that ``NUMBA_CPU_NAME`` names. Equal targets give
-equal bits.
+The lane kernels are compiled for the highest x86-64 level of this machine, v4 (AVX-512) or v3 (AVX2 and FMA).
+Libraries compiled elsewhere for this level contain the same code. ``COMMONRAIL_KERNELS=v3`` selects the lower level.
+Other processors, and the processor in ``NUMBA_CPU_NAME``, are targets by name. Equal targets give equal bits.
 """
 
 from __future__ import annotations
@@ -105,16 +104,16 @@ class System(NamedTuple):
 
     @classmethod
     def of(cls, processor: Processor, triple: str = "") -> System:
-        """System with a processor; its widest vectors are used, where LLVM would prefer half of them."""
+        """System with a processor; code uses its full vector width, where LLVM would prefer half of it."""
         wide = "-prefer-256-bit" if processor.is_wide else ""
         return cls(triple, processor.name, ",".join(filter(None, (processor.features, wide))))
 
 
 def own_processor() -> Processor:
-    """Processor that this process compiles for; without llvmlite, which it loads, the level that the system states."""
+    """Processor that this process compiles for, found with llvmlite; without llvmlite, the level in /proc/cpuinfo."""
     llvm = _llvm()
     if llvm is None:
-        other_names = {"abm": "lzcnt", "bmi1": "bmi"}  # Linux's for LLVM's
+        other_names = {"abm": "lzcnt", "bmi1": "bmi"}  # LLVM's name for Linux's name
         stated = {other_names.get(flag, flag) for flag in _read_cpuinfo("flags").split()}
         return _level(stated) or Processor("unknown")
     cpu_name, features = os.environ.get("NUMBA_CPU_NAME"), os.environ.get("NUMBA_CPU_FEATURES")
@@ -129,7 +128,7 @@ def own_processor() -> Processor:
 
 
 def _llvm() -> Any:
-    """LLVM's bindings; None where they are not installed, as libraries of compiled simulations do without."""
+    """Bindings of LLVM; None if they are not installed: libraries of compiled simulations work without them."""
     try:
         import llvmlite.binding as llvm
     except ModuleNotFoundError:
@@ -168,7 +167,7 @@ def kernels_switch() -> str:
 
 
 def is_x86() -> bool:
-    """True on 64-bit processors of Intel's and AMD's kind."""
+    """True on x86-64 processors (Intel and AMD)."""
     return platform.machine() in ("x86_64", "AMD64")
 
 
@@ -200,12 +199,11 @@ def exact_processor() -> Processor:
     Raises
     ------
     ConfigurationError
-        If this machine is of another kind.
+        If the processor is not x86-64.
     """
     if not is_x86():
         raise ConfigurationError(
-            f"The same bits are promised for x86-64 processors, and this machine is of kind {platform.machine()}; "
-            "omit same_bits."
+            f"same_bits needs an x86-64 processor, and this machine is of kind {platform.machine()}; omit same_bits."
         )
     return own_processor()._replace(exact=True)
 

@@ -33,7 +33,7 @@ def check_meters(injector: Injector, data: Sequence[DataSet], limits: Mapping[st
     for d in data:
         if d.meter is not None and d.meter != meters[d.meter.name]:
             raise ConfigurationError(
-                f"{d.name} has another meter {d.meter.name} than other data; give the two different names."
+                f"{d.name}: another meter is also called {d.meter.name}; give the two different names."
             )
     for name, bounds in limits.items():
         if is_of_meter(name):

@@ -1,4 +1,4 @@
-"""Kinds of measured data by their `kind` in study files: parts of the group "data", imported when a study has some."""
+"""Kinds of measured data by their `kind` in study files: plug-ins of the group "data", imported when needed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def find_kind(name: str) -> type[DataSet] | None:
         return None
     kind_class = entry.load_as(type, "a class")
     if not issubclass(kind_class, DataSet) or kind_class.kind != name:
-        raise entry.part_error(f'is to be a DataSet with kind = "{name}", and {entry.target} is none')
+        raise entry.part_error(f'must be a DataSet with kind = "{name}", and {entry.target} is not')
     return kind_class
 
 
@@ -45,7 +45,7 @@ def _place(name: str) -> tuple[int, str]:
 
 
 def in_order(data: Sequence[DataSet]) -> tuple[DataSet, ...]:
-    """Data sets by kind, in the order of `get_kinds`; those of one kind stay in theirs."""
+    """Data sets sorted by kind, in the order of `get_kinds`; the order within a kind is kept."""
     return tuple(sorted(data, key=lambda data_set: _place(data_set.kind)))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from commonrail.base.arrays import Floats, IndexArray
 
-SEEN = 9.0  # squared standard errors of an autocorrelation, below which it counts as none
+SEEN = 9.0  # least squared autocorrelation that counts, in squared standard errors
 
 
 class Averaged(NamedTuple):
@@ -17,7 +17,7 @@ class Averaged(NamedTuple):
     mean: Floats  # (points, …)
     counts: IndexArray  # (points,): values in each mean
     sigma: float | None  # standard error of a mean, root mean square over all; None where nothing is repeated
-    # degrees of freedom of `sigma`: repeats less groups, times the independent samples of a course; 0 without one
+    # degrees of freedom of `sigma`: (repeats − groups) × independent samples of a course; 0 without `sigma`
     freedom: float = 0.0
 
 
@@ -25,7 +25,7 @@ def group_rows(places: Floats, same: float) -> list[IndexArray]:
     """Rows of equal places, in the order of their first rows.
 
     `places` (n, k): positive coordinates of each row, such as rail pressure and energising time. `same`: relative
-    distance of neighbouring values from which they count as different.
+    difference above which neighbouring values count as different.
     """
     codes = np.zeros(len(places), np.intp)
     for column in places.T:
@@ -58,7 +58,7 @@ def average_groups(values: Floats, groups: list[IndexArray], scale: Floats | flo
 
 
 def _live(deviations: Floats, values: Floats) -> Floats:
-    """Deviations without the samples of courses that all rows state as exactly zero: they hold no noise.
+    """Deviations without the samples that are exactly zero in all rows and so contain no noise.
 
     Both arrays are (n, …).
     """
@@ -67,13 +67,13 @@ def _live(deviations: Floats, values: Floats) -> Floats:
 
 
 def _independent(deviations: Floats, spare: int) -> float:
-    """Independent samples of a course in the mean of its squares: n/(1 + 2 Σ (1 − l/n) r_l²), by Satterthwaite.
+    """Effective number of independent samples in the mean square of a course, after Satterthwaite.
 
-    All lags with an autocorrelation r_l beyond chance count: for a ringing meter r_l passes through zero
-    and returns.
+    n/(1 + 2 Σ (1 − l/n) r_l²), summed over all lags l with a significant autocorrelation r_l: for a ringing meter r_l
+    passes through zero and returns.
 
-    The deviations (rows, …) are those of each course from its mean, numbers courses of one sample; `spare` of the
-    courses are independent.
+    `deviations` (rows, …): deviations of each course from its mean; a number is a course of one sample. `spare`: number
+    of independent courses.
     """
     courses = deviations.reshape(len(deviations), -1)
     n, energy = courses.shape[1], float(np.sum(courses**2))
@@ -83,7 +83,7 @@ def _independent(deviations: Floats, spare: int) -> float:
         left = 1.0 - lag / n
         share = (float(np.sum(courses[:, lag:] * courses[:, :-lag])) / energy) ** 2 / left
         unbroken = unbroken and share > chance
-        # Bartlett: once r_l has been zero, its scatter grows with what the others add up to
+        # Bartlett: after the first insignificant lag, the scatter of r_l grows with the sum of the others
         if unbroken or share > total * chance:
             total += 2.0 * share
     return n / min(total, float(n))

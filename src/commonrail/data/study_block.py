@@ -1,4 +1,4 @@
-"""Reading of a data set: shape of its block in a study file, and what it is read with."""
+"""Blocks of data sets in a study file, and the context in which they are read."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ class Context(NamedTuple):
     def path(self, file: str, at: Place, form: FileForm) -> Path:
         """Path of a file that a table names with the key "file".
 
-        `file`: its name in the study; `form`: that the table states of it. `InputError` if it lies where the study may
-        not look, or a key of the form does nothing for it.
+        `file`: name in the study; `form`: format that the table states. `InputError` if the study may not read from
+        that folder, or a key of the format has no effect on this file.
         """
         path = self.reach.path(self.reach.file.parent, file, at / "file")
         if idle := idle_key(form, [path]):
@@ -57,12 +57,12 @@ class Context(NamedTuple):
         return path
 
     def sheet(self, file: str, at: Place, form: FileForm) -> Sheet:
-        """File with named columns; see `path` and `open_sheet`. The one that was opened last is not read again."""
+        """File with named columns; see `path` and `open_sheet`. The file opened last is cached."""
         source, last = (self.path(file, at, form), form), self.reach.opened
         if last[:-1] == source:
             return cast(Sheet, last[-1])
         sheet = open_sheet(*source)
-        if sheet.independent_columns or isinstance(sheet, TableSheet):  # others may be gone through once
+        if sheet.independent_columns or isinstance(sheet, TableSheet):  # other sheets can be read only once
             self.reach.opened = (*source, sheet)
         return sheet
 
@@ -74,12 +74,12 @@ class Context(NamedTuple):
 
 
 def mass_density(injector: Injector, unit: str, point: OperatingPoint) -> float:
-    """Density at cylinder pressure [kg/m³] where `unit` is one of mass, else NaN: see `DataSet.mass_density`."""
+    """Density at cylinder pressure [kg/m³] if `unit` is a unit of mass, else NaN: see `DataSet.mass_density`."""
     return reference_density(injector, point) if unit.startswith("kg") else math.nan
 
 
 def drive_unit(injector: Injector) -> str:
-    """Unit of a measured drive: current or voltage as the injector is driven, empty if by neither."""
+    """Unit of the measured current or voltage that drives the injector; empty for another drive."""
     return {Drive.CURRENT: "A", Drive.VOLTAGE: "V"}.get(injector.variant.drive, "")
 
 
@@ -89,7 +89,7 @@ def _name(item: str) -> str:
     return item
 
 
-# What tables, legends and files call something.
+# Name of an object in tables, legends and files.
 Name = Annotated[str, Field(min_length=1, max_length=LONGEST_NAME), AfterValidator(_name)]
 
 
@@ -123,7 +123,7 @@ Course = Annotated[
 
 
 class DataModel(FormModel):
-    """Keys that the blocks of all kinds have; `selects_rows`: data sets of the kind may share a table."""
+    """Keys shared by the blocks of all kinds; `selects_rows`: data sets of the kind may share a table."""
 
     selects_rows: ClassVar[bool] = False
 

@@ -14,8 +14,8 @@ from commonrail.physics.injector import Injector
 
 CHECK_AFTER = 100e-6  # earliest time after energising at which an injection may have ended [s]
 MAXIMUM_STEPS = 2_000_000
-ALMOST_ALL = 1.0 - 1e-9  # an energising that begins within this share of a step counts as begun in it
-_IDLE = -1.0  # clocks of a point without energisings [s]
+ALMOST_ALL = 1.0 - 1e-9  # an energising that begins after this share of a step counts from the next step
+_IDLE = -1.0  # constant clock of a point without energisings [s]
 
 
 def courses_of(injector: Injector, points: Sequence[OperatingPoint], dt: float) -> Courses:
@@ -70,13 +70,13 @@ def _earliest_end(point: OperatingPoint, dt: float) -> int:
 
 
 def _turns(pulses: Floats, count: Ints, at: tuple[Ints, Ints], times: Floats, dt: float) -> tuple[Ints, Ints, Floats]:
-    """Indices of the points' first turns, and steps and origins of all turns, as in `Courses`.
+    """Index of each point's first turn, and steps and origins of all turns, as in `Courses`.
 
     `pulses` (2, energisings): starts and ends [s], in order for each point; a point without energisings has a dummy;
-    `count` (points,) int: energisings of each point; `at` ((points,), (points,)) of int: row of the times,
-    and number of steps; `times` (clocks, steps): [s].
+    `count` (points,) int: energisings of each point; `at` ((points,), (points,)) of int: row in `times`
+    and number of steps; `times` (clocks, steps): clock times [s].
     """
-    if pulses.shape[1] == len(count):  # the usual case of one energising each: its turn is in step 0
+    if pulses.shape[1] == len(count):  # usual case: one energising per point, its turn in step 0
         now = times[at[0], 0]
         origins = np.zeros((2 * len(count), 4))
         origins[::2] = np.stack([*pulses, now - pulses[0], now - pulses[1]], axis=1)
@@ -104,10 +104,10 @@ def _turns(pulses: Floats, count: Ints, at: tuple[Ints, Ints], times: Floats, dt
 
 
 def _still_on(pulses: Floats, ordinal: Ints, now: Floats, dt: float) -> Floats:
-    """Time [s] for which earlier energisings still last in the step in which each one counts as begun.
+    """Time [s] for which earlier energisings are still on in the step in which each energising begins.
 
-    A step that contains the end of one energising and the start of the next is energised for the sum of both: the next
-    counts as begun earlier by the rest of the first.
+    A step with the end of one energising and the start of the next is energised for the sum of both times: the start of
+    the second is shifted back by the rest of the first.
 
     `pulses` (2, energisings): starts and ends [s]; `ordinal` (energisings,) int: number of earlier ones of the same
     point; `now` (energisings,): start of that step [s].

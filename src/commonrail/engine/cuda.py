@@ -21,7 +21,7 @@ from commonrail.physics.variants import Variant, wiring
 # A thread takes nearly all registers available to it, and a multiprocessor holds 8 warps with any group size: small
 # groups of threads end sooner if their needles close early.
 GROUP = 64
-SHARE = 0.5  # of the device's free memory for rings and traces
+SHARE = 0.5  # share of the device's free memory used for ring buffers and traces
 INSTALL = "install it with: pip install 'commonrail[cuda]'"
 
 

@@ -8,11 +8,11 @@ from commonrail.engine.recorder import at, is_sound, needle_rests, report
 from commonrail.physics.law import physics
 
 RECOVERED = 0.9  # share of the accumulation pressure that the control chamber must regain after the valve has closed
-DRIBBLE = 1e-12, 1e-6  # largest injected mass per check that still counts as at rest: [kg], and share of the stroke
+DRIBBLE = 1e-12, 1e-6  # largest injected mass per check that counts as rest: [kg], and share of the injected mass
 
 
 class StopRule(NamedTuple):
-    """When a lane ends: present step, number of checks at rest needed (0: never), and steps between two checks."""
+    """Rule for the end of a lane: present step, required checks at rest (0: never), steps between two checks."""
 
     step: float
     checks: float
@@ -48,8 +48,8 @@ def next_horizon(work, rows, count):  # type: ignore[no-untyped-def]
 def check(work, rows, rule, out):  # type: ignore[no-untyped-def]
     """Report lanes that have ended; true once every lane has.
 
-    A lane ends when it has failed or, by a `StopRule`, when needle and valve have rested for that many checks and for
-    longer than a bouncing one touches its seat. Later motion in neighbouring lanes does not change its figures.
+    A lane ends when it has failed or, by a `StopRule`, when needle and valve have rested for the required checks and
+    for longer than the contact of a bounce lasts. Later motion in neighbouring lanes does not change its figures.
     """
     ended = 0
     for lane in range(rows.lanes):

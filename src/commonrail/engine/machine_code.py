@@ -39,7 +39,7 @@ FOLDER = Path(__file__).resolve().parents[1] / "kernels"
 STAMP = "stamp.json"
 SOURCES = "commonrail.engine.block"  # makes the loops
 COMPILERS = ("numba", "llvmlite")
-INSTALL = "pip install 'commonrail[jit]'"  # installs them in the versions of the libraries
+INSTALL = "pip install 'commonrail[jit]'"  # installs the compilers in the versions of the libraries
 
 
 class MachineCode(NamedTuple):

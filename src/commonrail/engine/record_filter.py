@@ -9,8 +9,8 @@ import numpy as np
 from commonrail.base.arrays import Floats
 
 # The noise is estimated from 5 to 10 kHz: waves of rails and lines have nearly decayed there, and most sensors respond.
-TOP, LOWEST = 10e3, 100.0  # upper end of that octave, and lowest cut-off by default, above pump and control [Hz]
-MARGIN = 4.0  # cut-off over signal frequency: the loss at a corner of the course falls with 1/f
+TOP, LOWEST = 10e3, 100.0  # upper end of this octave, and lowest default cut-off, above pump and control [Hz]
+MARGIN = 4.0  # cut-off over signal frequency; the loss at corners of the signal falls with 1/f
 STANDS_OUT = 3.0  # power of a signal over the noise power, in a band of half an octave
 FEWEST = 32  # samples needed to separate signal from noise
 CHI = 0.4549  # median of χ² with one degree of freedom over its mean
@@ -64,7 +64,7 @@ def low_pass(time: Floats, value: Floats, cut_off: float | None = None) -> Filte
         power = content**2
         noise = float(np.median(power[octave])) / CHI
         cut_off = max(MARGIN * _highest_signal(power, frequency, noise), LOWEST)
-        # corners and ends of the record reach into that octave, less into the last one
+        # corners and ends of the record affect the octave of the noise, and the last octave less
         steady = min(noise, float(np.median(power[frequency > 0.5 * frequency[-1]])) / CHI)
         mean = np.convolve(power, np.full(NEIGHBOURS, 1.0 / NEIGHBOURS), "same")
         weight = np.maximum(1.0 - STANDS_OUT * steady / np.maximum(mean, np.finfo(float).tiny), 0.0)

@@ -1,4 +1,4 @@
-"""Records of the lanes of a loop: crossings of the seat, samples of the rate, figures, traces."""
+"""Records of each lane: opening and closing of the needle, samples of the rate, figures of the result, traces."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from commonrail.physics.law import physics
 
 @physics
 def at(rows: Any, row: int, lane: int) -> int:
-    """Index of a row's lane."""
+    """Index of a row and lane in the work array."""
     return row * rows.lanes + lane
 
 
@@ -36,9 +36,9 @@ def crossing(old, new):  # type: ignore[no-untyped-def]
 def record_crossing(work, rows, lane, count):  # type: ignore[no-untyped-def]
     """Keep the opening, the first and the last closing, in steps; zero means absent.
 
-    The needle is open once its tip has first risen by `CLEAR_LIFT`, and closes when it first meets the seat after
-    that. It has reopened, and closes again, if it rises as far again or injects more than `REOPENED` meanwhile;
-    ringing of a closed needle and smaller bounces do not count.
+    The needle is open once its tip has first risen by `CLEAR_LIFT`, and closes when it first meets the seat after that.
+    A later contact is a further closing if the tip has risen by `CLEAR_LIFT` again, or if more than the share
+    `REOPENED` of the injected mass has flowed since lift-off; smaller bounces do not count.
     """
     old, new = work[at(rows, rows.tip_before, lane)], work[at(rows, rows.tip, lane)]
     injected = work[at(rows, rows.injected, lane)]
@@ -72,7 +72,7 @@ def take_sample(work, rows, due, first):  # type: ignore[no-untyped-def]
     for lane in range(rows.lanes):
         start = work[at(rows, rows.injected_before, lane)]
         here = start + due.fraction * (work[at(rows, rows.injected, lane)] - start)
-        # a division: the compiler contracts a product and a difference in some lanes and not in others
+        # divide: the compiler would fuse a product and a difference in some lanes only
         gain, density = here - work[at(rows, rows.injected_at_sample, lane)], work[at(rows, rows.density, lane)]
         error = gain / (due.width * density) - due.target
         counts = 0.0 if first else due.weight
@@ -132,7 +132,7 @@ def report_remaining(work, rows, cylinder, out):  # type: ignore[no-untyped-def]
 
 @physics
 def record(work, rows, trace):  # type: ignore[no-untyped-def]
-    """Copy state and leaving waves into a trace, (rows, kept lanes); into a single row only the injected mass."""
+    """Copy state and outgoing waves into a trace (rows, kept lanes); a trace of one row takes the injected mass."""
     first = rows.injected if trace.shape[0] == 1 else rows.state
     for row in range(trace.shape[0]):
         for lane in range(trace.shape[1]):
@@ -141,6 +141,6 @@ def record(work, rows, trace):  # type: ignore[no-untyped-def]
 
 @physics
 def keep_if_asked(work, rows, trace, block, k):  # type: ignore[no-untyped-def]
-    """Copy state and leaving waves of step k into the trace unless it is empty."""
+    """Copy state and outgoing waves of step k into the trace, unless the trace is empty."""
     if trace.shape[0] > 0:
         record(work, rows, trace[block, k])

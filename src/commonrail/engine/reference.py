@@ -83,15 +83,15 @@ def instants(crossings: Crossings) -> Instants:
     return Instants(clears[0], last[-1] if last else math.nan, closings[0] if closings else math.nan)
 
 
-SAME = 1e-13  # stops of the march closer than this coincide [s]
+SAME = 1e-13  # stops of the integration closer than this coincide [s]
 
 
 class Resolution(NamedTuple):
     """Resolution of the reference.
 
     `cells` of the feed pipe and of the return line; `relative` tolerance of LSODA, its absolute tolerances are
-    `relative` times a typical value of each state; `longest_step` [s]. The method "explicit" has a longest `step` [s]
-    instead of both; steps are shorter where a wave passes a cell or the SAC settles sooner.
+    `relative` times a typical value of each state; `longest_step` [s]. The method "explicit" uses a longest `step` [s]
+    instead; a step is shorter if a wave would pass a cell or the SAC would settle within it.
     """
 
     cells: tuple[int, int] = (240, 120)
@@ -194,7 +194,7 @@ class Model:
         self.last = self.start
 
     def march(self, time: Floats) -> tuple[Floats, Instants, bool]:
-        """States at `time` (n,), increasing [s], by the explicit march; as `run`.
+        """States at `time` (n,), increasing [s], by explicit integration; results as of `run`.
 
         Steps are shorter than the resolution's if a wave would pass a cell or the SAC would settle sooner.
         """
@@ -213,7 +213,7 @@ class Model:
         return float(min(c.feed_pipe.travel_time / feed, 0.5 * c.return_line.round_trip / line if line else math.inf))
 
     def _plan(self, time: Floats) -> Plan:
-        """Stops of the march, and courses and schedule in between."""
+        """Stops of the integration, with courses and schedule in between."""
         first, last = float(time[0]), float(time[-1])
         stretches = segments(self.point, self.c.drive.peak_duration, first, last)
         edges = np.array([s.start for s in stretches])
@@ -265,7 +265,7 @@ class Model:
             records.extend((float(t), float(y[injected])) for t, y in zip(times, states, strict=True))
 
     def solve(self, start: float, stop: float, y: Floats, inside: Floats) -> Any:
-        """Solve between two switchings, with samples `inside`; a result of `solve_ivp`; its last state is in `last`."""
+        """Solve between two switchings, with samples `inside`; returns a result of `solve_ivp` and sets `last`."""
         at = np.append(inside, stop) if not len(inside) or inside[-1] < stop else inside
         common = {
             "t_eval": at,
@@ -309,8 +309,8 @@ class Model:
     def band(self) -> int:
         """Half-width of the Jacobian: the injector's block is coupled internally and to the ends of the pipes.
 
-        The pipe's inlet depends on the rail's mass only for a rail volume; that far corner is left to the
-        iteration, which converges without it.
+        With a rail volume, the pipe's inlet also depends on the rail's mass. This entry lies outside the band and is
+        omitted; the iteration converges without it.
         """
         return self.at.line - self.at.core + 2
 

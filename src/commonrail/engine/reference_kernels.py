@@ -26,7 +26,7 @@ RATES = (floats(1), floats(1), floats(1), wholes(1), floats(2), floats(1))  # y,
 
 
 def rates_entries(*words: str) -> dict[str, Any]:
-    """The right-hand side of the `Variant` of the `words`; for `cache.Source`."""
+    """Right-hand side of the equations for a `Variant` given by `words`; for `cache.Source`."""
     from commonrail.compiler.laws import TABLE, of_table
 
     rates = physics(make_rates(Variant(*words)))
@@ -38,13 +38,13 @@ def rates_entries(*words: str) -> dict[str, Any]:
     return {"rates": (of_table(slopes, RATES), TABLE)}
 
 
-# Runge's stages: times within the step (there is no fifth), and weights of the slopes
+# Runge-Kutta stages: times within the step (the last entry is a filler), and weights of the slopes
 AHEAD = (0.0, 0.5, 0.5, 1.0, 0.0)
 SHARE = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
 MET = 1e-9  # distance of the current from its limit that counts as zero, relative to the band
 SETTLED = 1.0  # share of the SAC's settling time that a step may take; Runge-Kutta's limit of stability is 2.8
-SHORTEST = 0.02  # share of the step below which it is not shortened for that
-TRIES = 40  # to meet the limit; three suffice
+SHORTEST = 0.02  # smallest share of the step to which the SAC's settling time shortens it
+TRIES = 40  # most iterations to locate a switching instant; three suffice
 
 
 class Fixed(NamedTuple):
@@ -56,7 +56,11 @@ class Fixed(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """Stops (n,) [s]; courses at them (n, 4); schedule between them (n − 1, 2); the row each fills, or −1 (n,)."""
+    """Stops of the time integration.
+
+    `stops` (n,) [s]; `courses` (n, 4) at the stops; `schedule` (n − 1, 2) of the intervals; `rows` (n,): row of the
+    result that each stop fills, or −1.
+    """
 
     stops: Floats
     courses: Floats
@@ -76,7 +80,7 @@ MARCH = (
 
 
 def march_entries(*words: str) -> dict[str, Any]:
-    """The march of the `Variant` of the `words`; for `cache.Source`."""
+    """Time integration for a `Variant` given by `words`; for `cache.Source`."""
     from commonrail.compiler.laws import TABLE, of_table
 
     return {"march": (of_table(physics(make_march(Variant(*words))), MARCH), TABLE)}
@@ -104,10 +108,11 @@ def set_courses(outside: Any, plan: Any, k: int, t: float) -> None:
 
 @physics
 def record_instants(recorded: Any, now: float, h: float, old: float, new: float, injected: float) -> None:
-    """Keep the fields of `Instants`; then 1 while the needle is clear, and the mass injected when it left its seat.
+    """Update the opening and closing instants after a step.
 
-    `recorded` (5,) array: to be set; `now`, `h`: start and length of the step [s]; `old`, `new`: tip before and after
-    it [m]; `injected`: mass injected by then [kg].
+    `recorded` (5,) array: fields of `Instants`, 1 while the needle is clear of its seat, mass injected at lift-off
+    [kg]; `now`, `h`: start and length of the step [s]; `old`, `new`: tip before and after it [m]; `injected`: mass
+    injected by then [kg].
     """
     if old <= 0.0:
         recorded[4] = injected
@@ -124,7 +129,7 @@ def record_instants(recorded: Any, now: float, h: float, old: float, new: float,
 
 @physics
 def stride(left: float, step: float) -> float:
-    """Length of the next of the equal steps, none longer than `step`, that fill what is left [s]."""
+    """Next step [s] if the time left is divided into the fewest equal steps not longer than `step`."""
     return left / max(math.ceil(left / step - 1e-6), 1)
 
 

@@ -40,7 +40,7 @@ from commonrail.physics.variants import Variant
 
 ROUNDING = 1e-6  # relative difference from a whole number of steps that counts as rounding
 
-# Simulations at a time, by their parameters in memory: 20 MB, and on a GPU, which needs many to be busy, 160 MB.
+# Simulations per batch. Their parameters take 20 MB, or 160 MB on a GPU, which needs many simulations to be busy.
 AT_A_TIME = {Engine.LANES: 16_384, Engine.CUDA: 131_072}
 
 
@@ -48,8 +48,8 @@ def _beyond_numbers(injector: Injector, error: ArithmeticError) -> str:
     sizes = {name: abs(math.log10(abs(value))) for name, value in injector.values.items() if value}
     name = max(sizes, key=lambda name: sizes[name])
     return (
-        f"{injector.name}: its parameters lead to numbers beyond all bounds ({error}); correct the one that is far "
-        f"from an injector's, the most extreme is {name} = {injector.values[name]:g} "
+        f"{injector.name}: the simulation fails with an arithmetic error ({error}); correct the implausible "
+        f"parameter; the most extreme is {name} = {injector.values[name]:g} "
         f"{injector.quantities[name].unit.removesuffix('1')}".rstrip()
         + "."
     )
@@ -143,7 +143,7 @@ def simulate(
         if engine is Engine.REFERENCE:
             if real is not Precision.F64:
                 raise ConfigurationError(
-                    f"The reference computes in f64 alone, not in {real.value}; use the lanes for it."
+                    f"The reference engine computes in f64 alone; use the lanes engine for {real.value}."
                 )
             from commonrail.engine.reference import simulate_reference
 
@@ -155,7 +155,7 @@ def simulate(
 
 
 def _read_point(point: OperatingPoint | None, keywords: dict[str, Any]) -> OperatingPoint:
-    """Operating point of `simulate`, given as such or by its fields."""
+    """Operating point of `simulate`, given as an object or by its fields."""
     if point is not None:
         instance(point, OperatingPoint, "point")
         if keywords:
@@ -195,7 +195,7 @@ def _simulate_course(
         mass_rate=np.diff(injected) / np.diff(time),
         injected=injected,
         channels=read_channels(c, variant, point, time, {name: row[::stride] for name, row in states.items()}),
-        injected_mass=float(states["nozzle.injected"][-1]),  # at the horizon, which a sample need not meet
+        injected_mass=float(states["nozzle.injected"][-1]),  # at the horizon, which may lie between samples
         returned_mass=float(states["cumulative_flows.returned"][-1]),
         opening=point.start + time_step * float(outcome.opening[0, 0]),
         closing=point.start + time_step * float(outcome.closing[0, 0]),
@@ -240,7 +240,7 @@ def simulate_batch(
     """Simulate many candidates at many operating points.
 
     Candidates and points fill the lanes of the processor together: one injector at eight points takes as long as eight
-    candidates at one point. The figures of each have the same bits as in a run alone.
+    candidates at one point. Each result has the same bits as a separate simulation.
 
     Parameters
     ----------
@@ -280,7 +280,7 @@ def simulate_batch(
     points = instances(points, OperatingPoint, "points")
     if not points:
         raise ConfigurationError("At least one operating point is needed among the points.")
-    if prepared is None:  # prepared points may hold data of another drive, which a comparison uses unchanged
+    if prepared is None:  # a comparison reuses points prepared for another drive
         for point in points:
             check_inputs(injector, point)
     names = known_names(names, injector.quantities, "names", "nozzle.hole_diameter")
@@ -368,7 +368,7 @@ def _run(
 def _simulate(
     names: Sequence[str], candidates: Floats, prepared: Prepared, run: Callable[..., tuple[Outcome, Floats]]
 ) -> Batch:
-    """Simulate a part of a population whose parameters fit into memory."""
+    """Simulate a batch of candidates whose parameters fit into memory."""
     injector, points = prepared.injector, prepared.points
     inside = admissible(names, candidates, injector.fuel, injector.variant.actuation)
     if not inside.all():

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 # Mass balance of a whole simulation, from the traced state.
 
-SMALL = 1e-6  # least reference mass, as of a small pilot [kg]: without an injection the error would be undefined
+SMALL = 1e-6  # least reference mass [kg], a small pilot injection; avoids division by zero without an injection
 
 _VOLUMES = ("control_chamber.fuel.mass", "accumulation.fuel.mass", "sac.mass")
 
@@ -48,7 +48,7 @@ def relative_balance(c: SharedCoefficients, states: Mapping[str, Floats], dt: fl
     stored += _pipe(states["waves.down"], c.delays.feed, dt * c.feed_pipe.admittance / 2)
     stored += _pipe(states["waves.up"], c.delays.feed, dt * c.feed_pipe.admittance / 2)
     inlet, end = states["feed_pipe.inlet_flow"][-1], states["feed_pipe.end_flow"][-1]
-    # the friction of the last step, subtracted when a wave leaves and when it arrives, is still under way
+    # friction is subtracted when a wave leaves and when it arrives; the second part of the last step is pending
     late = feed_pipe.end_loss(c.feed_pipe, float(inlet)) - feed_pipe.end_loss(c.feed_pipe, float(end))
     stored += dt * c.feed_pipe.admittance / 2 * late
     injected = float(states["nozzle.injected"][-1])
@@ -88,8 +88,8 @@ _PRESSURES = {  # channel names and states; absent ones are skipped
 def read_channels(c: Any, variant: Variant, point: OperatingPoint, time: Floats, states: States) -> dict[str, Floats]:
     """Channels of a `Solution` of the fast engines.
 
-    `c`: `plan.coefficients_at` the point; `variant`: as wired; `time` (samples,): [s]; `states` (mapping of str to
-    (samples,)): state at those times, by the names of `lanes.trace_paths`.
+    `c`: `plan.coefficients_at` the point; `variant`: wired variant; `time` (samples,): [s]; `states`: arrays (samples,)
+    of the state by the names of `lanes.trace_paths`.
     """
     pressure_states = dict(states)
     measured = isinstance(point.rail_pressure, Trace) and variant.boundary is not Boundary.VOLUME
@@ -102,7 +102,7 @@ def read_channels(c: Any, variant: Variant, point: OperatingPoint, time: Floats,
 
 
 def all_channels(c: Any, variant: Variant, states: States, pressures: States, cylinder: Floats) -> dict[str, Floats]:
-    """Lifts, the given pressures, and values that follow from flux and lift, with the names shared by all engines.
+    """Lifts, pressures, and quantities derived from flux and lift, with the names shared by all engines.
 
     `c`: of the variant's actuation; `states`, `pressures`: (mapping of str to (samples,)).
     """
@@ -127,14 +127,14 @@ def all_channels(c: Any, variant: Variant, states: States, pressures: States, cy
 
 def _discharge(law: Callable[..., Any], c: Any, at: tuple[Floats, Floats, Floats], foreign: bool) -> Floats:
     """Discharge coefficient at the samples of lift, SAC and cylinder pressure; a foreign law is called one by one."""
-    if foreign or len(at[0]) == 1:  # a foreign law may branch; for one sample this is ten times as fast
+    if foreign or len(at[0]) == 1:  # a foreign law may branch; for one sample the loop is ten times faster
         return np.array([law(c, *sample) for sample in zip(*at, strict=True)])
     return np.asarray(_of_arrays(law)(c, *at))
 
 
 @functools.cache
 def _of_arrays(law: Callable[..., Any]) -> Callable[..., Any]:
-    """The same law for arrays, to the same bits: `max` and `min` act element by element, and it does not branch."""
+    """Array version of a law without branches, with equal bits: `max` and `min` act element by element."""
     names = law.__globals__
     called = {name: _of_arrays(names[name]) for name in law.__code__.co_names if inspect.isfunction(names.get(name))}
     return FunctionType(law.__code__, {**names, **called, "max": np.maximum, "min": np.minimum}, None, law.__defaults__)
@@ -161,18 +161,18 @@ class Solution(Shown):
     opening : float
         Instant at which the needle's tip first rises by 5 um [s]; NaN if it never does.
     closing, first_closing : float
-        Instants at which the tip meets the seat for the last and for the first time after it was open [s]. It is open
-        above 5 um, and in a lower reopening through which more than 0.1 % of the injected mass flows; ringing
-        and smaller bounces do not count. The two differ if the needle reopens. NaN if absent; no last closing
-        if the needle is above 5 um at the end.
+        Instants at which the tip meets the seat for the last and for the first time after it was open [s]. The needle
+        is open above 5 um, or if more than 0.1 % of the injected mass flows during a lower lift; smaller bounces do not
+        count. The two differ if the needle reopens. NaN if absent; no last closing if the needle is above 5 um at the
+        end.
     reference_density : float
-        Fuel at cylinder pressure at rest (`OperatingPoint.at_start`) and fuel temperature [kg/m³]: converts mass to
-        the volume that a rate meter shows.
+        Fuel density at cylinder pressure (`OperatingPoint.at_start`) and fuel temperature [kg/m³]; converts mass to the
+        volume that a rate meter shows.
     status : Status
     engine : str
         "lanes" or "reference".
     balance : float
-        In − out − stored, relative to the injected mass, at least 1 mg.
+        Mass balance error (in − out − stored), relative to the injected mass or to 1 mg if that is larger.
     find_longest_step : function () -> float, optional
         Gives `longest_step`.
     point : OperatingPoint, optional
@@ -207,7 +207,7 @@ class Solution(Shown):
 
     @property
     def sentence(self) -> str:
-        """End of the simulation in words; for too long a step with one that is short enough."""
+        """End of the simulation in words; if the step was too long, with a suitable step."""
         if self.status is not Status.STEP_UNSTABLE:
             return self.status.sentence
         return f"{self.status.sentence} {step_advice(self.longest_step)}"

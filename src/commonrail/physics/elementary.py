@@ -1,9 +1,9 @@
 """Elementary functions, sums of products and small linear systems whose bits do not depend on the processor.
 
-NumPy and the C library have several versions of exp, log, pow and sin and take one by processor; BLAS does the same
-with products of matrices. These here are additions, multiplications, divisions and roots of arrays in a stated order,
-each rounded once, and so are the same everywhere. They are exact to a few roundings. Laws call `sine`, `cosine` and
-`exponential`.
+NumPy and the C library choose among several versions of exp, log, pow and sin by processor, and BLAS among several
+matrix products. The functions of this module consist of additions, multiplications, divisions and roots of arrays in a
+fixed order, each rounded once, and give equal bits everywhere. Their errors are a few roundings. Laws call `sine`,
+`cosine` and `exponential`.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from commonrail.physics.law import physics
 # ln 2 in two parts; the first has so few digits that its product with the exponent of a number is exact
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 _PER_LN2 = 1.44269504088896338700
-_EXP = tuple(1.0 / math.factorial(k) for k in range(15))  # Taylor: to ln 2/2 exact to rounding
-_EXPM1 = tuple(1.0 / math.factorial(k + 1) for k in range(19))  # to 1 exact to rounding
+_EXP = tuple(1.0 / math.factorial(k) for k in range(15))  # Taylor: exact to rounding for |x| up to ln 2/2
+_EXPM1 = tuple(1.0 / math.factorial(k + 1) for k in range(19))  # exact to rounding for |x| up to 1
 _LOG = tuple(1.0 / (2 * k + 1) for k in range(13))  # area tangent, for mantissas from √½ to √2
-_SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(12))  # Taylor: to π/2 exact to rounding
+_SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(12))  # Taylor: exact to rounding for |x| up to π/2
 _RANGE = 800.0  # beyond, an exponential is zero or infinite
 _SMALLEST = -708.0  # below it the exponential is not a normal number
 
@@ -66,7 +66,7 @@ def log(x: ArrayLike) -> Floats:
 
 
 def power(base: ArrayLike, exponent: ArrayLike) -> Floats:
-    """Return base to an exponent, base ≥ 0; an error of the exponent's product with the logarithm in roundings."""
+    """Return base**exponent for base ≥ 0; the error in roundings grows with exponent × log(base)."""
     b, e = np.asarray(base, dtype=np.float64), np.asarray(exponent, dtype=np.float64)
     with np.errstate(invalid="ignore"):
         raised = exp(e * log(b))
@@ -99,7 +99,7 @@ def cosine(x: Any) -> Any:
 def exponential(x: float) -> float:
     """Return exp x of a decay, 0 where it is not a normal number; for kernels, which have no `ldexp`.
 
-    `x`: exponent [1], not above 0; the series takes what ln 2 leaves, halvings the rest.
+    `x`: exponent [1], ≤ 0. It is split into multiples of ln 2, which become halvings, and a rest for the series.
     """
     if x < _SMALLEST:
         return 0.0
@@ -131,17 +131,16 @@ def product(left: Floats, right: Floats) -> Floats:
 # Small dense linear systems, in a stated order of operations: their bits do not depend on the processor.
 #
 # Polynomials of a fuel and starting populations are made with them; fits by least squares use LAPACK. For at most some
-# tens of unknowns. LAPACK takes its inner loops by processor; here every operation is one of NumPy on whole rows or
-# columns, or a sum along one, which is rounded the same way everywhere.
+# tens of unknowns. LAPACK chooses its inner loops by processor. Here every operation is a NumPy operation on whole rows
+# or columns, or a sum along one, with equal rounding everywhere.
 
 
 def least_squares(matrix: Floats, target: Floats) -> Floats:
-    """Return x (…, n) of least ‖matrix x − wanted‖, by Householder reflections with column pivoting.
+    """Return x (…, n) of least ‖matrix x − target‖, by Householder reflections with column pivoting.
 
-    Columns whose part that the others cannot imitate is smaller than machine precision times the larger of m and n are
-    left out of the solution: their x is 0.
+    Columns that depend linearly on the others, to machine precision times the larger of m and n, get x = 0.
 
-    `matrix` is (…, m, n) with m ≥ 1, `target` (…, m). A system among several has the bits that it has alone.
+    `matrix` is (…, m, n) with m ≥ 1, `target` (…, m). Each system has the bits of a separate solution.
     """
     rows, columns = np.shape(matrix)[-2:]
     many = math.prod(np.shape(matrix)[:-2])

@@ -44,7 +44,7 @@ from commonrail.physics.variants import Variant, connections_of, wiring
 
 # Laws that the reference solves at one instant: boundaries, coil and drives, without any time step.
 
-# The pressure after the valve follows the line within this time: a thirtieth of a wave's time through a cell [s].
+# Time constant with which the pressure after the valve follows the line: 1/30 of a wave's time through a cell [s].
 OUTLET_TIME = 1e-7
 
 
@@ -103,8 +103,8 @@ def drain_flow(
     A small volume of liquid at the valve's outlet, which the line's impedance fills within `OUTLET_TIME`, gives the
     pressure there; it holds the vapour pressure while liquid is missing, as the other volumes do.
 
-    `hole`: the A-hole; `gap_cda2`: (c_d A)² of the valve's gap [m⁴]; `outlet`: of `Core` [Pa]; not used without a
-    line; `wave`: arriving in the line; the tank's pressure without a line [Pa].
+    `hole`: the A-hole; `gap_cda2`: (c_d A)² of the valve's gap [m⁴]; `outlet`: state of `Core` [Pa], not used without a
+    return line; `wave`: wave arriving in the line, or tank pressure without a line [Pa].
     """
     z = c.return_line.impedance
     behind = pressure_behind(c, outlet, wave)
@@ -150,7 +150,8 @@ def inlet_throttled(c: Coefficients, at: Inlet, z_flow: float) -> float:
 def feed(c: Coefficients, law: Any, at: Inlet, accumulation: float, control: float) -> Feed:
     """Pressure at the inlet, and flow through the Z-hole.
 
-    The Z-hole's flow needs the inlet's pressure, which (rail volume) needs that flow: six rounds converge.
+    The flow through the Z-hole depends on the inlet pressure, and with a rail volume the pressure depends on the flow:
+    six iterations converge.
 
     `law`: `inlet_law` of a variant; `accumulation`, `control`: pressures in accumulation volume and control chamber
     [Pa].
@@ -450,7 +451,7 @@ def store_chain(dy: Any, first: int, c: plunger_needle.Coefficients, a: Nine, v:
 
 @physics
 def store_rigid(dy: Any, first: int, c: plunger_needle.Coefficients, a: float, v: float, friction: Any) -> None:
-    """Write the rigid body's acceleration, less the friction on all masses, whose speed is its own.
+    """Write the acceleration of the rigid body, reduced by the friction of all masses at its speed.
 
     Arguments as in `store_chain`.
     """

@@ -20,8 +20,8 @@ from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 import numpy as np
 
-# Numbers too small for their format are zero: the processor takes a hundred cycles for each. In f32 there are many of
-# them, in f64 where what has died away is simulated on.
+# Subnormal numbers are flushed to zero: each costs the processor a hundred cycles. They are frequent in f32, and in f64
+# after motion has decayed.
 FLUSH_TINY = np.int32(0x8040)
 KEEP_ALL, KEEP_NONE = np.int32(-1), np.int32(0)
 CACHE_LINE = 64  # [bytes]
@@ -40,7 +40,7 @@ def physics(law: _Law) -> _Law:
 
 
 def offer_laws(offer: Callable[[Callable[..., Any]], None]) -> None:
-    """Let one more kind of machine inline all laws, those to come too.
+    """Offer all laws, present and later, to a further kind of machine.
 
     `offer` (function (law) -> None): called with every law.
     """
@@ -50,7 +50,7 @@ def offer_laws(offer: Callable[[Callable[..., Any]], None]) -> None:
 
 
 def _single(value: Any) -> Any:
-    """A constant in single precision; so are those in a tuple."""
+    """A constant, or the constants in a tuple, in single precision."""
     if isinstance(value, tuple):
         parts = map(_single, value)
         return value._make(parts) if hasattr(value, "_make") else tuple(parts)
@@ -75,7 +75,7 @@ def in_single(law: Callable[..., Any]) -> Callable[..., Any]:
 
 Choices = tuple[tuple[str, type], ...]
 
-# One running index: Numba takes milliseconds for each operation of a text, and there are hundreds of rows.
+# One running index: Numba takes milliseconds for each operation in a text, and there are hundreds of rows.
 _ON = "    i += stride"
 
 
@@ -117,7 +117,7 @@ class Layout:
         return next(i for i, row_path in enumerate(self.paths) if f"{row_path}.".startswith(f"{path}."))
 
     def _law(self, head: str, lines: list[str], names: dict[str, Any]) -> Callable[..., Any]:
-        """Law of a text, which only what compiles it asks for.
+        """Law generated from text.
 
         `head`: name and arguments; `names`: types that the lines name.
         """

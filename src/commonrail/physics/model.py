@@ -1,7 +1,7 @@
 """The whole injector as data: parameters, coefficients and state of all components, and what comes from outside.
 
-Also what its exchangeable parts must hold (`Body`, `DriveLaw` and the other protocols, which the type checker compares
-where `variants` chooses them), and the way from parameters to coefficients; the state at rest is in `rest`.
+Protocols of the exchangeable parts (`Body`, `DriveLaw` and others; the type checker compares them in `variants`), and
+the computation of coefficients from parameters. The state at rest is in `rest`.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Ambient(NamedTuple):
 
 
 class Delays(NamedTuple):
-    """Travel times in steps; shares of the flux's lag that a step makes up, and of c_d's memory that it takes [1]."""
+    """Travel times in steps; shares of the flux lag and of the c_d memory that decay in one step [1]."""
 
     feed: float
     back: float
@@ -181,7 +181,7 @@ class SharedState(Protocol):
 
 
 class Waves(NamedTuple):
-    """Means over a step of the waves [Pa] at their ends: down the feed pipe, up it, and in the return line."""
+    """Arriving waves [Pa], mean over a step: down the feed pipe, up the feed pipe, in the return line."""
 
     down: float
     up: float
@@ -189,7 +189,7 @@ class Waves(NamedTuple):
 
 
 class Inputs(NamedTuple):
-    """Means over a step of the boundary pressures [Pa] and of the drive's trace, and the energising's clock [s]."""
+    """Boundary pressures [Pa] and measured drive, mean over a step, and clocks of the energising [s]."""
 
     rail: float
     cylinder: float
@@ -199,7 +199,7 @@ class Inputs(NamedTuple):
     since_end: float
 
 
-# What the exchangeable parts must hold: bodies, drives, boundaries.
+# Protocols of the exchangeable parts: bodies, drives, boundaries.
 
 
 class Advance(Protocol):
@@ -220,7 +220,7 @@ class Body(Protocol):
     Attributes
     ----------
     TOP, TIP : str
-        Paths in its `State` of the position that meets the stop and of the needle's tip.
+        Paths in `State`: the position that meets the stop, and the needle's tip.
     State, Positions : type
         NamedTuple of numbers, or one number.
     """
@@ -277,7 +277,7 @@ class DrawLaw(Protocol):
 class DischargeLaw(Protocol):
     """Coefficient c_d of the nozzle [1], as Eq. (9): (coefficients of the nozzle, greatest lift [m], pressures [Pa]).
 
-    The pressures are those in the SAC, which the fast step takes at its start, and in the cylinder.
+    The pressures are in the SAC (in the fast step, at its start) and in the cylinder.
     """
 
     def __call__(self, c: Any, lift_reached: float, sac: float, cylinder: float, /) -> float: ...
@@ -352,7 +352,7 @@ def coefficients(p: Parameters, f: fuel.FuelCoefficients, at: Setting) -> Coeffi
 
 @physics
 def lag_fraction(lag: float, dt: float) -> float:
-    """Share of a first-order lag that a step makes up [1]; `lag`: τ [s], ≥ 0; zero for no lag."""
+    """Share of a first-order lag that decays in a step [1]; `lag`: τ [s], ≥ 0; zero means no lag."""
     return 1.0 - exponential(-dt / lag) if lag > 0.0 else 1.0
 
 
@@ -377,7 +377,7 @@ def seat_contact(c: SharedCoefficients) -> plunger_needle.SeatContact:
 
 @physics
 def control_volume(c: Coefficients, lifts: plunger_needle.Motion) -> float:
-    """Control chamber's volume [m³]: the plunger that rises takes it."""
+    """Volume of the control chamber [m³]; the rising plunger reduces it."""
     return c.control_chamber.volume - c.plunger_needle.guides.plunger_area * lifts.top
 
 
@@ -391,7 +391,7 @@ def accumulation_volume(c: Coefficients, lifts: plunger_needle.Motion) -> float:
 
 @physics
 def longest_contact(c: Coefficients) -> float:
-    """Longest time [s] for which needle or valve may touch its seat and yet leave it again: a period on its contact."""
+    """Longest contact [s] of a bouncing needle or valve with its seat: one period on the contact stiffness."""
     needle = c.plunger_needle.total_mass / c.needle_seat.contact_stiffness
     return contact_period(needle, 1.0 / (c.valve.per_mass * c.valve.contact_stiffness))
 
@@ -404,5 +404,5 @@ def contact_period(first: float, second: float) -> float:
 
 @physics
 def farthest_lift(c: Coefficients) -> float:
-    """Lift [m] beyond which plunger or needle have passed their stop, and below which, negative, their seat."""
+    """Lift [m] beyond which plunger or needle have passed their stop; its negative bounds the seat."""
     return c.plunger_needle.guides.stop_lift + GIVE

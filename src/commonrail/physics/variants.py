@@ -1,4 +1,4 @@
-"""Variants of the injector: the same components, connected differently, and what a variant does not read."""
+"""Variants of the injector: connections of its components, and the inputs and parameters that a variant ignores."""
 
 from __future__ import annotations
 
@@ -113,14 +113,14 @@ class Variant(_Wired):
 
 
 class Wiring(NamedTuple):
-    """Laws of a variant's components, and the layouts of its parameters, its lane and its body's positions."""
+    """Laws of a variant's components, and layouts of its parameters, state, coefficients and positions."""
 
     body: model.Body
     accelerations: model.Accelerations
     drive: model.DriveLaw
     discharge: model.DischargeLaw
     setup: Callable[..., Any]  # coefficients from parameters
-    longest_contact: Callable[..., Any]  # longest time for which what has closed may touch and yet leave its seat again
+    longest_contact: Callable[..., Any]  # longest contact of a bounce on a seat
     farthest: Callable[..., Any]  # lift beyond which the body has passed its stop
     parameters: Layout
     state: Layout
@@ -148,7 +148,7 @@ EXTENDING = (
     "valve.seat_disc",
 )
 
-# Laws of other packages by the field of a variant that names them: group of the registry and description.
+# Laws of installed packages by field of a variant: group of the registry, and description.
 INSTALLED_LAWS = {"nozzle_law": ("nozzle_laws", "nozzle law"), "a_hole_law": ("a_hole_laws", "law of the A-hole")}
 
 
@@ -317,8 +317,8 @@ _READ_OF_DRIVE = {  # fields of `drive.Parameters` that each law of the drive re
 def unread_inputs(variant: Variant) -> tuple[str, ...]:
     """Inputs that a variant does not read while it is simulated.
 
-    Returns tuple of str: of "rail_pressure" (that at rest is always read), "return_pressure", "drive" (a measured
-    voltage or current) and "command" (energisings; with a measured drive they only say where an injection begins).
+    Returns a tuple with some of "rail_pressure" (its value at rest is always read), "return_pressure", "drive" (a
+    measured voltage or current) and "command" (energisings; with a measured drive they only mark the start).
     """
     unread = {
         RAIL: variant.boundary is Boundary.VOLUME,
@@ -342,7 +342,7 @@ def unread_parameters(variant: Variant) -> frozenset[str]:
 
 
 def reader_of(name: str) -> str:
-    """Words for the variants that read an input or a parameter, with their suffix of a model's name.
+    """Words for the variants that read an input or a parameter, with their suffix in model names.
 
     `name`: input, or dotted name of a parameter.
     """

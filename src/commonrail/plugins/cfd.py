@@ -1,7 +1,7 @@
 """Rate of injection of one hole over time, as programs of computational fluid dynamics (CFD) read it.
 
-A table is linear between its points. The mass that flows by it is that of the simulation: the means of the samples are
-interpolated to the bounds between them, set to zero at both ends, and scaled by what that leaves out.
+A table is linear between its points. The means over the samples are interpolated to the bounds between samples and set
+to zero at both ends. The rate is then scaled so that the table gives the simulated mass.
 
 ``.foam``: a list of pairs, which Function1 `table` of OpenFOAM reads from a file (`format foam` and `file`; Foundation:
 class `Foam::TableReaders::Foam`, "a list of Tuples"; ESI: `tableFile`). ``.dat``: two columns under lines of #.
@@ -30,7 +30,7 @@ HOLES = "nozzle.holes"
 
 
 class Course(NamedTuple):
-    """Mass flow of one hole [kg/s] at times (n,) [s], linear between them, and what it is in words."""
+    """Mass flow of one hole [kg/s] at times (n,) [s], linear between them, with a description."""
 
     time: Floats
     rate: Floats
@@ -57,7 +57,7 @@ def write_dat(path: Path, run: Run, fitted: Path | None) -> list[Path]:
     run : Run
         A simulation.
     fitted : Path or None
-        Folder of the run whose calibrated injector was simulated, if it was without changes.
+        Run folder of the simulated injector, if its calibrated values were not changed.
 
     Returns
     -------
@@ -107,9 +107,9 @@ def course_of(run: Run) -> Course:
 
 
 def band_of(run: Run, fitted: Path) -> tuple[Course, Course]:
-    """Edges of the band of the rate of one hole by what the fit leaves open of its parameters.
+    """Edges of the band of one hole's rate, from the parameter uncertainty of the fit.
 
-    Raises `ConfigurationError` or `SimulationError` if it gives none, for instance without a fitted injection curve.
+    Raises `ConfigurationError` or `SimulationError` if there is no band, for instance without a fitted injection curve.
     """
     from commonrail.plugins.prediction.run import predict_rate
     from commonrail.runs.folder import read_fit
@@ -118,9 +118,7 @@ def band_of(run: Run, fitted: Path) -> tuple[Course, Course]:
     say("predicting the band of the rate ...")
     band = predict_rate(*read_fit(fitted), run.point, s.time, level=LEVEL)
     factor = s.reference_density / run.injector.values[HOLES]
-    what = (
-        f"edge of the {100.0 * LEVEL:g} % band of the rate at each time, by the parameters alone: no injection has it"
-    )
+    what = f"edge of the {100.0 * LEVEL:g} % band at each time, from parameter uncertainty only; not a single injection"
     lower, upper = (np.maximum(_at_bounds(s.time, factor * edge), 0.0) for edge in band.alone[LEVEL])
     return Course(s.time, lower, f"lower {what}"), Course(s.time, upper, f"upper {what}")
 
@@ -143,7 +141,7 @@ def _notes(run: Run, course: Course) -> list[str]:
 
 
 def _rows(course: Course) -> Iterator[tuple[str, str]]:
-    """Points as texts, without those within a time of no flow."""
+    """Points as texts, without the inner points of an interval without flow."""
     flows = course.rate > 0.0
     rows_to_write = flows | np.append(flows[1:], True) | np.insert(flows[:-1], 0, True)
     for time, rate in zip(course.time[rows_to_write].tolist(), course.rate[rows_to_write].tolist(), strict=True):

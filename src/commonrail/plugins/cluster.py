@@ -62,14 +62,14 @@ class Missing(NamedTuple):
     """Answer of a worker that does not have the work."""
 
 
-_HELD: dict[str, Package] = {}  # on a worker; two, for two studies that take turns on one cluster
+_HELD: dict[str, Package] = {}  # packages on a worker; two, for two studies that alternate on one cluster
 
 
 def perform_held(key: str, package: Package | None, argument: Any) -> Answer | Lost | Refused | Missing:
-    """Answer of a task, on its worker, by the work that is given, or that was given before under its package's key.
+    """Answer of a task on its worker, computed with `package` or with the package that was sent before under `key`.
 
-    Data of Dask's own would be lost with the workers that have them, and out of reach if one hangs. An error
-    is returned: of those that Dask passes on, some do not arrive.
+    Data stored by Dask would be lost with a worker that dies, and out of reach if the worker hangs. Errors are
+    returned, because Dask does not deliver all raised errors.
     """
     if package is not None:
         while key not in _HELD and len(_HELD) > 1:
@@ -86,13 +86,13 @@ def perform_held(key: str, package: Package | None, argument: Any) -> Answer | L
 # configuration says (``distributed.comm.tls``).
 
 LOCAL = "local"
-_ADDRESS = re.compile(r"([a-z]+://.+|[^:/]+:[0-9]+)")  # what Dask takes at once to be an address
-_HERE = re.compile(r"(tls|inproc)://.*|(tcp://)?(127\.[0-9.]+|localhost|\[::1\])(:[0-9]+)?")  # nobody listens in
+_ADDRESS = re.compile(r"([a-z]+://.+|[^:/]+:[0-9]+)")  # recognised by Dask as an address
+_HERE = re.compile(r"(tls|inproc)://.*|(tcp://)?(127\.[0-9.]+|localhost|\[::1\])(:[0-9]+)?")  # private links
 CONNECT = 5.0  # how long to try to reach a scheduler [s]
 ANSWER = 30.0  # how long a scheduler may take for an answer; one with thousands of workers takes some seconds [s]
 LEAVE = 5.0  # how long to try to say goodbye [s]
-# How long a local cluster waits for the replacement of a worker that has died [s]. Dask waits for 15 s, then ends what
-# starts it; on a busy machine it takes longer, and the cluster would lose one worker after the other.
+# How long a local cluster waits for the replacement of a worker that has died [s]. Dask waits for 15 s, then ends the
+# starting process. A start takes longer on a busy machine, and the cluster would lose its workers one by one.
 RETURN = 3600.0
 _MISSING = (
     "A cluster needs the package {package}, which is not installed; install it with "
@@ -103,7 +103,7 @@ _MISSING = (
 class Link:
     """Link to a scheduler at "tcp://host:port" or "tls://host:port", or of a "local" cluster of `count` processes here.
 
-    `ConfigurationError` for a count not between 1 and eight for each processor; `InputError` if distributed is not
+    `ConfigurationError` if the count is not between 1 and eight per processor; `InputError` if distributed is not
     installed, or there is no cluster at the address.
     """
 
@@ -140,7 +140,7 @@ class Link:
         ) from None
 
     def tell(self, call: Callable[[Client], object], seconds: float = LEAVE) -> bool:
-        """Return whether a call succeeded that may as well fail."""
+        """Make a call that may fail, and return whether it succeeded."""
         try:
             with quiet():
                 within(seconds, lambda: call(self.client))
@@ -210,7 +210,7 @@ def _local(count: int, opened: ExitStack) -> Client:
     opened.enter_context(
         restore_variables(SAFE_PATH)
     )  # Dask sets what its workers need in this process, and leaves it there
-    # the scheduler's web server, on loopback, has no page; workers that Dask starts again run no module of this folder
+    # the scheduler's local web server has no pages; workers that Dask restarts do not run modules of this folder
     settings = {"distributed.scheduler.http.routes": [], f"distributed.nanny.pre-spawn-environ.{SAFE_PATH}": "1"}
     with shield_children(), quiet(), config.set(settings):
         cluster = distributed.LocalCluster(
@@ -231,10 +231,10 @@ def _local(count: int, opened: ExitStack) -> Client:
 
 @contextmanager
 def _pause_collection() -> Iterator[None]:
-    """Keep the garbage collector away from Dask's lock: an abandoned client that it met there would wait for that lock.
+    """Pause the garbage collector while Dask holds its lock, because a collected client would wait for the lock.
 
-    Dask holds it while a loop is started or stopped, and a client closes itself when it is collected: one whose
-    scheduler gave no answer is collected at any time after.
+    Dask holds the lock while a loop starts or stops. A client closes itself when it is collected; a client whose
+    scheduler did not answer may be collected at any later time.
     """
     was_on = gc.isenabled()
     gc.collect()
@@ -247,7 +247,7 @@ def _pause_collection() -> Iterator[None]:
 
 
 _TURN = threading.Lock()
-_LEVELS: list[int] = []  # of the log, before each block that some thread is inside: the first is the one to return to
+_LEVELS: list[int] = []  # log levels before each block that a thread is in; the first level is restored last
 
 
 @contextmanager
@@ -267,14 +267,14 @@ def quiet() -> Iterator[None]:
 FETCH = 10.0  # how long to wait for a result that is said to be there [s]
 APPEAR = 30.0  # how long to wait for its first worker [s]
 REAPPEAR = 300.0  # how long to wait for another one when all are lost [s]
-FRESH = 1.0  # how long the workers are taken to be as they were [s]
+FRESH = 1.0  # how long the list of workers is considered current [s]
 AHEAD = 2  # tasks submitted per thread, to keep it busy
 
 
 class Sent(NamedTuple):
-    """A task that is out; `complete`: the work went with it.
+    """Task that was sent; `complete`: together with its package.
 
-    `bound` are the addresses of the workers that alone may do it, empty if all may.
+    `bound`: addresses of the only workers that may perform the task; empty if all workers may.
     """
 
     task: Task
@@ -285,11 +285,10 @@ class Sent(NamedTuple):
 class Cluster:
     """Workers of a Dask cluster.
 
-    A worker that dies is Dask's to replace, and its tasks Dask's to repeat: a task is lost here once Dask gives it up.
-    A task that only certain workers may do is sent again once these have gone: those that replace them have other
-    addresses, and Dask would keep the task for ever.
-    A worker that hangs is not noticed by Dask: if nothing at all has come back for as long as a task may take, the
-    workers that still have tasks are restarted, or dropped if that fails.
+    Dask replaces a worker that dies and repeats its tasks; a task is lost here when Dask gives it up. A task bound to
+    certain workers is sent again when these workers are gone: their replacements have other addresses, and Dask would
+    keep the task for ever. Dask does not notice a worker that hangs: if no task returns within the time limit of a
+    task, the workers that still have tasks are restarted, or dropped if the restart fails.
 
     Parameters, errors: see `Workers.cluster`.
     """
@@ -300,9 +299,9 @@ class Cluster:
         self.address = address
         self._left_out: set[str] = set()
         self._open: dict[Future[Any], Sent] = {}
-        self._unsent: list[Task] = []  # for want of workers
+        self._unsent: list[Task] = []  # because no worker is available
         self._done: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
-        self._silence = self._alone = 0.0  # since something came back, since there was a worker [s]
+        self._silence = self._alone = 0.0  # time without an answer, time without a worker [s]
         self._threads: dict[str, int] = {}
         self._looked = -FRESH
         self._link = Link(address, count)
@@ -376,9 +375,9 @@ class Cluster:
             yield from ((task, Lost(f"gave no answer within {limit:.6g} s")) for task in self._shake())
 
     def drop(self) -> None:
-        """Forget the tasks that are out."""
+        """Forget the tasks that were sent."""
         futures = list(self._open)
-        if futures:  # a scheduler that has gone needs no telling
+        if futures:  # without tasks a lost scheduler is not contacted
             self._link.tell(lambda client: client.cancel(futures))
         self._open, self._unsent, self._done = {}, [], queue.SimpleQueue()
         self._silence = self._alone = 0.0
@@ -415,7 +414,7 @@ class Cluster:
         for name in stuck:
             if not self._link.tell(partial(_restart, name), 2.0 * CONNECT):
                 note(f"The worker {name} of the cluster {self.address} gives no answer: it is used no more.")
-                self._left_out.add(name)  # not started by a nanny, or too stuck
+                self._left_out.add(name)  # it has no nanny, or its nanny does not answer
         self._fetch_threads()
         for future, sent in out.items():
             if future not in lost:
@@ -423,11 +422,11 @@ class Cluster:
         return [out[future].task for future in lost]
 
     def _lately(self) -> dict[str, int]:
-        """Threads of each worker that is used, as they were when last looked."""
+        """Threads of each worker in use, at most `FRESH` old."""
         return self._threads if time.monotonic() < self._looked + FRESH else self._fetch_threads()
 
     def _fetch_threads(self) -> dict[str, int]:
-        """Threads of each worker that is used."""
+        """Threads of each worker in use, from the scheduler."""
         threads: dict[str, int] = dict(self._link.ask(lambda client: client.nthreads()))
         self._threads = {name: n for name, n in threads.items() if name not in self._left_out}
         self._looked = time.monotonic()
@@ -435,7 +434,7 @@ class Cluster:
 
 
 def _without_workers(address: str, left_out: int, seconds: float) -> StudyError:
-    """Sentence on a cluster of which so many workers are used no more, and which has had no other for some time [s]."""
+    """Error for a cluster without usable workers, with the number of dropped workers and the waiting time [s]."""
     cure = "see what they print" if address == LOCAL else f"start some with `dask worker {address}`"
     if left_out:
         return StudyError(

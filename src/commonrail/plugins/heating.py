@@ -34,28 +34,28 @@ from commonrail.physics.fuel import Fuel
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector
 from commonrail.physics.variants import Variant, connections_of
 
-_INTERVALS = 16  # of the way from rail pressure to zero: temperatures are exact to about 0.01 K
+_INTERVALS = 16  # from rail pressure to zero: temperatures are exact to about 0.01 K
 _LENGTHS = ("plunger_needle.plunger_guide_length", "plunger_needle.needle_guide_length")
-_HALF_DIFFERENCE = 0.5  # K: of temperatures for the slope of density; third derivatives are negligible over it
+_HALF_DIFFERENCE = 0.5  # [K], for the derivative of density; third derivatives are negligible
 
 
 def density_and_expansivity(fuel: Fuel, pressure: float, temperature: float) -> tuple[float, float]:
     """Density [kg/m3] and isobaric expansivity alpha = -(d rho/dT)/rho [1/K], a central difference.
 
-    `pressure` [Pa]; `temperature` [K]: one outside the fuel's range counts as that at its end.
+    `pressure` [Pa]; `temperature` [K]: limited to the fuel's range.
     """
     low, high = fuel.temperature_range
     at = min(max(temperature, low + _HALF_DIFFERENCE), high - _HALF_DIFFERENCE)
-    real = replace(fuel, adiabatic=False)  # whose density is that at its temperature
+    real = replace(fuel, adiabatic=False)  # density at the given temperature
     cold, hot = real.density(pressure, np.array([at - _HALF_DIFFERENCE, at + _HALF_DIFFERENCE])).tolist()
     mean = 0.5 * (cold + hot)
     return mean, (cold - hot) / (2.0 * _HALF_DIFFERENCE * mean)
 
 
 def heat_capacity(fuel: Fuel, temperature: float) -> float:
-    """Isobaric specific heat capacity [J/(kg K)] at a temperature [K], which is held at the ends of the fuel's range.
+    """Isobaric specific heat capacity [J/(kg K)] at a temperature [K], limited to the fuel's range.
 
-    Raises ConfigurationError if the fuel states none.
+    Raises ConfigurationError if the fuel states no heat capacity.
     """
     if fuel.heat_capacity_law is None:
         raise ConfigurationError(
@@ -68,8 +68,8 @@ def heat_capacity(fuel: Fuel, temperature: float) -> float:
 def throttle(fuel: Fuel, temperature: float, pressures: Floats) -> Floats:
     """Temperatures (n,) [K] at pressures (n,) [Pa] that a fuel passes at constant enthalpy.
 
-    As in a hole or a guide whose outflow has lost its motion, without heat to the walls. The midpoint rule between the
-    pressures: 16 intervals over 160 MPa are exact to 0.01 K.
+    This describes a hole or a guide after the outflow has lost its kinetic energy, without heat to the walls. The
+    midpoint rule is used between the pressures: 16 intervals over 160 MPa are exact to 0.01 K.
 
     `temperature`: at the first pressure [K]. Raises ConfigurationError as `heat_capacity` does.
     """
@@ -96,15 +96,15 @@ def _along(fuel: Fuel, temperature: float, pressures: Floats, dissipated: float)
 
 
 class Effect(NamedTuple):
-    """Relative changes [1] of injected and returned mass by the heat: a second and a third simulation.
+    """Relative changes [1] of injected and returned mass caused by heating, from two further simulations.
 
     Attributes
     ----------
     injected, returned : float
-        With all fuel as hot as that in the control chamber while the valve is open, and the guides' leak as its own
-        heat makes it. The fuel in front of the needle is colder than that.
+        With all fuel at the temperature of the control chamber while the valve is open, and with the heated leak of the
+        guides. The real fuel upstream of the needle is colder.
     returned_by_leak : float
-        With the leak's own heat alone.
+        With the heated leak of the guides only.
     """
 
     injected: float
@@ -114,7 +114,7 @@ class Effect(NamedTuple):
 
 @dataclass(frozen=True)
 class Heating:
-    """Temperatures [K] along the way, without heat to the walls; NaN where there is no flow.
+    """Temperatures [K] along the flow path, without heat to the walls; NaN without flow.
 
     Attributes
     ----------
@@ -128,13 +128,15 @@ class Heating:
     sac : float
         After the needle's seat, mean of the injected mass.
     jet : float
-        At the end of the nozzle's holes, where (c_d)² of the pressure drop is motion: a jet without contraction.
+        At the end of the nozzle's holes, where the share c_d² of the pressure drop is kinetic energy (jet not
+        contracted).
     injected : float
-        Once its motion has become heat.
+        After the kinetic energy of the jet has become heat.
     leak_factor : float
-        Leak of the guides with the viscosity at the temperature that it has on its way, over that at `rail` [1].
+        Leak of the guides with the viscosity at the temperature in the gap, over the leak at the temperature `rail`
+        [1].
     beyond : bool
-        A temperature is above the fuel's range: properties are then those at its end.
+        A temperature is above the fuel's range; the properties are then taken at the end of the range.
     limits : tuple of str
         Where the fuel would boil, and which holes cavitate, in words.
     effect : Effect or None
@@ -207,7 +209,7 @@ def heating(
 
 
 def _refuse_other(point: OperatingPoint, solution: Solution) -> None:
-    """Refuse a solution whose length or rail pressure at rest differs from the point's."""
+    """Refuse a solution whose duration or initial rail pressure differs from the operating point."""
     rail = solution.channels.get("rail_pressure", np.array([point.initial_pressures()[0]]))[0]
     for words, unit, stated, simulated, slack in (
         ("duration", "s", point.duration, float(np.ptp(solution.time)), 2.0 * float(np.diff(solution.time[:2])[0])),
@@ -235,7 +237,7 @@ def _way(injector: Injector, point: OperatingPoint) -> _Way:
     """Way of a simulation's fuel; `ConfigurationError` if it states no heat capacity."""
     fuel, start = injector.fuel, injector.values[FUEL_TEMPERATURE]
     rail, _, low = point.initial_pressures()
-    if fuel.adiabatic:  # the stated temperature is that before the pump
+    if fuel.adiabatic:  # the stated temperature is upstream of the pump
         start = float(compress(fuel, start, np.linspace(low, rail, _INTERVALS + 1))[-1])
     pressures = np.linspace(rail, 0.0, _INTERVALS + 1)
     return _Way(pressures, throttle(fuel, start, pressures))
@@ -244,7 +246,7 @@ def _way(injector: Injector, point: OperatingPoint) -> _Way:
 def _nozzle(
     fuel: Fuel, c: Any, point: OperatingPoint, solution: Solution, way: _Way
 ) -> tuple[float, float, float, tuple[str, ...]]:
-    """Temperatures after seat, holes and the end of motion, means of the injected mass, and limits reached."""
+    """Temperatures after the seat, after the holes and of the jet at rest, averaged over mass, and limits reached."""
     weight, channels = np.maximum(solution.mass_rate, 0.0), solution.channels
     sac, discharge = _middles(channels["sac_pressure"]), _middles(channels["discharge_coefficient"])
     cylinder = _middles(values_at(point.cylinder_pressure, solution.time))
@@ -263,7 +265,7 @@ def _nozzle(
 
 
 def _drain(c: Any, variant: Variant, solution: Solution, way: _Way) -> tuple[float, tuple[str, ...]]:
-    """Temperature in the control chamber, mean of what the valve lets out, and the holes that cavitate."""
+    """Temperature in the control chamber, averaged over the valve's outflow, and the holes that cavitate."""
     channels, hole, vapour = solution.channels, c.control_chamber, c.fuel.vapour_pressure
     feed, chamber = channels["accumulation_pressure"], channels["control_pressure"]
     gap = np.square(c.valve.gap_slope * np.maximum(channels["valve_lift"], 0.0))  # (c_d A)², as `valve.gap_cda2`
@@ -280,7 +282,7 @@ def _drain(c: Any, variant: Variant, solution: Solution, way: _Way) -> tuple[flo
 
 
 def _leak_factor(fuel: Fuel, guides: Any, way: _Way, low: float) -> float:
-    """Leak of both guides with its own heat over that without, by Reynolds' equation, q l = π d/12 ∫ g³/ν dp [1]."""
+    """Leak of both guides heated over unheated [1], by Reynolds' equation, q l = π d/12 ∫ g³/ν dp."""
     inside = way.pressures > low
     p = np.append(way.pressures[inside], low)
     warm = np.minimum(np.append(way.temperatures[inside], way.at(low)), fuel.temperature_range[1])
@@ -301,13 +303,13 @@ def _mean(values: Floats, weight: Floats) -> float:
 
 
 def _cavitation(hole: str, free: Floats, most: Floats, flows: Bools) -> tuple[str, ...]:
-    """Sentence on a hole whose (c_d A)² Δp is above what cavitation lets through, of the samples in which it flows."""
+    """Sentence on a hole whose (c_d A)² Δp is above the limit of cavitation, with the share of its flow time."""
     share = float(np.mean(free[flows] > most[flows])) if flows.any() else 0.0
     return (f"{hole} cavitates in {percent(share, 0)} % of the time in which it flows",) if share > 0.0 else ()
 
 
 def _boiling(fuel: Fuel, what: str, temperature: float, behind: float, place: str) -> tuple[str, ...]:
-    """Sentence on fuel whose vapour pressure is above the pressure that it comes to [Pa]."""
+    """Sentence on fuel that boils: its vapour pressure is above the pressure downstream [Pa]."""
     vapour = float(fuel.vapour_pressure(np.clip(temperature, *fuel.temperature_range)))
     if vapour <= behind:
         return ()
@@ -317,7 +319,7 @@ def _boiling(fuel: Fuel, what: str, temperature: float, behind: float, place: st
 
 
 def _effect(injector: Injector, point: OperatingPoint, estimate: Heating, step: float) -> Effect:
-    """Changes by the heat, of three candidates of one batch."""
+    """Effect of heating, from three candidates of one batch."""
     fuel, start = injector.fuel, injector.values[FUEL_TEMPERATURE]
     rail, _, low = point.initial_pressures()
     hot = start + estimate.control_chamber - estimate.rail
@@ -333,9 +335,9 @@ def _effect(injector: Injector, point: OperatingPoint, estimate: Heating, step: 
 
 
 def beside(injector: Injector, point: OperatingPoint, solution: Solution, step: float | None) -> Beside:
-    """Figures and record in addition to a simulation; without an estimate the figure says why, for any error.
+    """Figures and record of heating for a simulation; if the estimate fails, the figure states the reason.
 
-    `step`: time step [s] of the simulations that give the effect; None for none.
+    `step`: time step [s] of the simulations of the effect; None omits them.
     """
     if injector.fuel.heat_capacity_law is None:
         text = f"not estimated: {injector.fuel.name} states no heat capacity (table [heat_capacity] of its file)"

@@ -45,14 +45,12 @@ class MultiStartSettings:
     Raises `ConfigurationError` if a number lies outside its range, or a count is not an integer.
     """
 
-    size: ClassVar[str] = (
-        "{starts} starts of {members} draws, {generations} iterations at most"  # in words, of a report
-    )
+    size: ClassVar[str] = "{starts} starts of {members} draws, {generations} iterations at most"  # for reports
 
     # candidates drawn and simulated once; descents start from good ones far from each other
     members: int = count(128, MOST_MEMBERS, 1)
     generations: int = count(60, MOST_GENERATIONS)  # iterations of the descents, at most
-    # parallel descents, fewer if not enough draws can be simulated. As many again follow if these end without agreement
+    # parallel descents, fewer if too few draws can be simulated; the same number follows if they end without agreement
     starts: int = count(8, MOST_STARTS, 1)
     difference: float = 1e-4  # forward difference of the derivatives as a share of each range
 
@@ -64,12 +62,12 @@ class MultiStartSettings:
 
 
 class MultiStartLeastSquares(Optimiser):
-    """Least squares with geodesic acceleration from several starts; it ends when enough of them agree.
+    """Least squares with geodesic acceleration from several starts; it ends when enough starts agree.
 
     The first step simulates draws from priors and bounds. Each further step is an iteration of all descents. When all
-    have ended, the search has converged if `AGREEING` of them are within `ALIKE` of the best 2 ln L and a full step
-    from the best is predicted to gain less than `SMALL_GAIN`. Otherwise as many descents start once more from other
-    draws. The likelihood uses the noise of the objective, see `noise_of`.
+    descents have ended, the search has converged if `AGREEING` descents are within `ALIKE` of the best 2 ln L and a
+    full step from the best is predicted to gain less than `SMALL_GAIN`. Otherwise the same number of descents starts
+    from other draws. The likelihood uses the noise of the objective, see `noise_of`.
 
     `rng`: source of every draw.
     """
@@ -126,7 +124,7 @@ class MultiStartLeastSquares(Optimiser):
 
     @property
     def ends(self) -> tuple[Best, ...]:
-        """End points of the descents of all waves."""
+        """End points of all descents, best first."""
         return ranked(self.best, self.population, self.costs)
 
     def _noise(self, cost: float) -> float:
@@ -134,7 +132,7 @@ class MultiStartLeastSquares(Optimiser):
         return noise_of(cost, self._ends.residuals.shape[1], self.space.dimension, self._loss.units)
 
     def _losses(self) -> tuple[LossSum, float]:
-        """Losses, smoothed at the best descent's residuals, and the change of their sum that changes 2 ln L by 1."""
+        """Losses, smoothed near the best descent's residuals, and the change of their sum that changes 2 ln L by 1."""
         best = self._ends.residuals[int(np.argmin(self.costs))]
         losses = LossSum.near(self._loss, best)
         return losses, self._noise(float(losses.costs(best)))

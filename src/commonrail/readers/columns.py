@@ -1,4 +1,4 @@
-"""Columns as they stand in a file, of whatever format, before their units are known."""
+"""Columns of a file in any format, before their units are known."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from commonrail.physics.law import Domain
 from commonrail.readers.location import LONGEST_NAME, Place
 from commonrail.readers.toml import FileModel, fault
 
-# Form of a data file where its bytes do not tell it: encoding and decimal sign of a text, sheet of a workbook.
+# Form of a data file that its bytes do not show: encoding and decimal sign of a text, sheet of a workbook.
 
 
 class FileForm(NamedTuple):
-    """Form of a file, as stated by whoever reads it.
+    """Form of a file, as the caller states it.
 
-    The encoding and the decimal sign, "." or ",", apply to a text, the sheet to a workbook. Empty
-    means UTF-8, a point unless it may separate thousands, and the first sheet that is not empty.
+    The encoding and the decimal sign, "." or ",", apply to a text, the sheet to a workbook. Defaults: UTF-8, a point
+    unless it may separate thousands, the first sheet that is not empty.
     """
 
     encoding: str = ""
@@ -38,14 +38,14 @@ class FileForm(NamedTuple):
 
 PLAIN = FileForm()
 
-# Encodings of Python for names of hosts and for literals: no file of measurements has them.
+# Python encodings of host names and literals; files of measurements do not use them.
 _NOT_OF_FILES = ("idna", "punycode", "raw-unicode-escape", "undefined", "unicode-escape", "unicode_escape")
 
 
 def check_encoding(name: str, at: str) -> str:
     """Return the name of an encoding of texts.
 
-    Raises `InputError` for an unknown name; `at` is the place where it was stated.
+    Raises `InputError` for an unknown name; `at`: place where the name was stated.
     """
     try:
         return _known_encoding(name)
@@ -83,19 +83,19 @@ class Column(NamedTuple):
     """Column that is asked of a file."""
 
     name: str
-    # SI unit of the values; of several the one of the column's kind is taken. Empty: the cells are texts
+    # SI unit of the values; of several units, the one of the column's dimension applies. Empty: the cells are texts
     unit: str | tuple[str, ...] = ""
-    stated: str | None = ""  # unit where the file gives none; None if it may be stated and is not
+    stated: str | None = ""  # unit for a file without units; None if the caller could state it and does not
     increasing: bool = False  # whether the values must increase from row to row, as a time does
     domain: Domain = Domain.ANY  # values outside are refused
     # whether every cell must hold a number; if not, an empty one is NaN, and without a domain also the word "nan"
     required: bool = True
     otherwise: str = ""  # unit if neither the file nor the caller states one; empty refuses the file
-    stating: str = "the study"  # where a unit can be stated, as an option; empty if nowhere but in the file
+    stating: str = "the study"  # where a unit can be stated, e.g. an option; empty if only in the file
 
     @property
     def units(self) -> tuple[str, ...]:
-        """SI units that are accepted, none of texts."""
+        """Accepted SI units; empty for texts."""
         return (self.unit,) if isinstance(self.unit, str) and self.unit else tuple(self.unit)
 
 
@@ -111,7 +111,7 @@ class Table:
     comments: tuple[str, ...] = ()  # without their sign
     row: str = "line"  # word for a row in messages
     units: dict[str, str] = field(default_factory=dict)  # SI units, where several kinds were allowed
-    headings: dict[str, str] = field(default_factory=dict)  # names in the file of columns that are called otherwise
+    headings: dict[str, str] = field(default_factory=dict)  # the file's name of a column, if it differs
 
     def place(self, column: str, row: int) -> Place:
         """Place of a value, for a message."""
@@ -119,19 +119,17 @@ class Table:
 
 
 class Sheet(Protocol):
-    """File with named columns, of whatever format."""
+    """File with named columns, in any format."""
 
     path: Path
-    independent_columns: (
-        bool  # whether columns have times of their own: each is taken with the time alone, any number of times
-    )
+    independent_columns: bool  # whether each column has its own times, and can be taken with them any number of times
 
     @property
     def names(self) -> Sequence[str]:
         """Names of the columns, without their units."""
 
     def take(self, columns: Sequence[Column]) -> Table:
-        """Content of columns in the units of the file; once only, unless `independent_columns`."""
+        """Content of columns in the units of the file; can be called only once, unless `independent_columns`."""
 
 
 def find_unit(sheet: Sheet, name: str) -> str:
@@ -170,8 +168,8 @@ _TIME = re.compile(r"(?:.*[^a-z])?(?:time|zeit|t)", re.I)
 def name_and_unit(cell: str) -> tuple[str, str]:
     """Name and unit of a cell of a header; the unit may be empty.
 
-    It is in square brackets, ``rate [mm3/ms]``; a unit of every day may also be in round ones or after the name,
-    ``rate (mm3/ms)``, ``ET us``, ``p / bar``, unless a number is before it, as in "400 bar".
+    The unit is in square brackets, ``rate [mm3/ms]``. A common unit may also be in round brackets or after the name,
+    ``rate (mm3/ms)``, ``ET us``, ``p / bar``, unless a number precedes it, as in "400 bar".
     """
     if cell.endswith("]") and "[" in cell:
         name, _, unit = cell[:-1].rpartition("[")
@@ -195,9 +193,9 @@ def name_and_unit(cell: str) -> tuple[str, str]:
 
 
 def find_column(path: Path, names: Sequence[str], column: str, what: str = "") -> int:
-    """Index of the column of a name, with or without its unit.
+    """Index of a column by its name, with or without the unit.
 
-    `what` says what it is for. Raises `InputError` if it is not there, or there twice.
+    `what`: purpose of the column, for messages. Raises `InputError` if the column is missing or occurs twice.
     """
     column = column if column in names else name_and_unit(column)[0]
     count = names.count(column)
@@ -248,7 +246,7 @@ HEADINGS: dict[str, tuple[str, ...]] = {
     "density": ("dichte",),
     "viscosity": ("viskositaet",),
 }
-# Names whose column is found by its unit where no heading tells it.
+# Columns that are found by their unit if no heading matches.
 BY_UNIT = ("time", "rate", "pressure", "rail_pressure", "energising_time", "quantity")
 _UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 
@@ -257,7 +255,7 @@ BAND = "_band_"  # in the names of columns that hold an edge of a band next to t
 
 
 def is_heading(heading: str, name: str) -> bool:
-    """Return whether people write a heading for what the program knows by a name."""
+    """Return whether a heading is usual for a column that the program knows by a name."""
     return _plain(heading) in (_plain(name), *HEADINGS.get(name, ()))
 
 
@@ -266,9 +264,9 @@ def _plain(heading: str) -> str:
 
 
 def find_headings(sheet: Sheet, columns: Sequence[Column]) -> dict[str, str]:
-    """Names in a file of the wanted columns that it has, by the names that the program knows.
+    """Headings of the requested columns in a file, by column name; columns that the file lacks are omitted.
 
-    A name as it is counts before a usual heading for it, and that before the only column with such a unit.
+    An exact name takes precedence over a usual heading, and a usual heading over the only column with a suitable unit.
     """
     exact = {name: name for name in sheet.names}
     exact |= {f"{name} [{unit}]": name for name in sheet.names if (unit := find_unit(sheet, name))}
@@ -289,10 +287,10 @@ def find_headings(sheet: Sheet, columns: Sequence[Column]) -> dict[str, str]:
     return {column.name: headings[column.name] for column in columns if column.name in headings}
 
 
-# Channels of a record, each with times of its own: what the formats of records have in common.
+# Channels of a record, each with its own times: shared by all formats of records.
 
 
-TIME = "time"  # name of the times of whatever channel
+TIME = "time"  # name of the times of any channel
 
 
 class Channel(NamedTuple):
@@ -330,7 +328,7 @@ class ChannelSheet:
         return self._channels[name].unit
 
     def remark(self, name: str) -> str:
-        """Remark on the content of a channel, empty if there is nothing to say."""
+        """Remark on the content of a channel; may be empty."""
         return self._channels[name].remark
 
     def take(self, columns: Sequence[Column]) -> Table:

@@ -20,10 +20,10 @@ _READABLE = {
     b"TDSm": "tdms",
     b"KONSERVIERUNG_FORMAT": "dcm",
 }
-# Later bytes of formats that are read: comments, or a head that is common to XML, come first.
+# Signatures of readable formats that follow comments or an XML header.
 _READABLE_INSIDE = {b"\nKONSERVIERUNG_FORMAT": "dcm", b"<MSRSW": "cdfx", b"<tableData": "table"}
 _HDF5, _ZIP = b"\x89HDF\r\n\x1a\n", b"PK\x03\x04"
-# First bytes of formats that are not read, by their names.
+# First bytes of formats without a reader, with their names.
 _UNREAD = {
     _HDF5: "HDF5",
     **dict.fromkeys((b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", b"\x09\x08\x10\x00"), "old Excel"),
@@ -35,9 +35,9 @@ _UNREAD = {
     b"LOGG": "BLF",
     b"%PDF": "PDF",
 }
-# Later bytes by which a format is known.
+# Signatures of formats without a reader that follow other bytes.
 _INSIDE = {b"WAVEDESC": "LeCroy", b":WFM#": "Tektronix", b"<usi:tdm": "DIAdem", b"urn:schemas-microsoft-com": "XML"}
-# Binary formats without such bytes, by their endings.
+# Binary formats without a signature, by file ending.
 _ENDINGS = {"nc": "NetCDF", "xls": "old Excel", "ifl": "IFL", "tdx": "DIAdem"}
 _ALIASES = {"xlsm": "xlsx", "mdf": "mf4", "pq": "parquet"}
 _CURES = {
@@ -50,8 +50,8 @@ _CURES = {
 def find_format(path: Path) -> str:
     """Ending under which a reader of the file's format is registered.
 
-    It is the ending of the name in small letters where the first bytes are those of no known format, also if there is
-    no such file; reading it says why.
+    If the first bytes are not of a known format, or the file is missing, it is the file's own ending in lower case; the
+    reader then reports the reason.
     """
     ending = path.suffix.lower().removeprefix(".")
     first = _first_bytes(path)
@@ -83,7 +83,7 @@ def unread_format(path: Path) -> str:
 
 
 def refuse_unread(path: Path) -> None:
-    """Refuse a file whose format is not read (`InputError`), with the way out."""
+    """Raise `InputError` with a remedy if the format of a file has no reader."""
     if name := unread_format(path):
         cure = _CURES.get(name, "export the columns to a CSV file")
         which = "binary files of this format" if name == "binary" else f"{name} files"
@@ -91,7 +91,7 @@ def refuse_unread(path: Path) -> None:
 
 
 def _first_bytes(path: Path) -> bytes:
-    """First bytes of a plain file; none if it cannot be read."""
+    """First bytes of a plain file; empty if it cannot be read."""
     try:
         with open_plain(path, sys.maxsize) as stream:
             return stream.read(_FIRST)
@@ -100,7 +100,7 @@ def _first_bytes(path: Path) -> bytes:
 
 
 def _members(path: Path) -> list[str]:
-    """Names of the files in a ZIP archive; none if it is damaged or too large."""
+    """Names of the files in a ZIP archive; empty if the archive is damaged or too large."""
     try:
         with open_plain(path, LARGEST_FILE) as stream, ZipFile(stream) as archive:
             return archive.namelist()
@@ -109,7 +109,7 @@ def _members(path: Path) -> list[str]:
 
 
 def _is_binary(first: bytes) -> bool:
-    """Return whether bytes are of no text: zeros that UTF-16 does not have, or many that no text has."""
+    """Return whether bytes are not text: zeros that are not of UTF-16, or many control characters."""
     zeros = (first[1:200:2].count(0), first[0:200:2].count(0))
     if first.startswith((b"\xff\xfe", b"\xfe\xff")) or (max(zeros) > 20 and min(zeros) == 0):
         return False

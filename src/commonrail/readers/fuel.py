@@ -1,6 +1,6 @@
 """Fuels from TOML: the catalogue that ships with the package, and files of the same form.
 
-Every table of such a file carries its unit, mark, source and error, and none may be left out.
+Every table of such a file must state its unit, mark, source and error.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def load_fuel(source: str | Path) -> Fuel:
     InputError
         If there is no such fuel; the message proposes the nearest name. If the file cannot be read.
     ConfigurationError
-        If it is neither a text nor a path.
+        If `source` is neither a text nor a path.
     """
     if isinstance(source, PathLike) or (isinstance(source, str) and source.endswith(".toml")):
         path = file_path(source, "file of a fuel")
@@ -57,7 +57,7 @@ def load_fuel(source: str | Path) -> Fuel:
 
 
 def catalogue_fuel(name: str) -> Fuel:
-    """Fuel of the catalogue; errors are those of `load_fuel`."""
+    """Fuel of the catalogue; raises the errors of `load_fuel`."""
     return _load_cached(plain_text(name, "name of a fuel"))
 
 
@@ -95,10 +95,10 @@ _Range = Annotated[tuple[float, float], PlainValidator(_range)]
 
 @dataclass(frozen=True)
 class _Polynomials:
-    """Type of a law: its coefficients K are the polynomials of these names in (T - 353.15 K)/(40 K), in a unit.
+    """Schema of a law: its coefficients `names` are polynomials in (T - 353.15 K)/(40 K), in `unit`.
 
-    `logarithm`: unit of the other form that the law may have, whose polynomials give the natural logarithm. The schema
-    is made here: a model of each law takes long to make.
+    `logarithm`: alternative unit, with which the polynomials give the natural logarithm. The schema is written out: a
+    Pydantic model of each law takes long to build.
     """
 
     unit: str
@@ -146,7 +146,7 @@ class _Ranges(FileModel):
 
 
 class FuelModel(FileModel):
-    """Whole file, or the table ``fuel.definition`` of an injector; it may say more than is read."""
+    """Whole file, or the table ``fuel.definition`` of an injector; unknown keys are ignored."""
 
     model_config = ConfigDict(extra="ignore")
 

@@ -27,10 +27,10 @@ from commonrail.base.child import python
 from commonrail.base.errors import InputError
 from commonrail.base.input import LARGEST_FILE
 
-NAME = "file"  # of the file in sentences of a reader, in place of which the parent puts its path
-# Limits of a child: memory of the whole process, of which asammdf takes 0.2 GB, and processor time besides the import
-# of the library. Each byte of the file adds 4 (itself, values twice as long, a copy) and 3 us: openpyxl, the slowest,
-# reads 24 MB with the two million cells that are allowed in 14 s, and such cells may be packed into 6 MB.
+NAME = "file"  # placeholder in messages of a reader, which the parent replaces by the path
+# Limits of a child: memory of the process, of which asammdf takes 0.2 GB, and processor time without the import of the
+# library. Each byte of the file adds 4 bytes (the byte, values twice as long, a copy) and 3 us. The slowest library,
+# openpyxl, reads 24 MB with the largest number of cells, two million, in 14 s; a file of 6 MB can pack such cells.
 MEMORY, MEMORY_PER_BYTE = 1_000_000_000, 4  # [bytes]
 TIME, TIME_PER_BYTE = 5.0, 3e-6  # [s]
 WAIT = 10.0  # elapsed time in multiples of the processor time, for a busy machine
@@ -96,7 +96,7 @@ def _content(reader: str, data: bytes, options: str, memory: int, seconds: int) 
     return Content(about, arrays)
 
 
-_cached = lru_cache(maxsize=2)(_content)  # several blocks of a study read one file, and a run the copy of its data
+_cached = lru_cache(maxsize=2)(_content)  # several blocks of a study may read one file, and a run also reads the copy
 
 
 def _run(args: list[str], data: bytes, stream: IO[bytes]) -> int:
@@ -104,7 +104,7 @@ def _run(args: list[str], data: bytes, stream: IO[bytes]) -> int:
     command = python("-c", _PROGRAM, _ROOT, *args)
     wait, env = WAIT * (TIME + float(args[-1])), os.environ | _SETTINGS
     try:
-        silent = subprocess.DEVNULL  # a library that a file ends has much to say
+        silent = subprocess.DEVNULL  # suppresses the output of a library that crashes on a file
         done = subprocess.run(command, input=data, stdout=stream, stderr=silent, timeout=wait, env=env, check=False)
     except subprocess.TimeoutExpired:
         return TIME_OVER
@@ -128,7 +128,7 @@ def main(reader: str, options: str, memory: str, seconds: str) -> None:
     output = os.fdopen(os.dup(1), "w+b")
     os.dup2(2, 1)  # what libraries print must not come between the arrays
     module = import_module(reader)
-    with suppress(ImportError, ValueError):  # beyond POSIX, or what a system does not limit: the parent limits the time
+    with suppress(ImportError, ValueError):  # not POSIX, or no such limit: the parent still limits the time
         _limit(int(memory), int(seconds))
     with output:
         write(output, module, sys.stdin.buffer.read(), json.loads(options), int(memory))

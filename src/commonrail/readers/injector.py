@@ -115,7 +115,7 @@ _FUEL = ("name", "file", "definition")  # ways to state it
 
 
 def list_components(*actuations: Actuation) -> list[str]:
-    """Components of injectors, each a table of the file; by default those of all."""
+    """Components of injectors, each a table of the file; by default for all actuations."""
     models = map(model_of, actuations or Actuation)
     return list(dict.fromkeys(component for model in models for component in get_type_hints(model.Parameters)))
 
@@ -131,7 +131,7 @@ class _Definition(FuelModel):
 
 
 def _meter_tables(item: Any) -> Any:
-    from commonrail.readers.meters import meter_tables  # of which most files have none
+    from commonrail.readers.meters import meter_tables  # imported late: most files have no meters
 
     return meter_tables(item)
 
@@ -163,15 +163,15 @@ class _Head(FileModel):
     variant: Annotated[Body, choice(Body)] = Body.FLEXIBLE
     rail_boundary: Annotated[Boundary, choice(Boundary)] = Boundary.IDEAL
     drive_kind: Annotated[Drive, choice(Drive)] = Drive.REGULATED
-    nozzle_law: str = ""  # of an installed package; "" is Eq. (9)
-    a_hole_law: str = ""  # likewise; "" is the paper's
+    nozzle_law: str = ""  # law of an installed package; "": Eq. (9)
+    a_hole_law: str = ""  # law of an installed package; "": law of the paper
     # of the bench that it was calibrated on: see `load_meters`
     meters: MeterTables = Field(default_factory=dict)
 
 
 @cache
 def _file_model(*actuations: Actuation) -> type[_Head]:
-    """Whole file of an injector of an actuation; by default with the parts of all."""
+    """Model of an injector file for an actuation; by default with the components of all actuations."""
     tables: dict[str, Any] = {}
     for component in list_components(*actuations):
         kind = DrawnTable if component == "plunger_needle" else ParameterTable
@@ -181,7 +181,7 @@ def _file_model(*actuations: Actuation) -> type[_Head]:
 
 
 def _check_file(document: Mapping[str, Any], at: Place) -> Any:
-    """Model of a parsed file; parts are left to be checked with the base, where there is one."""
+    """Model of a parsed file; a file with a base has its components checked together with the base."""
     stated = document.get("actuation", Actuation.SERVO.value)
     actuations = [kind for kind in Actuation if kind.value == stated and "base" not in document]
     for actuation in actuations:
@@ -190,7 +190,7 @@ def _check_file(document: Mapping[str, Any], at: Place) -> Any:
 
 
 def _refuse_foreign(document: Mapping[str, Any], actuation: Actuation, at: Place) -> None:
-    """Refuse a part of injectors that are actuated otherwise."""
+    """Refuse a component that the actuation does not have."""
     parts = list_components(actuation)
     for key in document:
         if key not in parts and key not in _Head.model_fields and key in list_components():
@@ -227,7 +227,7 @@ def build_injector(document: Mapping[str, Any], at: Place, stem: str, reach: Rea
             raise at.error(words, code="not-whole")
     usual = parameter_quantities(variant.actuation)
     for path in (path for path in _DISC_OF if path in values and path.partition(".")[2] in document.get("valve", {})):
-        # a default is ignored: files that the project writes have all values
+        # no note on a default: written files contain all values
         if values[path].value != usual[path].default and (words := idle_words(path, lambda p: values[p].value)):
             note(f"{at / path}: {words}.")
     fuel = _fuel(model.fuel, base, values[FUEL_TEMPERATURE].value, at / "fuel", reach)
@@ -288,7 +288,7 @@ def _fill_values(stated: Values, model: Any, base: Injector | None, actuation: A
 
 
 def _incomplete(missing: Mapping[str, Q], has_fuel: bool, actuation: Actuation, at: Place) -> InputError:
-    """Error about all that a file lacks; its notes state them with the values of the injectors that ship."""
+    """Error that lists all missing parameters of a file; its notes state the values of the shipped injectors."""
     documents = {n: parse_toml(CATALOGUE.text(n), n) for n in CATALOGUE.shipped()}
     shipped = [build_injector(d, Place(n), n, None) for n, d in documents.items() if "base" not in d]
     alike = [injector for injector in shipped if injector.variant.actuation is actuation]
@@ -310,7 +310,7 @@ def _incomplete(missing: Mapping[str, Q], has_fuel: bool, actuation: Actuation, 
     return error
 
 
-# Keys of a variant, and what it calls them.
+# Fields of a variant by their keys in a file.
 VARIANT_KEYS = {
     "variant": "body",
     "rail_boundary": "boundary",
@@ -326,7 +326,7 @@ _DECIDING = {
 
 
 def _refuse_unread(model: Any, variant: Variant, components: Collection[str], at: Place) -> None:
-    """Refuse what the variant does not read if the file does not state that variant: it would be ignored in silence."""
+    """Refuse parameters that the default variant does not read: they would be ignored silently."""
     stated = model.model_fields_set
     if variant.actuation is Actuation.DIRECT and "variant" in stated and model.variant is Body.FLEXIBLE:
         raise (at / "variant").error("a direct-acting injector has a rigid body; remove this key", code="conflict")
@@ -337,7 +337,8 @@ def _refuse_unread(model: Any, variant: Variant, components: Collection[str], at
                 if f"{component}.{name}" in unread:
                     reader = reader_of(f"{component}.{name}")
                     raise (at / component / name).error(
-                        f"this is read with {reader} only, and the file does not state {key}; add it", code="not-read"
+                        f"only {reader} reads this parameter, and the file does not state {key}; add it",
+                        code="not-read",
                     )
 
 
@@ -364,15 +365,15 @@ _DISC_OF = {"valve.stop_film": "valve.stop_disc", "valve.seat_film": "valve.seat
 
 
 def idle_words(name: str, value: Callable[[str], float]) -> str:
-    """Words for a film whose disc, by its dotted name, has no `value`: it does nothing; empty for all other names."""
+    """Clause that a film has no effect because the `value` of its disc is zero; empty for other parameters."""
     disc = _DISC_OF.get(name, "")
     return f"it has no effect while {disc} is 0" if disc and value(disc) == 0.0 else ""
 
 
 def _check_knots(values: Values, stated: Mapping[str, Any], at: Place) -> None:
-    """Refuse knots of the shape of c_d over lift that do not rise; zero after the first means absent.
+    """Check that the lifts of the c_d curve increase; a zero after the first knot means that the knot is absent.
 
-    All values are `values` by dotted name; an error names the key of one that the file has `stated` for the nozzle.
+    `values`: all values by dotted name; `stated`: nozzle keys of the file, one of which an error names.
     """
     names = [f"knot_{i}" for i in range(1, 9)]
     lifts = {name: values[f"nozzle.{name}"].value for name in names}
@@ -388,7 +389,7 @@ def _check_knots(values: Values, stated: Mapping[str, Any], at: Place) -> None:
 
 
 def _fuel(table: _FuelTable, base: Injector | None, temperature: float, at: Place, reach: Reach) -> Fuel:
-    """Fuel of a file, else of the base, which has that temperature [K] in its range."""
+    """Fuel of the file, or else of the base; checks that the fuel temperature [K] lies in its range."""
     is_of_base = base is not None and all(getattr(table, key) is None for key in _FUEL)
     fuel = base.fuel if base and is_of_base else _read_fuel(table, at, reach)
     low, high = fuel.temperature_range
@@ -442,7 +443,7 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     Parameters
     ----------
     source : str or Path
-        Path of a ``.toml`` file, or a name of `injector_catalogue`; with another variant as the command line names it,
+        Path of a ``.toml`` file, or a name of `injector_catalogue`, with an optional variant as on the command line,
         "cri2-16@rigid,pwm".
     reach : Reach, optional
         Where the file of its fuel may lie; by default in the injector's folder or below, unless the injector's file
@@ -456,8 +457,8 @@ def load_injector(source: str | Path, reach: Reach | None = None) -> Injector:
     Raises
     ------
     InputError
-        If the file cannot be read or something in it is unknown, missing, of the wrong kind or outside
-        its domain, with file and key; or if it is a result that is not the one that was written.
+        If the file cannot be read; if a key is unknown or missing; if a value has a wrong type or is outside its
+        domain; or if it is a result that has been changed.
     ConfigurationError
         If `source` is neither a name nor a path.
     """

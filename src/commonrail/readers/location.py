@@ -55,7 +55,7 @@ class Place:
         raise self.error(f'{what}; {kind} begins with format = "{expected}"', code="wrong-format")
 
     def refuse_unknown(self, table: Mapping[str, Any], keys: Collection[str]) -> None:
-        """Refuse the first key of a table that is not `keys`, with the nearest that is."""
+        """Refuse the first key of a table that is not in `keys`, and suggest the nearest one."""
         for key in table:
             if key not in keys:
                 raise self.error(f'there is no key "{key}"{nearest_key(key, keys)}', code="unknown-key")
@@ -87,10 +87,10 @@ ALLOW = "allow_outside"
 
 @dataclass
 class Reach:
-    """Folder that no name may lead out of, unless the file that sets it says so.
+    """Folder to which the file names in `file` are restricted, unless it allows others.
 
-    What the `file` names, which the user named, lies in its folder or below, unless it allows places `outside`. The
-    first one that is used is `announced`, because the file may be a stranger's.
+    The user has named `file`. The files that it names lie in its folder or below, unless it allows files `outside`. The
+    first outside file is `announced`, because `file` may come from someone else.
     """
 
     file: Path
@@ -105,7 +105,7 @@ class Reach:
         if it does not exist.
         """
         path = folder / name
-        # both with their links followed: a folder that is itself a link stays the folder that was meant
+        # links are resolved in both paths, so that the folder may itself be a link
         inside = Path(os.path.realpath(path)).is_relative_to(os.path.realpath(self.file.parent))
         if not (self.outside or inside):
             shown = name if len(name) <= 80 else f"{name[:77]}..."
@@ -126,12 +126,12 @@ class Reach:
 
 Groups = dict[tuple[str, ...], IndexArray]
 
-MOST_ROWS = 10_000_000  # of a fleet: many injectors, each with a curve
+MOST_ROWS = 10_000_000  # of a fleet: many injectors with a curve each
 MOST_COLUMNS = 1000
 LONGEST_NAME = 200  # of a column [characters]
-MOST_CELLS = 2_000_000  # of a grid whose cells stand in memory one by one
-LARGEST_RECTANGLE = 20_000_000  # rows × widest row of a grid, which is filled up where it is taken for a matrix
-MOST_VALUES = 20_000_000  # of all channels of a text, of a variable
+MOST_CELLS = 2_000_000  # of a grid that is held in memory cell by cell
+LARGEST_RECTANGLE = 20_000_000  # rows × widest row of a grid, which is padded to a matrix
+MOST_VALUES = 20_000_000  # of all channels of a text file, or of one variable
 
 
 def check_columns(where: str, columns: int, most: int = MOST_COLUMNS) -> None:
@@ -154,7 +154,7 @@ class Shape:
         self._rows = self._cells = self._widest = 0
 
     def add(self, width: int, number: int) -> None:
-        """Count a row of `width` cells, the one of that number; InputError if it has too many, or all rows have."""
+        """Count row `number` with `width` cells; InputError if this row or the whole table has too many."""
         check_columns(f"{self._path}, {self._word} {number}", width)
         self._rows, self._cells, self._widest = self._rows + 1, self._cells + width, max(self._widest, width)
         if self._cells > MOST_CELLS or self._rows * self._widest > LARGEST_RECTANGLE:
@@ -199,7 +199,7 @@ def plain_lines(data: bytes) -> bytes:
 
 
 def decode_line(path: Path, data: bytes, first: int) -> str:
-    """Text of UTF-8 lines of which the first has that number; `InputError` for another encoding."""
+    """Text of UTF-8 lines; `first`: number of the first line. `InputError` for another encoding."""
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:

@@ -100,7 +100,7 @@ def _unit(behind: str, kind: str, stated: str, at: Place) -> str:
     )
 
 
-# Operating points that the names of columns state, such as "500bar_300us".
+# Operating points in the names of columns, such as "500bar_300us".
 
 _POINT = re.compile(r"(\d+(?:[.,]\d+)?)(\s*[_ ]?)(MPa|bar|hPa|us|µs|ms)(?![A-Za-z])", re.A)
 _LAST_NUMBER = re.compile(r"(\d+)(?=\D*$)", re.A)
@@ -117,7 +117,7 @@ def unit_of_name(name: str) -> str:
 
 
 def point_of_name(text: str) -> dict[str, str]:
-    """Rail pressure and energising time with their units by the keys of a study, where a text states one of each."""
+    """Rail pressure and energising time in a text, by study key; a quantity with several values is omitted."""
     texts: dict[str, list[str]] = {"rail_pressure": [], "energising_time": []}
     for match in _POINT.finditer(text):
         texts["rail_pressure" if _placeholder(match) == "{p}" else "energising_time"].append(f"{match[1]} {match[3]}")
@@ -141,7 +141,7 @@ def find_pattern(names: Sequence[str]) -> str | None:
 
 
 def read_points(names: Sequence[str]) -> tuple[NamedPoint, ...]:
-    """Operating points that the names of columns state; empty where there is one name, or not all state one."""
+    """Operating points in the names of columns; empty for a single name, or if a name contains no point."""
     text = find_pattern(names)
     if text is None:
         return ()
@@ -167,9 +167,8 @@ class WideTable(NamedTuple):
 def find_traces(grid: Grid, time: str, stated: dict[str, str]) -> WideTable:
     """Traces of a table with operating points above.
 
-    `time`: name that the column of times shall have; it is the first column. `stated`: units that the file does not
-    give: "rail pressure", "energising time", "time" and "rate". Raises `InputError` if there are no such rows, or a
-    unit is missing.
+    `time`: name for the first column, which holds the times. `stated`: units that the file lacks, of "rail pressure",
+    "energising time", "time" and "rate". Raises `InputError` if rows with operating points or a unit are missing.
     """
     points, start = _points(grid, stated)
     if not points:
@@ -261,7 +260,7 @@ def _body(grid: Grid, start: int) -> tuple[list[Sequence[str]], IndexArray, Floa
 
 
 def _one(grid: Grid, what: str, texts: Sequence[str], kinds: str, stated: dict[str, str]) -> str:
-    """The unit of a kind that texts name, or that is stated."""
+    """Stated unit of a quantity, or the only fitting unit in the texts."""
     units = dict.fromkeys(plain_unit(name_and_unit(text)[1] or text) for text in texts)
     fitting = [unit for unit in units if any(fits(unit, kind) for kind in kinds.split())]
     if stated.get(what):

@@ -37,7 +37,7 @@ MOST_ROWS = 1_000_000  # one second at 1 MHz
 LARGEST_PLAIN = 1_000_000_000  # file that the program has written, such as the curves of a large study [bytes]
 SAMPLE = 300  # rows in which the header of a table is looked for
 MOST_HEADS = 3  # rows of names and units
-FEWEST = 0.2  # share of the most numbers below one header, from which a header above fewer is taken
+FEWEST = 0.2  # least share of the largest count of numbers below a header, for a header to be accepted
 
 # A row above the numbers in which instruments state the unit of an axis: "Vertical Units,V".
 _AXIS_UNIT = re.compile(r"(horizontal|vertical|x|y)[ _-]?units?", re.I)
@@ -46,8 +46,8 @@ _AXIS_UNIT = re.compile(r"(horizontal|vertical|x|y)[ _-]?units?", re.I)
 class TableSheet:
     """Columns of a grid, a `Sheet`.
 
-    At most `most` rows are read. Raises `InputError` if the grid has no header or too many columns. A row that has
-    more cells than the header, or is one too many, is found when its turn comes.
+    At most `most` rows are read. Raises `InputError` if the grid has no header or too many columns. A row with too many
+    cells, or one row too many, raises an error when it is read.
     """
 
     independent_columns = False
@@ -123,7 +123,7 @@ class TableSheet:
         if not isinstance(cell, str):
             text, value = f"{cell:g}", cell
         else:
-            # "nan" fills up columns of curves that end earlier; what has a domain is left empty where it is missing.
+            # "nan" pads columns of shorter curves; a missing value of a column with a domain must be an empty cell.
             text = cell.strip()
             if not column.required and (text == "" or (text == "nan" and column.domain is Domain.ANY)):
                 return math.nan
@@ -201,8 +201,9 @@ class WrittenTable(TableSheet):
 def find_header(rows: Sequence[Sequence[Cell]]) -> tuple[int, int]:
     """First row of names and units, and first row of numbers; zeros if there are no names.
 
-    It is the row without numbers above the rows with numbers; of several the first that is not above much fewer than
-    another one. Without numbers, and where only the first cell is a text, it is the first row.
+    The header is the row without numbers above the rows with numbers. Of several such rows, it is the first whose count
+    of numbers is not much smaller than the largest. Without numbers, or if only the first cell is a text, it is the
+    first row.
     """
     has_number = [any(map(is_number, row)) for row in rows]
     runs: list[tuple[int, int]] = []  # first row of rows with numbers, and how many numbers they have
@@ -223,7 +224,7 @@ def find_header(rows: Sequence[Sequence[Cell]]) -> tuple[int, int]:
 
 
 def _goes_on(rows: Sequence[Sequence[Cell]]) -> bool:
-    """Return whether the first of some rows is a part of the header that the others are the rest of."""
+    """Return whether the first row belongs to the header that the other rows continue."""
     above, below = rows[0], rows[1:]
     if 2 * sum(cell != "" for cell in above) <= filled_width(below[0]):
         return False  # a title

@@ -28,7 +28,7 @@ LEAST_SAMPLES = 4
 
 _GRIDS = ("csv", "txt", "tsv", "xlsx")  # formats of files with cells, in which a table may be anywhere
 _FORM_KEYS = {"xlsx": ("decimal", "sheet"), "lvm": ("encoding",)}  # fields of the form that a format reads
-# Files that a field of the form is for, in words.
+# Files to which a field of the form applies, in words.
 _READ_BY = {"encoding": "texts", "decimal": "texts and workbooks (.xlsx)", "sheet": "workbooks (.xlsx)"}
 
 
@@ -79,7 +79,7 @@ def take_columns(sheet: Sheet, requested: Sequence[Column], least: int = LEAST_S
 
 
 def take_each(sheet: Sheet, time: Column, columns: Sequence[Column]) -> list[Table]:
-    """Table of each of some columns with their times; the file is gone through once."""
+    """One table for each column, with its times; the file is read once."""
     each = {column.name: column for column in columns}
     if sheet.independent_columns:
         read = {name: take_columns(sheet, [time, column]) for name, column in each.items()}
@@ -89,15 +89,15 @@ def take_each(sheet: Sheet, time: Column, columns: Sequence[Column]) -> list[Tab
 
 
 def has_columns(sheet: Sheet, columns: Sequence[Column]) -> list[Column]:
-    """Those of some columns that an open file has, by whatever usual heading."""
+    """Columns that an open file has, under any usual heading."""
     headings = find_headings(sheet, columns)
     return [column for column in columns if column.name in headings]
 
 
 def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
-    """File with named columns, of the format that its first bytes or else its ending tell; all else is a text.
+    """File with named columns; its first bytes or else its ending give the format, text by default.
 
-    Raises `InputError` if it cannot be read, or its format is not.
+    Raises `InputError` if the file cannot be read, or its format has no reader.
     """
     if reader := _format(find_format(path)):
         opener = reader.load()
@@ -108,7 +108,7 @@ def open_sheet(path: Path, form: FileForm = PLAIN) -> Sheet:
 
 
 def read_found_map(path: Path, form: FileForm = PLAIN, given_units: GivenUnits = GivenUnits()) -> FoundMap:
-    """Quantity map of a file of whatever format; `given_units` count before those of the file.
+    """Quantity map of a file in any format; `given_units` override the units of the file.
 
     Raises `InputError` if the file cannot be read, or no map is found in it.
     """
@@ -124,7 +124,7 @@ def is_grid(path: Path) -> bool:
 
 
 def idle_key(form: FileForm, files: Sequence[Path]) -> tuple[str, str] | None:
-    """First stated field of a form that has no effect on any of the files, and a clause on it; else None."""
+    """First stated field of a form that has no effect on any of the files, with a clause on it; None if all have."""
     for key in (key for key in _READ_BY if getattr(form, key)):
         if not any(key in form_keys(file) for file in files):
             return key, f"it is for {_READ_BY[key]}, and does nothing for {files[0]}; omit it"

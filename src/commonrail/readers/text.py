@@ -35,8 +35,8 @@ _EMPTY = frozenset(("nan", "inf", "+inf", "-inf"))
 def read_encoded(path: Path, largest: int, encoding: str = "") -> tuple[bytes, str]:
     r"""Text as UTF-8 with line ends ``"\n"``, and the name of its encoding.
 
-    Raises `InputError` as `read_plain`, or if it is not a text in that encoding; of those that are not stated UTF-8,
-    UTF-16 and cp1252 are tried.
+    Raises `InputError` as `read_plain` does, or if the file is not a text in this encoding. Without a stated encoding,
+    UTF-8, UTF-16 and cp1252 are tried.
     """
     data = read_plain(path, largest)
     for name in [encoding] if encoding else _likely(data):
@@ -97,7 +97,7 @@ def find_separator(lines: Iterable[str]) -> str:
 
 def split_lines(path: Path, lines: Iterator[tuple[int, str]], separator: str, *, plain: bool = False) -> NumberedRows:
     """Cells of each row and the line on which it begins; `plain` keeps the spaces about them."""
-    taken: list[int] = []  # lines of the row at hand: a quoted cell may go on
+    taken: list[int] = []  # lines of the current row: a quoted cell may span several
 
     def texts() -> Iterator[str]:
         for number, text in lines:
@@ -122,12 +122,12 @@ def split_lines(path: Path, lines: Iterator[tuple[int, str]], separator: str, *,
 
 
 def find_decimal_comma(path: Path, rows: NumberedRows, decimal: str, separator: str = "") -> bool:
-    """Return whether the decimal sign is a comma: as it is stated, else as any number has it.
+    """Return whether the decimal sign is a comma: as stated, else as found in the numbers.
 
-    Between commas it is a point unless stated. Raises `InputError` where numbers with points are among those with
-    commas, where no number has a stated comma between commas, and where points may separate thousands: three digits
-    follow each of them, as in 1.200, and other numbers, as 35, have none. Three decimals everywhere leave no such
-    number, and any as 0.35 shows that its point is a decimal sign.
+    If commas separate the cells, the decimal sign is a point unless stated. Raises `InputError` if numbers with points
+    and with commas are mixed, if commas separate the cells and no number has the stated decimal comma, or if points may
+    separate thousands. Such points are followed by three digits, as in 1.200, and other numbers are integers such as
+    35. If no number is an integer, or a number such as 0.35 occurs, the point is the decimal sign.
     """
     if decimal == "." or (separator == "," and not decimal):
         return False

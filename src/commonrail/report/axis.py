@@ -10,9 +10,9 @@ import numpy as np
 
 from commonrail.base.arrays import Floats
 
-ROUNDING = 1e-9  # of the largest value; differences of sums of doubles stay below
+ROUNDING = 1e-9  # relative to the largest value; rounding of sums of doubles is smaller
 PADDING = 0.04  # of the range, on either side
-OTHER_SIDE = 0.2  # of the values on the one side of zero, shown on the other
+OTHER_SIDE = 0.2  # part of the axis beyond zero, relative to the values on their side
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def span(
 
 
 def _ticks(low: float, high: float, most: int) -> list[float]:
-    """Multiples of 1, 2 or 5 times a power of ten, about `most` of them, and more where they would be one."""
+    """About `most` ticks at multiples of 1, 2 or 5 times a power of ten; more if there were only one."""
     rough = (high - low) / max(most, 1)
     power = 10.0 ** math.floor(math.log10(rough))
     steps = [digit * power for digit in (0.2, 0.5, 1.0, 2.0, 5.0, 10.0)]

@@ -64,11 +64,11 @@ _FAMILY_LINES: dict[str, tuple[float, str]] = {
     "measured": (1.8, "solid"),
 }
 FAMILIES = ("#0072b2", "#d55e00", "#00795c", "#8f4a7d", "#7a6a00", "#3a3a3a", "#5b8fb9", "#a6312b")
-# Of an ordered quantity, low to high: steps of matplotlib's plasma, whose lightness rises, so that they are told apart
-# in grey and by the colour-blind too; without its yellow, which white paper hides.
+# Colours of an ordered quantity, low to high: matplotlib's plasma, whose rising lightness is distinguishable in grey
+# and by the colour-blind; without its yellow, which is hardly visible on white.
 RAMP = ("#2c0594", "#4c02a1", "#6a00a8", "#8b0aa5", "#a82296", "#bf3984", "#d3566d", "#e16462", "#ee7b51")
 DASHES = {"dash": "7 4", "dot": "2 3", "dashdot": "7 3 2 3", "longdashdot": "11 3 2 3"}
-# Filled disc, filled square, ring and frame: drawn as ends of lines, so that an enlarged panel does not enlarge them.
+# Filled disc, filled square, ring and frame: drawn as line ends, so that they keep their size in an enlarged panel.
 _MARKERS = (("round", False), ("square", False), ("round", True), ("square", True))
 SIZES = {"markers": 7.5, "lines+markers": 5.0}
 _KEEPS_ITS_WIDTH = 'vector-effect="non-scaling-stroke"'
@@ -88,7 +88,7 @@ def dark_rules(within: str = "") -> str:
 
 
 def colour_of(look: str, family: int | None, ordered: int = 0) -> str:
-    """Colour of a series, a band or boxes; of an `ordered` number of families a step of the ramp."""
+    """Colour of a series, a band or boxes; with `ordered` families, a step of the ramp."""
     if family is None:
         return LOOKS[look][0]
     if ordered:
@@ -159,9 +159,9 @@ def marker_style(series: Series) -> tuple[str, str, float, bool]:
 
 
 def marker_path(series: Series, path: str, attributes: str = "") -> Iterator[str]:
-    """Markers as ends of lines of hardly any length at the places of a path.
+    """Markers as ends of very short lines at the places of a path.
 
-    The path is "M1 2h1" for each marker, as an end of no length at all is not printed; `attributes` are of the first
+    The path is "M1 2h1" for each marker, since a line of zero length is not printed; `attributes`: of the first
     element.
     """
     colour, cap, size, hollow = marker_style(series)
@@ -194,7 +194,7 @@ def _stretch(places: Floats) -> str:
 
 
 def _thin_out(places: Floats) -> Floats:
-    """Without points within a tenth of a pixel of the line between their neighbours."""
+    """Path without the points that lie within a tenth of a pixel of the line between their neighbours."""
     for _ in range(PASSES):
         if len(places) < 3:
             break
@@ -248,7 +248,7 @@ def _boxes(boxes: Boxes, x: Axis, y: Axis) -> Iterator[str]:
 
 
 def _bars(bars: Bars, x: Axis, y: Axis, slot: tuple[int, int]) -> Iterator[str]:
-    """Bars in rows 0, 1, … of the vertical axis; `slot` is the number of the bars in a row, and how many there are."""
+    """Bars in rows 0, 1, … of the vertical axis; `slot`: index of these bars in a row, and number of bars per row."""
     colour = colour_of(bars.look, None)
     number, count = slot
     thick = 0.8 / count
@@ -274,7 +274,7 @@ BETWEEN = 16.0  # panels [px]
 BELOW = 40.0  # the last panel: ticks and title [px]
 RIGHT = 14.0  # of the panels [px]
 TITLE = 30.0  # of the vertical axis, with the spaces about it [px]
-LARGEST_NAME = 0.45  # of a row, of the width of the figure
+LARGEST_NAME = 0.45  # of a row name, relative to the width of the figure
 SAMPLE = 26.0  # length of a legend's line, with the space after it [px]
 APART = 14.0  # entries of a legend [px]
 NAME, MOST_AT_ENDS = 14.0, 10  # distance of names at the ends of lines [px], and their number; more are in the legend
@@ -377,9 +377,9 @@ def _upright_room(panel: Panel, width: float) -> float:
 
 
 def _panes(figure: Figure, height: int, top: float) -> tuple[tuple[float, float], ...]:
-    """Top and height of each panel [px], from the top of the first; they share the height as they ask for it.
+    """Top and height of each panel [px]; the panels divide the height in proportion to their `share`.
 
-    `height` is the figure's without upright names of categories [px].
+    `height` [px]: height of the figure without upright category names.
     """
     available = height - top - BELOW - BETWEEN * (len(figure.panels) - 1)
     total = sum(panel.share for panel in figure.panels)
@@ -527,7 +527,7 @@ def _legend(figure: Figure, width: int, elsewhere: Collection[str] = ()) -> tupl
 
 
 def _entries(figure: Figure) -> dict[tuple[str, str], str]:
-    """Sample of each entry by its key and text, each text once."""
+    """Samples of the legend entries by key and text; each text occurs once."""
     samples: dict[str, tuple[str, str]] = {}
     for panel in figure.panels:
         solid: list[Boxes | Bars] = [*panel.boxes, *panel.bars] if panel.has_legend else []

@@ -107,7 +107,7 @@ _CHANNELS = {"lift": "m", "pressure": "Pa", "current": "A", "force": "N", "coeff
 
 
 def _solution_arrays(solution: Solution) -> Arrays:
-    """Middles of the samples; a channel there is the mean of both bounds."""
+    """Arrays at the middles of the samples; a channel is the mean of the values at both bounds."""
     values = {"rate": in_common_unit(("time",), solution.rate, "m3/s")}
     for name, channel in solution.channels.items():
         unit = next((u for ending, u in _CHANNELS.items() if name.endswith(ending)), "")
@@ -194,7 +194,7 @@ class Picture:
 
 
 def line_of(result: Any) -> str:
-    """One line on a result, which never fails: a debugger shows it."""
+    """One line on a result; never raises, because debuggers call it."""
     name = type(result).__name__
     try:
         words = next(iter(presenter_of(result).lines(result)))
@@ -238,7 +238,7 @@ def draw_of(result: Any, ax: Any = None, figure: int = 0, point: OperatingPoint 
 
 
 def picture_of(result: Any, point: OperatingPoint | None = None) -> Picture:
-    """Figures of a result; of a simulation, at its own point unless another is given, with a section of the injector.
+    """Figures of a result; for a simulation, also a section of the injector, at its own point or at `point`.
 
     ConfigurationError without figures, or if a result that is not a simulation gets a point.
     """
@@ -253,8 +253,8 @@ def picture_of(result: Any, point: OperatingPoint | None = None) -> Picture:
 def frame_of(result: Any) -> Any:
     """Values of a result as a pandas.DataFrame: a row for each place on its axes, the unit after each name.
 
-    A result that makes rows of its own has those, in SI units. ConfigurationError if pandas is missing, or there are no
-    values.
+    A result with a method `rows` gives these rows, in SI units. ConfigurationError if pandas is missing, or there are
+    no values.
     """
     pandas = load_library("pandas")
     if hasattr(result, "rows"):

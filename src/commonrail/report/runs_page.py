@@ -75,7 +75,7 @@ def _read(run: Run) -> _Read | str:
     try:
         record, traces = read_run(run.folder)
         result = _Read(run, read_as(CalibrationRecord, record), traces)
-        _row(run, result, run.folder)  # its part of the page, tried alone: a fault in it loses no other run
+        _row(run, result, run.folder)  # try the part of this run alone: a fault must not affect other runs
         _draw([result, result])
         _differences([result])
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):  # a record that was changed
@@ -96,7 +96,7 @@ def _line(runs: Sequence[Run], read: int, shown: int, faults: int) -> str:
 def _row(run: Run, read: _Read | None, path: Path, fault: str = "") -> dict[str, Any]:
     record = None if read is None else read.record
     report = run.folder / "report.html"
-    # with "./" in front no name of a folder is taken for a scheme
+    # "./" prevents a folder name such as "a:b" from being read as a URL scheme
     link = f"./{quote(Path(os.path.relpath(report, path.parent)).as_posix())}" if report.is_file() else ""
     tiles = [] if record is None else merits(record.data)
     return {

@@ -18,16 +18,16 @@ from commonrail.readers.location import plain_lines
 from commonrail.runs.folder import DRAWS, MEMBER, RESULT, STUDY, TRACES
 from commonrail.runs.journal import JOURNAL, LOCK, Input, read_about, read_inputs
 
-OUTSIDE = "inputs"  # folder for files from beyond the study's own, and for those with the name of a result
+OUTSIDE = "inputs"  # folder for files from outside the study's folder, and for files with the name of a result
 RESERVED = (STUDY, "calibrated.toml", DRAWS, RESULT, TRACES, "report.html", SUMS.lower(), JOURNAL, LOCK)
 _NAMES_A_FILE = ("file", "fmu", "injector", "type", "study", "logo")  # keys of TOML files
 
 
 def copy_paths(sources: Iterable[Path], main: str, results: Sequence[str] = ()) -> dict[Path, Path]:
-    """Relative path of each copy in a run folder: the first file is `main`, one below its folder keeps its place.
+    """Relative path of each copy in a run folder: `main` for the first file, unchanged for files below its folder.
 
-    All others, and those with the name of a file that a run writes itself, such as `results` (in small letters), come
-    into a folder of their own.
+    Other files, and files with the name of an output of the run, such as `results` (in lower case), come into the
+    folder `OUTSIDE`.
     """
     copies: dict[Path, Path] = {}
     for source in sources:
@@ -56,10 +56,10 @@ def _is_result(place: Path, results: Sequence[str]) -> bool:
 def copy_files(
     sources: Mapping[Path, str], folder: Path, places: Mapping[Path, Path], text: str
 ) -> tuple[list[Input], str]:
-    """Copy files of known SHA-256 to their places; where one names another that has a new path, the copy names that.
+    """Copy files of known SHA-256 to their places; paths in the copies are updated to the new places.
 
-    The first one has the content `text`; the text of its copy is returned too. `StudyError` if a file has changed since
-    it was read, `OutputError` if a copy cannot be written.
+    The first file has the content `text`; the text of its copy is also returned. `StudyError` if a file has changed
+    since it was read, `OutputError` if a copy cannot be written.
     """
     copied: list[Input] = []
     for source, digest in sources.items():
@@ -113,7 +113,7 @@ def _absolute(source: Path, name: str) -> Path:
 
 
 def set_in_text(text: str, keys: tuple[str, ...], value: int | str) -> str:
-    """Text of a TOML file with the value changed or added to which `keys` lead from the top."""
+    """Text of a TOML file in which the value at the path `keys` is changed or added."""
     import tomlkit  # slow to import
 
     document = tomlkit.parse(text)
@@ -127,10 +127,10 @@ def set_in_text(text: str, keys: tuple[str, ...], value: int | str) -> str:
 
 
 def study_of_run(folder: str | Path, file: str = STUDY) -> str:
-    """File to edit and to calibrate again after a run: the user's as long as it exists, else the run's own copy.
+    """File to edit and to calibrate again after a run: the user's file if it exists, else the copy of the run.
 
-    `file` is the name of the copy. A file that lies in a run folder is a copy itself, and the later one counts; so it
-    is where the run changed the study (`calibrate --free`), which the copy alone has.
+    `file` is the name of the copy. The copy also applies if the user's file is itself a copy in a run folder, or if the
+    run changed the study (`calibrate --free`).
     """
     copy = Path(folder) / file
     with suppress(CommonrailError, OSError):
@@ -145,7 +145,7 @@ def study_of_run(folder: str | Path, file: str = STUDY) -> str:
 
 # Files that belong to a run folder, and that no other output may take the place of.
 
-DEEPEST = 4  # folders above a file in which a run is looked for: copies of data files lie below its folder
+DEEPEST = 4  # levels above a file at which a run folder is searched: copies of data files lie below it
 
 
 def refuse_file_of_run(path: Path, option: str) -> None:

@@ -29,11 +29,11 @@ from commonrail.runs.journal import Input, Journal
 
 _TOLD = frozenset(
     {"text", "files", "as_read", "author", "logo"}
-)  # fields of a study that reports tell, and that decide nothing
+)  # fields of a study that appear in reports but do not affect results
 
 
 def hash_study(study: Study) -> str:
-    """SHA-256 of all that decides over a study's result but the number of generations; file names do not."""
+    """SHA-256 of everything that determines a study's result, except the number of generations; file names do not."""
     space = study.space
     parts = {f.name: getattr(study, f.name) for f in fields(study) if f.name not in _TOLD}
     return hash_values(
@@ -60,7 +60,7 @@ def _add_pieces(value: Any, pieces: list[bytes]) -> None:
     elif isinstance(value, Enum):
         pieces.append(f"{type(value).__name__}.{value.name}".encode())
     elif is_dataclass(value) or isinstance(value, Mapping):
-        # of a dataclass the fields that follow from no others
+        # of a dataclass, only fields that are not derived from others
         pairs = (
             value.items()
             if isinstance(value, Mapping)
@@ -83,7 +83,7 @@ TRIED = 8  # candidates that are simulated again: one block of the vectorised lo
 
 
 def other_targets(journal: Journal, study: Searched, objective: Objective) -> tuple[Finding, ...]:
-    """Warning that a run need not end as one that was never stopped; none where this target finds the same bits.
+    """Warning that a resumed run may end differently from an uninterrupted one; empty if this target gives equal bits.
 
     The best candidate so far and some others are simulated again by the objective of the search, on threads of
     this process, and compared bit for bit. The journal's last session belongs to this process.
@@ -96,7 +96,7 @@ def other_targets(journal: Journal, study: Searched, objective: Objective) -> tu
         "the best candidates",
         *_best_again(journal, objective),
     )
-    cure = "the run need not end as one that was never stopped; resume it where it was begun"
+    cure = "the run may end differently from an uninterrupted one; resume it on the machine where it began"
     return (make_finding(TARGET, study.title, f"{text}: {cure}."),) if text else ()
 
 
@@ -141,9 +141,9 @@ MOST = 3  # keys that a sentence names
 
 
 def check_files(journal: Journal, as_begun: bool) -> None:
-    """Refuse to go on with other files than those of the beginning, with `as_begun` with other copies alone.
+    """Refuse to resume if the files have changed since the run began; with `as_begun`, only the copies are checked.
 
-    The sentence of the `StudyError` says which file has changed, and of the study which keys.
+    The `StudyError` names the changed file and, for the study, the changed keys.
     """
     about, inputs = journal.about, journal.inputs
     if inputs and about.get("before") and fingerprint(journal.folder / inputs[0].name) == about["before"]:
@@ -164,10 +164,10 @@ def check_files(journal: Journal, as_begun: bool) -> None:
 
 
 def check_origins(folder: Path, inputs: Sequence[Input], study_text: str, cure: str) -> None:
-    """Refuse (`StudyError`) a run one of whose files has changed since, where it still is.
+    """Raise `StudyError` if an original file of a run exists and has changed since.
 
-    `inputs` are those of the run in a folder, `study_text` is the text of its study, and `cure` says what to do besides
-    beginning a new run.
+    `inputs`: inputs of the run in `folder`; `study_text`: text of its study; `cure`: remedy other than to begin a new
+    run.
     """
     for i, item in enumerate(inputs):
         path = Path(item.origin)

@@ -1,6 +1,7 @@
 """A fit that survives: kept step by step in its run folder, and resumed after whatever stopped it.
 
-All kinds of fit run here: `FitKind` says what differs, `calibrate_into` and `resume` are those of an injector's study.
+All kinds of fit run here; `FitKind` states their differences. `calibrate_into` and `resume` run the study of an
+injector.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ class Settings(Searched, Protocol):
 
     @property
     def as_read(self) -> Any:
-        """Settings of the same class as the files state them; None if they were made in Python."""
+        """Settings of this class as the files state them; None if they were made in Python."""
 
 
 _Study = TypeVar("_Study", bound=Settings)
@@ -82,7 +83,7 @@ class FitKind(Generic[_Study, _Fit]):
     load : function of Path
         Settings of a file.
     content : function of the settings
-        Fingerprint: equal ones mean identical searches but for their length.
+        Fingerprint: equal fingerprints mean identical searches, except for their length.
     results : tuple of str
         Names of the files that a run writes, in small letters: inputs with such a name are kept apart.
     options : tuple of str
@@ -132,9 +133,9 @@ class FitKind(Generic[_Study, _Fit]):
     ) -> _Fit:
         """Go on with a run, with `generations` more than its settings ask for.
 
-        Settings that were made in Python are given again. With `as_begun` the copies in the folder count although the
-        files that they were made from have changed. `StudyError` if there is no journal, another process is at work in
-        the folder, or the settings or their files have changed; `OutputError` if the folder cannot be written.
+        Settings that were made in Python must be passed again. With `as_begun`, the copies in the folder are used
+        although the original files have changed. `StudyError` if there is no journal, another process is at work in the
+        folder, or the settings or their files have changed; `OutputError` if the folder cannot be written.
         """
         if not (folder / JOURNAL).is_file():
             raise StudyError(self._nothing_to_resume(folder))
@@ -155,10 +156,10 @@ class FitKind(Generic[_Study, _Fit]):
         return [place.as_posix() for place in copy_paths(study.files, self.file, self.results).values()]
 
     def copy(self, study: _Study, folder: Path) -> tuple[list[Input], _Study, str]:
-        """Copy the files of settings into a run folder; with the settings as the copies state them and the fingerprint.
+        """Copy the files of settings into a run folder; return the copies, the settings in them and a fingerprint.
 
-        There are no copies, and the given settings are used, if they were made or changed in Python beyond what
-        options may change and the number of generations. `StudyError` if a file has changed since it was read.
+        Without copies, the given settings are used: if they were made in Python, or changed there beyond `options` and
+        the number of generations. `StudyError` if a file has changed since it was read.
         """
         content, as_read = self.content(study), study.as_read
         if as_read is None:
@@ -194,7 +195,7 @@ class FitKind(Generic[_Study, _Fit]):
             if _generations(study) != journal.generations:
                 raise StudyError(
                     f"{journal.path}: the journal is damaged: it asks for {journal.generations} generations and "
-                    f"{self.file} for {_generations(study)}; take a copy of it that is whole."
+                    f"{self.file} for {_generations(study)}; use an intact copy."
                 )
         elif study is None:
             raise StudyError(
@@ -228,7 +229,7 @@ def run_session(journal: RunJournal, work: Callable[[], _Fit]) -> _Fit:
 
 
 def check_free(folder: Path, copies: Sequence[str] = (), journal: type[RunJournal] = Journal) -> None:
-    """Refuse a folder in use, but not what a run with the same copies left that was killed before it could start."""
+    """Refuse a folder in use; files of a run with these copies that was killed before it started are accepted."""
     if not folder.is_dir():
         refuse_used(folder)
         return
@@ -351,7 +352,7 @@ def calibrate_into(
     StudyError
         If the study cannot be run; what was done before is kept.
     KeyboardInterrupt
-        At Ctrl-C before a candidate was simulated, and after the search: the fit is kept, and `resume` judges it.
+        At Ctrl-C before a candidate was simulated, or after the search; then the fit is kept, and `resume` assesses it.
 
     Notes
     -----
@@ -408,9 +409,9 @@ def resume(
 def estimate_again(
     folder: str | Path, *, starts: int, threads: int | None = None, listener: Listener = Listener()
 ) -> Calibration:
-    """Search the most likely values of a finished run once more, from so many starts; all of the run follows.
+    """Search the most likely values of a finished run again, from `starts` starts, and redo all that depends on them.
 
-    Arguments and errors are those of `resume`; so does a run that is resumed later.
+    Arguments and errors as for `resume`. A later `resume` uses this number of starts.
     """
     path = file_path(folder, "folder")
     return STUDIES.resume(path, _work(listener, threads, None, starts=integer(starts, "starts", 1)), as_begun=True)
@@ -479,7 +480,7 @@ def warn_of_targets(
     objective: Callable[[], Objective],
     listener: Listener,
 ) -> tuple[Finding, ...]:
-    """Warnings, also to the listener, of a search that goes on with another target of the compiler than before."""
+    """Warnings, also sent to the listener, if a search resumes with a different compiler target."""
     findings = other_targets(journal, study, objective()) if checkpoint is not None else ()
     for finding in findings:
         listener.note(f"warning: {finding.sentence}")

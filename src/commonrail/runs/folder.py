@@ -37,7 +37,7 @@ from commonrail.runs.traces import Curve, Traces, read_traces, write_traces
 LARGEST_RECORD = 20_000_000  # [bytes]; its tables take up to 30 times as much
 
 
-# Control characters of JSON, escaped as a group: a terminal would obey texts of a stranger's run.
+# Control characters in JSON, which a terminal would execute; the group matches escaped ones.
 _ESCAPES = re.compile(
     r"\\(?:(u000[0-8b-f]|u001|u007f|u00[89]|u20(?:2[a-e]|6[6-9])|[bfr])|.)|([\x7f-\x9f\u202a-\u202e\u2066-\u2069])",
     re.IGNORECASE,
@@ -85,7 +85,7 @@ def without_result(folder: Path) -> InputError | None:
 
 
 def _no_run(folder: Path, made_by: str) -> InputError | None:
-    """Error for what has no record: a file, the folder of a study, nothing, an unfinished run; else None."""
+    """Error for a path without a record: a file, a study folder, nothing, an unfinished run; else None."""
     if unfinished := without_result(folder):
         return unfinished
     study = folder if folder.is_file() else folder / STUDY
@@ -128,9 +128,9 @@ def note_stopped(folder: Path, record: Mapping[str, Any] | None = None) -> None:
 
 RESULT, STUDY, TRACES, CALIBRATED = "result.json", "study.toml", "traces.csv", "calibrated.toml"
 DRAWS = "draws.npz"  # draws of the parameters from the posterior of the fit
-MEMBER = "member-{}.toml"  # injectors of the other optima whose mean is scored, from number 2 on
+MEMBER = "member-{}.toml"  # injectors of the other members of the fit, from number 2 on
 
-_COLUMNS = (MEASURED, *(label for label in LABELS if label != MEAN))  # of courses in time, which have no mean
+_COLUMNS = (MEASURED, *(label for label in LABELS if label != MEAN))  # columns of time series; these have no mean
 
 
 def create_run_folder(path: str | Path) -> Path:
@@ -157,9 +157,9 @@ def create_run_folder(path: str | Path) -> Path:
 
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """A folder to fill, which takes the place `path` when it is complete; an error or a stop leaves nothing.
+    """A temporary folder that is moved to `path` when it is complete; an error or a stop removes it.
 
-    `InputError` if something is at the place, `OutputError` if it cannot be written.
+    `InputError` if `path` is in use, `OutputError` if it cannot be written.
     """
     refuse_used(path)
     end = f".{secrets.token_hex(6)}{PART}"
@@ -320,7 +320,7 @@ def _write_traces(path: Path, study: Study, curves: Sequence[Curve]) -> None:
 
 
 def rate_curves(data: Sequence[DataSet], scores: Mapping[str, Sequence[Score]]) -> Iterator[Curve]:
-    """The courses in time among the data with the simulated ones of every label."""
+    """Measured time series of the data, with the simulated ones by label."""
     for i, d in enumerate(data):
         if d.bounds is not None:
             simulated = {label: set_scores[i].values for label, set_scores in scores.items()}

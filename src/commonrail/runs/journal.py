@@ -29,24 +29,23 @@ from commonrail.runs.tables import RUN, Schema, Statement, digest, number_bytes,
 PATIENCE = 30.0  # with others that have the journal open [s]
 LONGEST_LOG = 4_000_000  # written to the log before the main file takes it [bytes]
 
-# What the fact "log" says: as the main file has it, that its log has more; in the log itself, that this one is there.
+# Values of the fact "log": in the main file, that a log with more data belongs to it; in the log, that it is present.
 NEEDED, THERE = "needed", "there"
 
-# Before and after the log is in use. The default, a rollback journal in a file, could be left by a crash, and could
-# then not be distinguished from one that somebody has put there. Only the head of the file is written meanwhile, at
-# once.
+# Mode before and after the log is in use. A rollback journal in a file, the default, could remain after a crash, and
+# could not be distinguished from a planted file. Meanwhile only the head of the file is written, in one piece.
 _NO_ROLLBACK_FILE = "PRAGMA journal_mode=MEMORY"
 
 
 class JournalFile:
     """A journal in a folder, held by this process; use it in a `with` block.
 
-    Others may read it at any time. A transaction for each step: whatever happens to the process, every step that was
-    told is kept whole. Each kind of journal adds its tables, one of which is ``about`` (name, text). Every row is
-    sealed, and all are checked before anything is written.
+    Others may read it at any time. Each step is one transaction: every reported step is kept completely, even if the
+    process is killed. Each kind of journal adds its tables, one of which is ``about`` (name, text). Every row is
+    sealed, and all seals are checked before anything is written.
 
-    `StudyError` if another process holds the folder, or what is there is no journal that this version reads, is
-    damaged, or has lost its log; `OutputError` if it cannot be written.
+    `StudyError` if another process holds the folder, or if the file is not a journal of this version, is damaged, or
+    has lost its log; `OutputError` if it cannot be written.
     """
 
     NAME: ClassVar[str]
@@ -114,7 +113,7 @@ class JournalFile:
             self._connection.execute(*statement)
 
     def _shorten_log(self) -> None:
-        """Take the log into the main file, which keeps that a log belongs to it; a reader may put that off."""
+        """Move the log into the main file, which notes that a log belongs to it; a reader may delay this."""
         with explain_errors(self.path):
             self._note(log=NEEDED)
             self._connection.execute("PRAGMA wal_checkpoint(PASSIVE)").fetchone()
@@ -165,15 +164,15 @@ def _synchronous(durable: bool) -> str:
 
 
 def facts(pairs: Iterable[tuple[str, str]]) -> list[Statement]:
-    """Statements that note facts in the table about."""
+    """Statements that write facts into the table ``about``."""
     return [put("about", *pair) for pair in pairs]
 
 
 @contextmanager
 def opened_to_read(path: Path, schema: Schema) -> Iterator[sqlite3.Connection]:
-    """A journal for reading, without holding it; in place of an empty file, empty tables in memory.
+    """Connection for reading a journal without holding it; for an empty file, to empty tables in memory.
 
-    `StudyError` if it is no journal that this version reads, is damaged, or has lost its log.
+    `StudyError` if the file is not a journal of this version, is damaged, or has lost its log.
     """
     refuse_rollback(path)
     with_log = _has_log(path)
@@ -191,7 +190,7 @@ def _check(connection: sqlite3.Connection, path: Path, schema: Schema, with_log:
 
     `with_log`: it has a write-ahead log.
     """
-    # the tables first: SQLite evaluates the conditions of foreign ones while it checks the rest, whatever that takes
+    # check the tables first: SQLite would evaluate conditions of foreign tables in its own check, at any cost
     if not schema.check(connection, path):
         return False
     (fault,) = connection.execute("PRAGMA integrity_check(1)").fetchone()
@@ -251,12 +250,12 @@ def now() -> str:
 
 JOURNAL, LOCK = "journal.sqlite", "journal.lock"
 ESTIMATED = "estimated"  # fact of a run: objective of the most likely values, if they are the calibrated ones
-STARTS = "starts"  # fact of a run: starts of the search for the most likely values, if more than the search's own
+STARTS = "starts"  # fact of a run: number of starts of the search for the most likely values, if stated
 
 
 @contextmanager
 def held_run(folder: Path) -> Iterator[Lock]:
-    """The lock of a run folder, for who writes into it without its journal; `StudyError` if another process has it."""
+    """Lock of a run folder, for writing without its journal; `StudyError` if another process holds it."""
     with closing(_lock(folder / LOCK, folder / JOURNAL)) as lock:
         yield lock
 
@@ -319,7 +318,7 @@ class RunJournal(JournalFile):
 
     @property
     def targets(self) -> list[dict[str, str]]:
-        """Versions, and the processor that was compiled for, of each session."""
+        """Versions and target processor of each session."""
         with check_trust(self.path):
             targets = [json.loads(row[-1]) for row in self._table("session")]
             return [{str(name): str(text) for name, text in target.items()} for target in targets]
@@ -342,7 +341,7 @@ class Journal(RunJournal):
         files = [Input(*map(str, row)) for row in self._table("input")]
         for item in files:
             if Path(item.name).is_absolute() or ".." in Path(item.name).parts:
-                raise StudyError(f"{self.path}: the path {item.name} leaves the run folder; take a copy that is whole.")
+                raise StudyError(f"{self.path}: the path {item.name} leaves the run folder; use an intact copy.")
         return files
 
     @property
@@ -355,11 +354,11 @@ class Journal(RunJournal):
             return count
 
     def describe_files(self, about: Mapping[str, str], inputs: list[Input]) -> None:
-        """Write facts of the run, and in place of the former ones the files that the study reads, see `describe`."""
+        """Write facts of the run, and replace the files that the study reads; see `describe`."""
         self.describe(about, ("DELETE FROM input", ()), *(put("input", *item) for item in inputs))
 
     def step(self, step: Step, reached: Generation, after: Checkpoint) -> None:
-        """Keep one step of an optimiser, as a `Recorder`; what those after it have done is forgotten."""
+        """Keep one step of an optimiser, as a `Recorder`; steps of later optimisers are deleted."""
         stage, last = len(after.stages) - 1, after.stages[-1]
         packed = pack(last._asdict())
         arrays = (number_bytes(step.x), number_bytes(step.costs), step.statuses.astype("i1").tobytes())

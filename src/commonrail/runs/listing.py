@@ -20,7 +20,7 @@ STOPPED, DAMAGED = "stopped", "damaged"
 
 @dataclass(frozen=True)
 class Run:
-    """A run as its journal tells it.
+    """State of a run, from its journal.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ def _run(folder: Path) -> Run:
         about = read_about(folder)
         is_running = _is_held(folder / LOCK)
         if not is_running and about.get("state") == State.RUNNING:
-            about = read_about(folder)  # it may have ended between the two looks
+            about = read_about(folder)  # the run may have ended since the first read
         state = about.get("state", STOPPED)
         changed = about["changed"]
         return Run(

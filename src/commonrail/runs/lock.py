@@ -33,9 +33,7 @@ def check_trust(path: Path) -> Iterator[None]:
     try:
         yield
     except UNTRUE as error:
-        raise StudyError(
-            f"{path}: the journal is damaged ({type(error).__name__}); take a copy of it that is whole."
-        ) from error
+        raise StudyError(f"{path}: the journal is damaged ({type(error).__name__}); use an intact copy.") from error
 
 
 @contextmanager
@@ -60,11 +58,11 @@ def _sentence(path: Path, error: sqlite3.Error) -> CommonrailError:
             f"{path} cannot be written ({error}); what was done before is kept: make room or copy the folder to "
             "another place, then go on from it."
         )
-    return StudyError(f"{path}: this cannot be read as a journal ({error}); take a copy of it that is whole.")
+    return StudyError(f"{path}: this cannot be read as a journal ({error}); use an intact copy.")
 
 
 def refuse_rollback(path: Path) -> None:
-    """Refuse (`StudyError`) a rollback journal, which no run leaves: SQLite deletes the file that it names."""
+    """Raise `StudyError` for a rollback journal. Runs leave none, and SQLite would delete the file that it names."""
     rollback = path.with_name(f"{path.name}-journal")
     with suppress(FileNotFoundError):
         if not rollback.lstat().st_size:  # the lock of earlier versions
@@ -81,11 +79,11 @@ try:
 except ImportError:  # Windows, where a folder in use cannot be renamed
     fcntl = None
 
-TRIES, PAUSE = 10, 0.05  # to lock a folder [s]: who only looks is quick
+TRIES, PAUSE = 10, 0.05  # attempts to lock a folder, and pause between them [s]; a reader holds it briefly
 
 
 class Lock:
-    """Lock that this process holds until it is closed; SQLite's own locking serves, which works on every system.
+    """Lock that this process holds until it is closed; uses SQLite's locking, which works on every system.
 
     The file stays empty. `BlockingIOError` if somebody else holds it, `OutputError` if it cannot be made, or is a link
     or a device; `StudyError` if it is not empty, or has a rollback journal next to it.
@@ -96,7 +94,7 @@ class Lock:
         refuse_rollback(path)
         if path.exists() and path.stat().st_size:
             raise StudyError(f"{path}: a lock is an empty file, and this one is not; remove it.")
-        if path.exists() and not os.access(path, os.W_OK):  # SQLite would only read it, and lock nobody out
+        if path.exists() and not os.access(path, os.W_OK):  # SQLite would open the file read-only and not lock it
             raise OutputError(f"{path} cannot be written (no permission); copy the folder and go on from the copy.")
         self._path, self._handle, self._by_handle = path, *_hold(path.parent, TRIES)
         try:
@@ -178,7 +176,7 @@ def is_folder_held(folder: Path) -> bool:
 def _hold(folder: Path, tries: int) -> tuple[int | None, bool]:
     """Handle of a folder, None where a system has no such thing, and whether the folder is locked by it.
 
-    `BlockingIOError` if somebody else holds the folder, be it only to look, at each of so many tries.
+    `BlockingIOError` if another process holds the folder, even for reading, at each of `tries` attempts.
     """
     if fcntl is None:
         return None, False

@@ -1,4 +1,4 @@
-"""Changes to the text of a study after a run of it: starts, priors, and bounds that are wider where they were met."""
+"""Changes to a study file after a run: start values, priors, and wider bounds where parameters have met them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from commonrail.runs.folder import read_result
 
 
 def exact(value: float, unit: str) -> str | float:
-    """Value [SI] as a study states it, which is read back bit by bit."""
+    """Value [SI] as written in a study; reading it gives the same bits."""
     return float(value) if unit == "1" else f"{float(value)!r} {unit}"
 
 
@@ -42,7 +42,7 @@ def complete(document: Any, free: Sequence[str]) -> None:
 
 
 def append(document: Any, key: str, values: Mapping[str, Any]) -> None:
-    """Append a table to an array of a document, which is written as tables or inline."""
+    """Append a table to an array in a document; the table is inline if the array is inline."""
     import tomlkit  # slow to import
 
     items = document.setdefault(key, tomlkit.aot())
@@ -77,10 +77,10 @@ class MovedBound(NamedTuple):
 
 
 def widen_bound(parameter: Mapping[str, Any], is_log: bool = False) -> MovedBound:
-    """Move the bound that a parameter has met by the width of its range, on a logarithmic scale by its ratio.
+    """Move the bound that a parameter has met by the width of its range, or on a logarithmic scale by its ratio.
 
-    It does not pass the usual range in built injectors unless it lay outside, and comes as near to the end of the
-    domain as halving the move leads. `parameter`: its record in result.json.
+    The new bound stays in the usual range of built injectors, unless the old bound lay outside. A move out of the
+    domain is halved until the bound lies inside. `parameter`: record of the parameter in result.json.
     """
     q, lower, upper = known_quantity(parameter["name"]), float(parameter["lower"]), float(parameter["upper"])
     side, bound = ("upper", upper) if parameter["position"] > 0.5 else ("lower", lower)
@@ -97,7 +97,7 @@ def can_widen(parameter: Mapping[str, Any]) -> bool:
     """True if the bound that a parameter has met can be moved: it is not an end of the domain or of the usual range."""
     name = parameter["name"]
     if not is_of_meter(name) and name not in parameter_quantities():
-        return True  # of a part that is not installed, whose domain is unknown
+        return True  # parameter of a plug-in that is not installed: its domain is unknown
     moved = widen_bound(parameter)
     return moved.name != FUEL_TEMPERATURE and abs(moved.after - moved.before) > 1e-9 * abs(moved.before)
 
@@ -105,8 +105,8 @@ def can_widen(parameter: Mapping[str, Any]) -> bool:
 def widen_study(path: Path, run: Path) -> tuple[Study, list[MovedBound]]:
     """Read a study with the bounds of a run, after moving the bounds that were met; the file is unchanged.
 
-    Raises `StudyError` if the run is of another study or has met no bound that can be moved, and `InputError` as
-    `read_result` and `load_study`.
+    Raises `StudyError` if the run belongs to another study or has not met a movable bound, and `InputError` as
+    `read_result` and `load_study` do.
     """
     study, parameters = load_study(path), read_result(run)["parameters"]
     free = {parameter.name: parameter for parameter in study.space.parameters}
@@ -133,11 +133,11 @@ def widen_study(path: Path, run: Path) -> tuple[Study, list[MovedBound]]:
 
 
 def free_in(injector: Injector, free: Sequence[str], names: Sequence[str]) -> Callable[[Any], None]:
-    """Edit for `edit_study` that frees parameters within their usual ranges, those of the injector with a prior.
+    """Edit for `edit_study` that frees parameters within their usual ranges; injector parameters get a prior.
 
-    `free`: names that the study has free; `names`: dotted names of parameters, or of quantities of meters as
+    `free`: names of free parameters in the study; `names`: dotted names of parameters, or of quantities of meters as
     "meter.bench.delay". A new meter applies to all data without a meter that depend on the quantity. Raises
-    `InputError` for a name that is unknown, or free before.
+    `InputError` for a name that is unknown or already free.
     """
     for name in names:
         if name in free:
@@ -174,7 +174,7 @@ def _free_of_injector(document: Any, parameter: Parameter) -> None:
         values["prior"] = tomlkit.inline_table() | {"value": value, "sigma": sigma, "source": USUAL}
     fixed = document.get("fixed", [])
     for i in reversed([i for i, table in enumerate(fixed) if table["name"] == parameter.name]):
-        del fixed[i]  # the injector has its value
+        del fixed[i]  # the injector already contains this value
     append(document, "parameter", values)
 
 

@@ -1,4 +1,4 @@
-"""Tables of a journal, seals of their rows, and states of optimisers as JSON and the bytes of their arrays."""
+"""Tables of a journal, seals of rows, and states of optimisers as JSON with the bytes of their arrays."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from numpy.typing import NDArray
 from commonrail.base.errors import StudyError
 from commonrail.base.input import sha256
 
-# Tables of a journal: how a new one gets them, and whether a file has them.
+# Tables of a journal: creation and check.
 
-VERSION = 1  # of the tables of all journals, which SQLite keeps in the file as user_version
+VERSION = 1  # of the tables; SQLite stores it in the file as user_version
 
 
 @dataclass(frozen=True)
 class Schema:
-    """Tables of one kind of journal: their SQL, and the sentence for a file with other tables ({path}).
+    """Tables of one kind of journal: their SQL, and the message for a file with other tables ({path}).
 
     The last column of each table is the row's seal.
     """
@@ -120,7 +120,7 @@ _ARRAY = "array"  # key of an array in the JSON: its type and shape
 
 
 def pack(state: Mapping[str, Any]) -> tuple[str, bytes]:
-    """JSON of a mapping, and its arrays as the bytes of little-endian numbers, in the order in which it has them.
+    """JSON of a mapping, and its arrays as bytes of little-endian numbers, in their order in the mapping.
 
     `TypeError` if it holds anything but texts, numbers, arrays, None, and mappings and lists of these.
     """
@@ -160,9 +160,9 @@ def unpack(text: str, content: bytes) -> dict[str, Any]:
 
 
 def digest(text: str, arrays: bytes, history: Sequence[tuple[int, float, float]]) -> str:
-    """SHA-256 of what a search goes on from: a state as `pack` returns it; number, best and mean of each generation.
+    """SHA-256 of the data to resume a search: a state from `pack`; number, best and mean of each generation.
 
-    SQLite does not notice a bit that has flipped on the disk.
+    It detects flipped bits on the disk, which SQLite does not.
     """
     return sha256(b"".join((text.encode(), arrays, number_bytes(history))))
 
@@ -179,7 +179,7 @@ Statement = tuple[str, tuple[Any, ...]]
 
 
 def seal(table: str, values: Sequence[Any]) -> str:
-    """SHA-256 of a row: of its table, and of type and content of each value; `TypeError` for one of another kind."""
+    """SHA-256 of a row: its table, and type and content of each value; `TypeError` for an unsupported type."""
     row_hash = hashlib.sha256()
     for content in (table, *values):
         kind, piece = _bytes(content)
@@ -195,7 +195,7 @@ def _bytes(value: Any) -> tuple[bytes, bytes]:
     if isinstance(value, bytes | memoryview):
         return b"b", bytes(value)
     if isinstance(value, float) or (isinstance(value, int) and abs(value) < 2**53):
-        return b"n", struct.pack("<d", value)  # a column of real numbers returns a whole one as a float
+        return b"n", struct.pack("<d", value)  # a REAL column returns an integer as a float
     if isinstance(value, int):
         return b"i", str(value).encode()
     raise TypeError(f"{type(value).__name__} cannot be kept in a journal")

@@ -22,7 +22,7 @@ Trace = dict[str, Floats]
 Traces = dict[str, Trace]
 
 TIME = "time_s"
-MOST_COLUMNS = 20  # eight models, the data and what names them
+MOST_COLUMNS = 20  # eight models, the data, and columns that identify a row
 MOST_SETS = 1000  # curves
 
 _KEYS = ("data", "time [us]")
@@ -42,24 +42,24 @@ class Curve(NamedTuple):
 
     @property
     def trace(self) -> Trace:
-        """The curve as `read_traces` returns it, to the last bit: a report made again is the same."""
+        """The curve with the same bits as `read_traces` returns, so that a regenerated report is identical."""
         rates = {label: rates * MM3_PER_MS / MM3_PER_MS for label, rates in self.rates.items()}
         finite = {label: values for label, values in rates.items() if np.isfinite(values).any()}
         return {TIME: 1e-6 * np.array(self.moments), **finite}
 
     @property
     def moments(self) -> list[float]:
-        """Middles of the samples [us], to 1e-6 us: below any clock."""
+        """Middles of the samples [us], rounded to 1e-6 us."""
         return [round(moment, 6) for moment in (0.5e6 * (self.bounds[1:] + self.bounds[:-1])).tolist()]
 
 
 def write_traces(
     path: Path, notes: Iterable[str], labels: Sequence[str], curves: Iterable[Curve], before: Sequence[str] = ()
 ) -> None:
-    """Write curves under comment lines; what a curve does not have, or is not finite, stays empty.
+    """Write curves under comment lines; missing and non-finite values stay empty.
 
-    `labels` are the columns of rates, `before` those before the name of the data set. The digits are those of the
-    numbers themselves: J can be computed again from the file.
+    `labels`: columns of rates; `before`: columns before the name of the data set. Numbers are written with all digits,
+    so that J can be recomputed from the file.
     """
     header = [*before, *_KEYS, *(label + _UNIT for label in labels)]
     rows = (row for curve in curves for row in _rows(curve, labels))
@@ -74,10 +74,9 @@ def _rows(curve: Curve, labels: Sequence[str]) -> Iterator[list[str]]:
 
 
 def read_traces(path: Path) -> Traces:
-    """By data set the arrays "time_s" [s] and rates [m³/s] by label; NaN where a simulation has no number.
+    """Arrays "time_s" [s] and rates [m³/s] by label, for each data set; NaN where a simulation has no value.
 
-    A label without any number for a data set is left out there. `InputError` with the line if a row is not one of such
-    a file.
+    A label without any value for a data set is omitted there. `InputError` with the line for an invalid row.
     """
     return {
         name: {label: values for label, values in trace.items() if label == TIME or np.isfinite(values).any()}

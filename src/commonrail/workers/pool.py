@@ -29,17 +29,17 @@ SLICE = 0.5  # how long to wait at a time [s]
 def waiting_time(start: float) -> float:
     """Time since `start`, on the clock of `time.monotonic`, that counts as waiting [s].
 
-    It is not what the clock says: where this process was halted too (Ctrl-Z, a lid), nobody was late.
+    Time during which this process was suspended too (Ctrl-Z, closed lid) does not count.
     """
     return min(time.monotonic() - start, 2.0 * SLICE)
 
 
 class Limits(NamedTuple):
-    """Limits of workers: times that a task may be lost, or that workers may fail to start in a row.
+    """Limits of workers; `failures`: losses of one task, or consecutive failed starts of workers.
 
-    A worker hangs if a task of known length takes `patience` times as long and longer than `least` [s]. `start` is the
-    time that it may take to start, or to load the work [s]; where no kernel can be kept on disk, each worker compiles
-    its own in this time.
+    A worker counts as hung if a task of known length takes `patience` times as long and longer than `least` [s].
+    `start` is the time allowed for its start, or to load the work [s]; where no kernel can be kept on disk, each worker
+    compiles its own in this time.
     """
 
     failures: int = 3
@@ -74,7 +74,7 @@ class Refused(NamedTuple):
 
 
 class Up(NamedTuple):
-    """Word of a worker process that has begun, or has loaded the work."""
+    """Message of a worker process that it has started or has loaded the work."""
 
 
 Reply = Answer | Lost | Refused | Up
@@ -95,7 +95,7 @@ def serve(pipe: Connection) -> None:
             message = pipe.recv()
             if isinstance(message, Package):
                 package = message
-                with suppress(Exception):  # occurs again, and is reported, when the work is done
+                with suppress(Exception):  # the error occurs again with the first task, and is reported then
                     unpack(package)
                     pipe.send(Up())
             else:
@@ -139,10 +139,10 @@ def restore_variables(*names: str) -> Iterator[None]:
 
 @contextmanager
 def shield_children() -> Iterator[None]:
-    """Processes started inside compute on one thread, run no module of the current folder, and get no stop signal."""
+    """Child processes use one thread, do not import from the current folder, and do not receive stop signals."""
     settings = (*SINGLE_THREADED, SAFE_PATH)
     with restore_variables(*settings):
-        os.environ.update(dict.fromkeys(settings, "1"))  # before the first process, which is multiprocessing's own
+        os.environ.update(dict.fromkeys(settings, "1"))  # before the first process, which multiprocessing starts itself
         with _block_signals():
             yield
 
@@ -153,7 +153,7 @@ def _block_signals() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    with suppress(ImportError):  # it would unblock them when it starts its own process
+    with suppress(ImportError):  # the resource tracker unblocks signals when it starts its process
         from multiprocessing.resource_tracker import ensure_running
 
         ensure_running()
@@ -185,7 +185,7 @@ class _Worker:
         self.allowed = self.left = limits.start
 
     def give(self, task: Task, start: float) -> None:
-        """Send a task, and before it the work if the worker does not hold it."""
+        """Send a task, preceded by the work if the worker does not have it."""
         self.allowed = task.limit
         if self.package != task.package:
             self.pipe.send(task.package)
@@ -228,7 +228,7 @@ class ProcessPool:
         self.limits = limits
         self._workers: list[_Worker] = []
         self._bad_starts = 0
-        # with a priority: before multiprocessing waits for processes that ignore its signal
+        # the priority makes this run before multiprocessing waits for processes that ignore its signal
         self._end = Finalize(self, _end_all, (self._workers,), exitpriority=1)
         for _ in range(count):
             self._workers.append(_Worker(limits))
@@ -308,7 +308,7 @@ class ProcessPool:
         return (worker.task, Lost(reason)) if worker.task is not None else None
 
     def drop(self) -> None:
-        """Forget the tasks in hand: their answers must not meet another question."""
+        """Abandon the running tasks, so that late answers are not taken for answers to other tasks."""
         for i, worker in enumerate(self._workers):
             if worker.task is not None:
                 self._replace(i)

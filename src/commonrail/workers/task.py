@@ -29,9 +29,9 @@ class Work(Protocol):
 
 
 class Package(NamedTuple):
-    """Work on its way to a worker: digest of the content, `software` of the process that packed it, the pickled work.
+    """Work for a worker: digest of the content, `software` of the packing process, and the pickled work.
 
-    A worker with other software refuses it, or one that finds other bits than what the work's `probe` gave here.
+    A worker refuses the package if its software differs, or if it computes other bits for the work's `probe`.
     """
 
     key: str
@@ -41,9 +41,9 @@ class Package(NamedTuple):
 
 
 class Task(NamedTuple):
-    """A part of the work: what the caller knows it by, its package and its argument, which is pickled.
+    """A part of the work: the caller's name for it, its package and its pickled argument.
 
-    `limit` is the time after which its worker hangs [s], `losses` the number of workers that were lost with it.
+    `limit`: time [s] after which its worker counts as hung; `losses`: number of workers lost on this task.
     """
 
     name: Hashable
@@ -92,18 +92,20 @@ def unpack(package: Package) -> Work:
 
 
 def software(same_bits: bool = False) -> tuple[tuple[str, str], ...]:
-    """Versions and target of the compiler, which decide over the bits of a result; with `same_bits` versions alone."""
+    """Versions and compiler target, which determine the bits of a result; with `same_bits`, only versions."""
     target = describe()
     if same_bits:
         return target.versions
-    machine = {name: value for name, value in target.machine.items() if name != "processor"}  # its code is the target's
+    machine = {
+        name: value for name, value in target.machine.items() if name != "processor"
+    }  # the code depends on the target
     return tuple((dict(target.versions) | machine).items())
 
 
 def unlike(run: Mapping[str, str], worker: Mapping[str, str]) -> str:
     """Difference between a run's software and a worker's: the end of a sentence with "… has"; "" where they are equal.
 
-    What the worker's lacks is not installed.
+    A package that the worker lacks is "missing".
     """
     differing = [
         differences({name: expected}, {name: worker[name]}).replace(", now", "")

@@ -47,7 +47,7 @@ class Backend(Protocol):
 class Workers:
     """Workers that do tasks; use them in a `with` block.
 
-    Which of them takes what, how many they are and how often a task has to be repeated leaves no trace in an answer.
+    Answers do not depend on the number of workers, on the assignment of tasks or on repetitions.
 
     Examples
     --------
@@ -74,7 +74,7 @@ class Workers:
         Raises
         ------
         ConfigurationError
-            If `count` is not between 1 and eight for each processor.
+            If `count` is not between 1 and 8 × number of processors.
         StudyError
             If the processes cannot be started.
         """
@@ -87,8 +87,8 @@ class Workers:
         Parameters
         ----------
         address : str
-            Of its scheduler, "tls://host:port" or "tcp://host:port"; "local" starts a cluster on this machine, closed
-            to its other users, and ends it with the block.
+            Address of the scheduler, "tls://host:port" or "tcp://host:port". "local" starts a cluster on this machine,
+            closed to other users, and ends it with the block.
         count : int, optional
             Workers of a "local" cluster; all usable processors by default.
         limits : Limits

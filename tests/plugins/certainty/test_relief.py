@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.parameter import Parameter, Prior
 from commonrail.calibration.space import Space
 from commonrail.data.noise import Correlation, Law, Noise
 from commonrail.plugins.certainty.relief import Relief
-from tests.plugins.certainty.linear import TRUTH, Floats, N, design, fitted, likelihood
+from tests.plugins.certainty.linear import TRUTH, Floats, N, design, fitted, likelihood, space
 
 WHITE = Noise(law=Law.GAUSSIAN, correlation=Correlation.WHITE)
 T = np.linspace(0.0, 1.0, N)
@@ -30,7 +32,7 @@ def test_the_relief_is_that_of_a_refit_by_least_squares() -> None:
     refit = rms_of_least_squares(np.column_stack([design(), wave]), y) / rms_of_least_squares(design(), y)
     assert relief.of_values(0.01 * wave[None]) == pytest.approx(1.0 - refit, abs=2e-3)  # a search ends near its optimum
     assert relief.of_values(np.sin(70.0 * T)[None]) < 0.02
-    assert relief.of_bounds() == 0.0
+    assert relief.of_bounds(3) == 0.0
 
 
 def test_a_bound_that_holds_a_parameter_off_has_the_relief_of_a_wider_one() -> None:
@@ -44,7 +46,8 @@ def test_a_bound_that_holds_a_parameter_off_has_the_relief_of_a_wider_one() -> N
     found = fitted(likelihood([y], [design()], [WHITE], room))
     after = rms_of_least_squares(design(), y) / float(np.sqrt(np.mean(found.errors**2)))
     assert after < 0.4
-    assert Relief(found).of_bounds() == pytest.approx(1.0 - after, abs=5e-2)  # weights are those of the first fit
+    assert Relief(found).of_bounds(1) == 0.0  # the second is a quantity of the bench, which no study widens
+    assert Relief(found).of_bounds(3) == pytest.approx(1.0 - after, abs=5e-2)  # weights are those of the first fit
 
 
 def test_curves_count_as_much_as_maps() -> None:
@@ -55,3 +58,14 @@ def test_curves_count_as_much_as_maps() -> None:
     found = fitted(likelihood([measured(0.0, 3), map_values], [x, x[rows]], [WHITE, WHITE]))
     change = np.append(np.zeros(N), wave)
     assert Relief(found).of_values(change[None]) == pytest.approx(1.0 - np.sqrt(0.5), abs=0.05)
+
+
+def test_a_prior_that_holds_a_value_at_its_end_has_the_relief_of_the_value_without_it() -> None:
+    """The truth is 3, and the prior and its bounds end at 2."""
+    parameters = list(space().parameters)
+    parameters[1] = replace(parameters[1], reference=1.0, lower=0.1, upper=2.0, prior=Prior(1.0, 0.15, "test"))
+    y = measured(0.0, 4)
+    found = fitted(likelihood([y], [design()], [WHITE], Space(parameters)))
+    after = rms_of_least_squares(design(), y) / float(np.sqrt(np.mean(found.errors**2)))
+    assert after < 0.4
+    assert Relief(found).of_prior(1) == pytest.approx(1.0 - after, abs=0.1)  # the first refit takes the others along

@@ -40,6 +40,23 @@ def test_a_narrow_interval_pins_and_a_stricter_limit_does_not() -> None:
     assert all(one.cure for one in judged(found, 1e-4))
 
 
+@pytest.mark.parametrize("source", ["bounds", "prior"])
+def test_an_interval_that_was_known_before_is_not_determined_by_the_data(source: str) -> None:
+    """Each is narrow: bounds of ± 5 %, or a prior of ± 2 %, and data that hardly depend on the parameter."""
+    x = design()
+    x[:, 1] *= 1e-3
+    parameters = list(space().parameters)
+    narrow = {"lower": 2.85, "upper": 3.15} if source == "bounds" else {"prior": Prior(3.0, 0.06, "test")}
+    parameters[1] = replace(parameters[1], reference=3.0, **narrow)  # type: ignore[arg-type]
+    y = x @ TRUTH + 0.2 * np.random.default_rng(5).standard_normal(N)
+    found = fitted(likelihood([y], [x], [STATED], Space(parameters)))
+    found = replace(found, point=TRUTH)
+    low, high = (2.86, 3.14) if source == "bounds" else (3.0 - 1.9 * 0.06, 3.0 + 1.9 * 0.06)
+    ends = np.array([1.99, low, 4.9]), np.array([2.01, high, 5.1])
+    verdicts = [one.verdict for one in verdicts_of(found, 3, ends, np.eye(3), "")]
+    assert verdicts == [ParameterVerdict.DETERMINED, ParameterVerdict.INSENSITIVE, ParameterVerdict.DETERMINED]
+
+
 def test_parameters_that_imitate_each_other_are_named() -> None:
     x = design()
     x[:, 1] = x[:, 0] + 0.01 * x[:, 1]

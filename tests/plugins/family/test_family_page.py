@@ -27,8 +27,8 @@ def record() -> dict[str, Any]:
 def test_distances_are_in_spreads_and_common_parameters_are_left_out() -> None:
     (figure,) = family_figures(record())
     (panel,) = figure.panels
-    assert panel.categories == ("valve.spring_preload", "plunger_needle.spring_preload")  # the short names are the same
-    assert [series.y for series in panel.series] == [(0.5, 0.0), (-1.0, 0.5)]
+    assert panel.rows == ("valve.spring_preload", "plunger_needle.spring_preload")  # the short names are the same
+    assert [series.x for series in panel.series] == [(0.5, 0.0), (-1.0, 0.5)]
     assert {series.mode for series in panel.series} == {MARKERS}  # parameters have no order
 
 

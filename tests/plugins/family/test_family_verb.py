@@ -106,7 +106,7 @@ def test_reference_points_are_ranked_before_anything_is_measured(command: Comman
     assert len(record["points"]) == 2
     assert record["order"][0] == min((0, 1), key=lambda i: record["points"][i]["expected_rms"])
     assert 0.0 < record["points"][0]["expected_rms"] < record["without_reference"]
-    shown = command("adapt", file, "--from", points, "--advise").out
+    shown = command("adapt", file, "--from", points, "--advise", "--full").out
     assert f"{record['points'][record['order'][0]]['expected_rms'] * 1e9:.2f} mm³" in next(
         line for line in shown.splitlines() if " µs " in line
     )

@@ -140,3 +140,13 @@ def test_a_broken_drawing_leaves_no_folder(line: str, other: str, rates: Rates, 
     assert run_command("new", tmp_path / "a", "--injector", tmp_path / "broken.toml", *words).status == 2
     assert not (tmp_path / "a").exists()
     assert run_command("new", tmp_path / "a", "--injector", tmp_path / "sound.toml", *words).status == 0
+
+
+def test_a_map_in_another_unit_of_time_is_refused_by_its_file(tmp_path: Path) -> None:
+    """Milliseconds written as they are, where microseconds are usual: no study would read them."""
+    path = tmp_path / "map.csv"
+    path.write_text("p [bar],ET [ms],q [mm3]\n800,250,10\n1200,700,40\n", encoding="utf-8")
+    done = run_command("new", tmp_path / "s", "--injector", INJECTOR, "--from", path)
+    assert done.status == 2
+    assert f"{path}, line 2" in done.err
+    assert not (tmp_path / "s").exists()

@@ -19,8 +19,8 @@ from commonrail.calibration.space import Space
 
 # Verdict of a search on itself: converged or not, by which rule, and with which figures.
 
-# Restarts agree if at least so many of them end within so much of the best 2 ln L, and the search has arrived if a full
-# step from there is predicted to gain less than SMALL_GAIN of it.
+# Restarts agree if at least AGREEING of them end within ALIKE of the best 2 ln L. A search has converged if the
+# predicted gain of a full step is below SMALL_GAIN in 2 ln L.
 AGREEING, ALIKE, SMALL_GAIN = 3, 0.5, 0.01
 
 
@@ -45,10 +45,10 @@ class Convergence(NamedTuple):
 
 
 def noise_of(cost: float, residuals: int, parameters: int, units: float) -> float:
-    """Change of an objective that changes 2 ln L by 1, by the objective's own residual noise.
+    """Change of an objective that corresponds to a change of 2 ln L by 1.
 
-    The objective is read as the likelihood of errors whose size is what it leaves: Gaussian for sums of squares,
-    Laplacian for sums of absolute errors. Then 2 ln L changes by `units` (N − d) times its relative change.
+    The errors are assumed to have the size of the remaining residuals, and a distribution that is Gaussian for sums of
+    squares, Laplacian for sums of absolute errors. Then 2 ln L changes by `units` (N − d) times its relative change.
 
     `cost`: objective of the best; `residuals`: number N of residuals; `parameters`: number d of free parameters;
     `units`: 1 for squares, 2 for absolute errors.
@@ -56,12 +56,12 @@ def noise_of(cost: float, residuals: int, parameters: int, units: float) -> floa
     return max(cost, 1e-300) / (units * max(residuals - parameters, 1))
 
 
-# What settings may ask for: far above what anybody calibrates; below what would fill the memory.
+# Largest settings: far above practical needs, and below what fills the memory.
 MOST_GENERATIONS, MOST_MEMBERS, MOST_STARTS = 1_000_000, 100_000, 1000
 
 
 def count(default: int, most: int, least: int = 0) -> Any:
-    """Field of settings that counts something, with its limits, of study files too."""
+    """Integer field of settings with its limits, which also apply to study files."""
     return field(default=default, metadata={"least": least, "most": most})
 
 
@@ -82,16 +82,16 @@ def check_counts(settings: Any) -> None:
 
 
 class Question(Enum):
-    """Answers that an optimiser asks for."""
+    """Kind of answer that an optimiser requests."""
 
     COSTS = "costs"  # one for each trial (n,)
     RESIDUALS = "residuals"  # one row for each trial (n, m)
     SCREENED = "screened"  # residuals from simulations that are coarser and cheaper
-    COSTS_AGAIN = "costs again"  # of points whose residuals were told before: their simulations are not counted twice
+    COSTS_AGAIN = "costs again"  # for points with known residuals: simulations are not counted twice
 
 
 class Trials(NamedTuple):
-    """Points (n, d) to be tried, SI, which of them (n,) are to be simulated, and what is asked of them.
+    """Points (n, d) to be tried, SI, which of them (n,) are to be simulated, and the requested answer.
 
     A trial that the treatment of constraints rejects is not simulated; whatever is told of it is ignored.
     """
@@ -139,7 +139,7 @@ class Settings(Protocol):
 
 
 Work = Generator[Trials, Floats, None]
-"""A step: questions are yielded, answers are sent in."""
+"""One step of a search: a generator that yields trials and receives their costs or residuals."""
 
 
 def asked(x: Floats, question: Question = Question.COSTS) -> Trials:
@@ -150,10 +150,9 @@ def asked(x: Floats, question: Question = Question.COSTS) -> Trials:
 class Optimiser(ABC):
     """A search as a conversation: `ask` for trials, simulate them elsewhere, `tell` what became of them.
 
-    `ask` repeats itself until it is answered. A subclass writes a step as one generator, `_step`: trials are yielded,
-    costs (n,) or residuals (n, m) of them are sent in, and at its end the step sets `population` and `costs`. `state`
-    describes the search as it was after the last step that is done, so that one restored from it asks for the same
-    trials, bit by bit; nobody else looks into it.
+    `ask` returns the same trials until `tell` is called. A subclass writes a step as one generator, `_step`: it yields
+    trials, receives their costs (n,) or residuals (n, m), and finally sets `population` and `costs`. `state` is the
+    state after the last complete step; a search restored from it asks for bit-identical trials. Its content is private.
 
     Parameters
     ----------
@@ -291,15 +290,16 @@ class Optimiser(ABC):
         best = Best(np.array(state["best"], dtype=float), float(state["cost"]))
         if best.x.shape != (self.space.dimension,) or not inside(self.space.to_unit(best.x)) or np.isnan(best.cost):
             raise ConfigurationError(
-                "state: its best point lies outside the bounds or has no cost; take a whole state", code="damaged-state"
+                "state: its best point lies outside the bounds or has no cost; use an intact state",
+                code="damaged-state",
             )
         self.steps, self.counts, self._asked, self.best = state["steps"], Counts(**state["counts"]), None, best
         self._restore(state)
 
     def _origin(self) -> dict[str, Any]:
-        """Values that a state must share with the search that resumes from it, all settings but the steps among them.
+        """Values that must agree between a state and the search that resumes from it.
 
-        A search that resumes may want more steps.
+        The number of steps may differ.
         """
         space = self.space
         values = [str(value) for name, value in asdict(self.settings).items() if name != "generations"]
@@ -326,7 +326,7 @@ class Optimiser(ABC):
 
 
 def inside(unit: Floats) -> bool:
-    """Return whether points lie within the bounds but for the rounding of the way to unit coordinates and back."""
+    """Return whether points lie within the bounds, up to the rounding of a conversion to unit coordinates."""
     return bool(np.all(np.abs(unit - 0.5) <= 0.5 + 1e-9))
 
 
@@ -366,7 +366,7 @@ def diverse_members(unit: ArrayLike, costs: ArrayLike, n: int) -> IndexArray:
 
 
 def farthest(points: Floats, n: int) -> IndexArray:
-    """Rows of up to n distinct ones of the points (k, d), the first one first, each farthest from those before."""
+    """Rows of up to n distinct points of (k, d): the first point, then the point farthest from all chosen ones."""
     rows: list[int] = []
     distance = np.full(len(points), np.inf)
     while len(rows) < n:
@@ -388,7 +388,7 @@ def hop(space: Space, best: Floats, rng: np.random.Generator) -> Floats:
 
 
 def ranked(best: Best, x: Floats, costs: Floats) -> tuple[Best, ...]:
-    """Ends (n, d) of descents, SI, by rising cost (n,); the best point of the search stands for the first one."""
+    """End points (n, d) [SI] of descents by rising cost (n,); the best point of the search replaces the first."""
     ends = [Best(point, float(cost)) for point, cost in zip(x, costs, strict=True) if np.isfinite(cost)]
     return (best, *sorted(ends, key=lambda end: end.cost)[1:])
 
@@ -404,7 +404,7 @@ class Registered(NamedTuple):
         Its `Settings`. The fields are keys of a study file's table [optimiser]; their metadata may limit them ("most").
         Its `size`, if it has one, is the template of `size_in_words`.
     checks : mapping of str to callable
-        By the key to blame, what raises a ConfigurationError if settings do not suit a space.
+        Checks by key of the settings; each raises a ConfigurationError if settings do not suit a space.
     citation : str
         Works that the method is from, as "Storn & Price 1997"; `commonrail cite` names them.
     """

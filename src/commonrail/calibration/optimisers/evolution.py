@@ -429,7 +429,7 @@ class DifferentialEvolution(Optimiser):
         unit, costs, violations = (np.array(state[name], dtype=float) for name in ("unit", "costs", "violations"))
         if [a.shape for a in (unit, costs, violations)] != [(members, self.space.dimension), (members,), (members,)]:
             raise ConfigurationError(
-                f"state: its population is not one of {members} members; take a whole state", code="damaged-state"
+                f"state: its population is not one of {members} members; use an intact state", code="damaged-state"
             )
         if not (inside(unit) and np.all(costs > -np.inf) and np.all(violations >= 0.0)):
             raise ConfigurationError(

@@ -208,11 +208,11 @@ class Descents(NamedTuple):
         small, running = np.array(state["small"], dtype=np.int64), np.array(state["running"], dtype=np.bool_)
         count = len(unit)
         if unit.shape != (count, dimension) or residuals.shape[:1] != (count,) or residuals.ndim != 2:
-            raise ConfigurationError("state: its descents are not whole; take a whole state")
+            raise ConfigurationError("state: its descents are incomplete; use an intact state")
         if {array.shape for array in (damping, gain, small, running)} != {(count,)}:
-            raise ConfigurationError("state: its descents are not whole; take a whole state")
+            raise ConfigurationError("state: its descents are incomplete; use an intact state")
         if not inside(unit):
-            raise ConfigurationError("state: its descents lie outside the bounds; take a whole state")
+            raise ConfigurationError("state: its descents lie outside the bounds; use an intact state")
         begun = cls.begin(unit, residuals)
         return begun._replace(damping=damping, small=small, running=running, gain=gain)
 

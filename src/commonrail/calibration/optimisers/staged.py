@@ -238,7 +238,7 @@ class StagedLeastSquares(Optimiser):
         descents = Descents.recorded(state, d)
         shapes = [pool.shape, ended.shape, costs.shape, stage.shape, iteration.shape]
         if shapes != [(len(group), d), (len(ended_costs), d), *[descents.damping.shape] * 3]:
-            raise ConfigurationError("state: its descents are not whole; take a whole state")
+            raise ConfigurationError("state: its descents are incomplete; use an intact state")
         if not (inside(pool) and inside(self.space.to_unit(ended))) or np.isnan(costs).any():
             raise ConfigurationError("state: its descents lie outside the bounds or have costs that are no numbers")
         self._pool, self._group = pool, group

@@ -29,8 +29,8 @@ def report(
 
     RUN/report.html is self-contained: it opens without a network and prints on A4. The main chart of a calibration
     simulates again while its parameters are dragged, where zig can compile that (pip install "commonrail[export]").
-    --page makes RUN/bench.html beside it, as commonrail page does, and the pages of installed packages, for the run
-    folder of commonrail calibrate.
+    For the run folder of a calibration, --page also makes RUN/bench.html, as commonrail page does, and the pages of
+    installed packages.
 
     \b
     Example:
@@ -58,7 +58,7 @@ def report(
 
 
 def _make_pages(run: Path) -> list[Path]:
-    """Pages of a run that parts make, written into its folder; one of a package that fails is named on stderr."""
+    """Pages of plug-ins, written into a run folder; a page that fails is reported on stderr."""
     from commonrail.base.output import write_text
     from commonrail.runs.folder import RESULT
 

@@ -41,9 +41,7 @@ if TYPE_CHECKING:
 def simulate(
     injector: Annotated[
         str,
-        Argument(
-            help="Injector file, name of the catalogue or run folder; with @VARIANT another variant: cri2-16@ideal."
-        ),
+        Argument(help="Injector file, name of the catalogue or run folder; @VARIANT selects a variant: cri2-16@ideal."),
     ],
     *,
     rail_pressure: Annotated[str, Option(help="Rail pressure, e.g. 160MPa.")],
@@ -92,11 +90,11 @@ def simulate(
         Path | None,
         Option(
             metavar="FILE",
-            help="Rate, lifts, pressures and current against time, as CSV; as .foam (OpenFOAM) and .dat (two columns) "
-            "the mass flow of one hole for CFD, with a band if curves were fitted.",
+            help="CSV file of rate, lifts, pressures and current against time; .foam (OpenFOAM) or .dat (two columns): "
+            "mass flow of one hole for CFD, with a band if curves were fitted.",
         ),
     ] = None,
-    report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with the same as plots.")] = None,
+    report: Annotated[Path | None, Option(metavar="FILE.html", help="Report with plots of these values.")] = None,
     json: Json = False,
 ) -> None:
     """Simulate one injection, or several in a row.
@@ -138,7 +136,7 @@ def simulate(
         from commonrail.engine.solution import metered
 
         run = run._replace(shown=metered(solution, seen, changed, point))
-    fast = engine is Engine.LANES and precision is Precision.F64  # whose code is there: a second simulation is cheap
+    fast = engine is Engine.LANES and precision is Precision.F64  # code is compiled: a second simulation is cheap
     if heating := registry.find("simulations", "heating"):
         run = run._replace(heating=heating.call(changed, point, solution, step if fast else None))
     files = _write(run, out, report, None if set_ else model.run)
@@ -219,7 +217,7 @@ _UNITS = {"lift": "m", "pressure": "Pa", "current": "A", "force": "N"}  # of a s
 
 
 class Beside(NamedTuple):
-    """Estimate of a plug-in beside a simulation: figures with their texts, and its part of the record."""
+    """Estimate that a plug-in adds to a simulation: figures with their texts, and its part of the record."""
 
     figures: tuple[tuple[str, str], ...] = ()
     record: Mapping[str, Any] = MappingProxyType({})
@@ -284,7 +282,7 @@ def figures(run: Run) -> list[tuple[str, str]]:
         *([("synthetic", run.injector.synthetic)] if run.injector.synthetic else []),
         ("reference density", f"{s.reference_density:.1f} kg/m³"),
         *run.heating.figures,
-        ("mass balance", f"{s.balance:.1e} of the injected mass, of 1 mg if that is more"),
+        ("mass balance", f"relative error {s.balance:.1e}"),
         ("engine", f"{s.engine}, {run.precision.value}, {run.seconds:.2f} s with loading or compiling"),
         ("injector", f"{run.injector.title} ({run.injector.variant.label})"),
     ]

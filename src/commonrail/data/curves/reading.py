@@ -53,7 +53,7 @@ def read_curves(model: RateModel, context: Context) -> list[tuple[FoundCurve, Op
 
 
 def _at_point(model: RateModel, curve: FoundCurve, at: Place) -> RateModel:
-    """The block at the operating point of one of its curves; a measured course goes before the pressure of a name."""
+    """The block at the operating point of one of its curves; a measured course overrides a column name's pressure."""
     stated = {"rail_pressure": curve.rail_pressure, "energising_time": curve.energising_time}
     from_name = {key: value for key, value in stated.items() if value is not None and not _of_each(key, model)}
     for key in from_name:
@@ -130,7 +130,7 @@ def _check_drive(model: RateModel, context: Context) -> None:
     if bool(drive_unit(injector)) != (model.drive is not None):
         raise ConfigurationError(
             f"{context.at / 'drive'}: the injector {injector.name} has drive_kind "
-            f'"{injector.variant.drive.value}"; give a measured drive if, and only if, it is a trace.',
+            f'"{injector.variant.drive.value}"; state a measured drive only for "current" or "voltage".',
             code="drive-kind",
             file=context.at.file,
             place=(context.at / "drive").key,
@@ -157,7 +157,7 @@ _PRESSURES = ("rail_pressure", "cylinder_pressure", "return_pressure")
 
 
 Record = tuple[Floats, Floats]  # times [s] and values
-NOISE_TOLD = 1e-4  # rms of a noise that is reported, over the pressure: ten times that moves pilots by a tenth
+NOISE_TOLD = 1e-4  # least reported noise (rms) relative to the pressure; tenfold noise changes pilots by 10 %
 SAME = 1e-6  # relative difference below which two traces are at one operating point
 
 
@@ -190,7 +190,7 @@ def read_named_columns(model: RateModel, context: Context) -> list[FoundCurve]:
 
 
 def courses_at(curves: Sequence[FoundCurve], model: RateModel, context: Context) -> list[dict[str, Trace]]:
-    """Courses of each curve by their keys; a file is read once for all curves, also where `column` is a pattern.
+    """Measured courses of each curve by key; a file is read once for all curves, even if `column` is a pattern.
 
     Times default to those of the data set. Pressures are low-passed, with a note. Raises `InputError`
     if not exactly one column fits a curve, or a column cannot be read.
@@ -205,7 +205,7 @@ def courses_at(curves: Sequence[FoundCurve], model: RateModel, context: Context)
         at, is_own = context.at / key, item.file is None
         if is_own and item.form != PLAIN:
             raise at.error(
-                "encoding, decimal and sheet of a course are those of a file of its own; state file too",
+                "encoding, decimal and sheet of a course apply to a separate file; state file too",
                 code="missing-file-key",
             )
         sheet = context.sheet(item.file or model.file, at, model.form if is_own else item.form)
@@ -243,8 +243,8 @@ def _low_passed(records: Mapping[str, Record], cut_off: float | None, at: Place)
     most = max(filtered.values(), key=lambda course: course.removed)
     if most.removed > NOISE_TOLD * np.abs(most.value).mean():
         note(
-            f"{at}: low-passed at {to_text(most.cut_off, 'Hz', 3)}, which takes {to_text(most.removed, 'Pa', 2)} rms "
-            "away; low_pass states another cut-off."
+            f"{at}: low-passed at {to_text(most.cut_off, 'Hz', 3)}, removing {to_text(most.removed, 'Pa', 2)} rms: "
+            "to change the cut-off, state low_pass."
         )
     return {name: (course.time, course.value) for name, course in filtered.items()}
 
@@ -261,7 +261,7 @@ def _is_at(point: NamedPoint, curve: FoundCurve) -> bool:
 
 
 def list_units(model: RateModel) -> dict[str, str]:
-    """Units of the numbers in names that a block states, by their SI units."""
+    """Stated units of the numbers in column names, by SI unit."""
     return {"Pa": model.rail_pressure_unit or "", "s": model.energising_time_unit or ""}
 
 
@@ -273,8 +273,8 @@ def _average_shots(points: Sequence[NamedPoint], samples: Sequence[Samples], at:
         first = points[rows[0]]
         if len(rows) > 1 and not first.shot:
             raise at.error(
-                f'the columns "{first.column}" and "{points[rows[1]].column}" are at one operating point; mark what '
-                "numbers repeated shots with {shot}",
+                f'the columns "{first.column}" and "{points[rows[1]].column}" are at one operating point; if they '
+                "are repeated shots, replace the shot number in the pattern by {shot}",
                 code="repeated",
             )
         curves.append(mean_curve([samples[i] for i in rows], first.rail_pressure, first.energising_time))

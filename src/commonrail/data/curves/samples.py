@@ -1,4 +1,4 @@
-"""Samples of a measured rate: bounds of the intervals they are means over, windows, and other rasters."""
+"""Samples of a measured rate: bounds of the averaging intervals, windows and resampling."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class ShotsModel(FileModel):
 
 
 class RateModel(DataModel):
-    """An injection curve, or several of one file: by their names, by rows above them, or as shots of a record."""
+    """One injection curve of a file, or several: as named columns, below header rows, or as shots of a record."""
 
     kind: Literal["rate"]
     time: str = "time"
@@ -84,12 +84,12 @@ class Samples(NamedTuple):
     time: str  # where it is given
 
     def range(self) -> str:
-        """Sentence part that says what times the samples have."""
+        """Part of a sentence that states the time range of the samples."""
         first, last = (to_text(float(bound), "s") for bound in (self.bounds[0], self.bounds[-1]))
         return f"the samples reach from {first} to {last}, {self.time} being in {self.time_unit}"
 
     def misread(self, begin: float, end: float) -> str:
-        """Cure for samples that would fill a time from `begin` to `end` [s] if their unit were another one."""
+        """Advice to correct the time unit, if the samples would cover `begin` to `end` [s] in another unit."""
         stated_factor = convert(1.0, self.time_unit, "s")
         for unit in _TIME_UNITS:
             factor = convert(1.0, unit, "s") / stated_factor
@@ -100,10 +100,10 @@ class Samples(NamedTuple):
         return ""
 
     def on(self, bounds: Floats) -> Samples:
-        """Samples between other bounds inside the own ones; the integral over time is kept.
+        """Samples over other intervals within their time range; the integral over time is kept.
 
-        The integral is a cubic between two bounds, with the slopes of its central differences. Were it linear, a shift
-        by half a sample would average neighbours: a second low-pass, of which the model of a meter knows nothing.
+        The integral is interpolated by cubics with slopes from central differences. Linear interpolation would average
+        neighbours at a shift of half a sample: a second low-pass filter, which the model of the meter does not contain.
         """
         from scipy.interpolate import CubicHermiteSpline  # takes a tenth of a second to import
 
@@ -115,8 +115,7 @@ class Samples(NamedTuple):
 def read_samples(table: Table, column: str, model: RateModel, at: Place) -> Samples:
     """Samples of a column of rates, with the times of its table.
 
-    An empty cell at the end of the `column` ends it. Raises `InputError` if there are too few, or one is missing
-    between others.
+    An empty cell at the end of the `column` ends the samples. Raises `InputError` for too few samples or a gap.
     """
     time, rate = table.columns[model.time] - model.time_zero, table.columns[column]
     empty = np.flatnonzero(np.isnan(rate))
@@ -158,7 +157,7 @@ def bounds_around(time: Floats) -> Floats:
 
 
 def within_window(samples: Samples, model: RateModel, at: Place) -> Samples:
-    """The samples whose intervals lie in the window, on the raster that is asked for."""
+    """Samples whose intervals lie in the window, at the requested sample interval."""
     begin, end = float(samples.bounds[0]), float(samples.bounds[-1])
     if model.window is not None:
         begin, end = model.window
@@ -209,9 +208,9 @@ def _check_window(samples: Samples, begin: float, end: float, at: Place) -> None
 
 
 def raster(begin: float, end: float, step: float, at: Place) -> Floats:
-    """Bounds of even intervals from `begin`, as many as end before or at `end`.
+    """Bounds of equal intervals from `begin`, as many as fit before `end`.
 
-    `begin`, `end` and `step` in [s]. Raises `InputError` if they are too few or too many.
+    `begin`, `end` and `step` in [s]. Raises `InputError` for too few or too many intervals.
     """
     count = int(np.floor((end - begin) / step + 1e-6))
     if not LEAST_SAMPLES <= count <= MOST_SAMPLES:

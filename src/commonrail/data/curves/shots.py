@@ -19,7 +19,8 @@ from commonrail.data.study_block import Context
 from commonrail.readers.columns import Column, Table
 from commonrail.readers.location import Place, locate_errors
 
-MOST_CURVES = 1000  # of one file
+MOST_CURVES = 1000  # in one file
+
 RATES = ("m3/s", "kg/s")
 TRIGGERS = ("V", "A", "1", "Pa")  # units of a channel that may be a trigger
 BEFORE = 1e-3  # time before a shot over which a pressure is averaged [s]
@@ -34,16 +35,16 @@ class FoundCurve(NamedTuple):
     shots: int = 1  # repeated shots of which it is the mean
     sigma: float | None = None  # standard error of the mean, in the unit of the samples
     freedom: float = 0.0  # its degrees of freedom
-    scatter: float = 0.0  # standard error of the mean's quantity as a share of it, as shots scatter as wholes
+    scatter: float = 0.0  # relative standard error of the mean's quantity from shot-to-shot scatter
 
     @property
     def label(self) -> str:
-        """Words that tell it from the others of its file."""
+        """Label that identifies the curve in its file."""
         parts = (self.rail_pressure, "Pa"), (self.energising_time, "s")
         return " ".join(to_text(value, unit) for value, unit in parts if value is not None)
 
     def noise(self, scale: float) -> Noise:
-        """Noise of the mean, in the unit of the samples over a scale."""
+        """Noise of the mean, in the unit of the samples divided by `scale`."""
         if self.sigma is None:
             return NOISE
         spare = float(self.shots - 1)
@@ -71,8 +72,8 @@ class _Channel(NamedTuple):
 def cut_shots(model: RateModel, context: Context) -> list[FoundCurve]:
     """Curves of the operating points of a record, each the mean of its shots.
 
-    The `window` of the model counts from the start of energising. Raises `InputError` if a channel is missing, or no
-    shot is found or whole. Raises `ConfigurationError` if the window is missing.
+    The `window` of the model counts from the start of energising. Raises `InputError` if a channel is missing, or there
+    is no complete shot. Raises `ConfigurationError` if the window is missing.
     """
     at, shots = context.at, model.shots
     assert shots is not None
@@ -85,7 +86,7 @@ def cut_shots(model: RateModel, context: Context) -> list[FoundCurve]:
         )
     if model.time_zero:
         raise (at / "time_zero").error(
-            "shots count from their triggers; state shots.offset, and remove this key", code="idle-key"
+            "the time of each shot starts at its trigger; state shots.offset, and remove this key", code="idle-key"
         )
     path = context.sheet(model.file, at, model.form).path
     begin, end = model.window
@@ -94,8 +95,8 @@ def cut_shots(model: RateModel, context: Context) -> list[FoundCurve]:
     period = float(np.median(np.diff(edges))) if len(edges) > 1 else np.inf
     if abs(shots.offset) >= period:
         raise (at / "shots" / "offset").error(
-            f"{to_text(shots.offset, 's')} leads to the shot of another trigger, as they are {to_text(period, 's')} "
-            "apart; count from the trigger of the shot",
+            f"an offset of {to_text(shots.offset, 's')} reaches the next trigger, {to_text(period, 's')} away; "
+            "state the time from the trigger of the same shot",
             code="other-shot",
         )
     starts = edges + shots.offset
@@ -161,7 +162,7 @@ def _points(
     curves = []
     for rows in groups:
         cut = [record._replace(bounds=record.bounds - starts[i]).on(bounds) for i in rows]
-        # six digits: a mean of equal numbers is that number
+        # rounded to six digits, so that the mean of equal numbers equals them
         mean = [None if values is None else float(f"{values[rows].mean():.6g}") for values in (rail, time)]
         curves.append(mean_curve(cut, *mean))
     return curves
@@ -204,11 +205,11 @@ def mean_curve(shots: Sequence[Samples], rail_pressure: float | None, energising
     rates = np.array([s.on(bounds).rate for s in shots])
     mean_rate = rates.mean(axis=0)
     power = float(mean_rate @ mean_rate)
-    # of each shot, by least squares; what it is off by together is none of the noise of its samples
+    # scale of each shot by least squares; it is not part of the samples' noise
     sizes = rates @ mean_rate / power if power else np.ones(len(shots))
     mean = average_groups(rates - np.multiply.outer(sizes - 1.0, mean_rate), [np.arange(len(shots))])
     samples = shots[0]._replace(bounds=bounds, rate=mean.mean[0])
-    # less what the noise of samples adds to a factor; below its own size: without an injection it is no share of one
+    # without the contribution of the samples' noise; above 1 there is no injection to scale
     variance = float(sizes.var(ddof=1)) / len(shots) - (mean.sigma or 0.0) ** 2 / max(power, 1e-300)
     scatter = variance**0.5 if 0.0 < variance < 1.0 else 0.0
     return FoundCurve(samples, rail_pressure, energising_time, len(shots), mean.sigma, mean.freedom, scatter)

@@ -25,7 +25,7 @@ from commonrail.readers.toml import Unit
 # Exponents of the rail pressure in which an interpolation is linear: p, and √p, which the flow of an orifice follows.
 SCALES: Mapping[str, float] = {"p": 1.0, "√p": 0.5}
 SAME = 1e-9  # relative difference within which two pressures or times are one
-ROUNDING = 1e-18  # sum of squared errors in tolerances that exact rules leave
+ROUNDING = 1e-18  # sum of squared errors, in tolerances, below which a rule is exact
 
 
 class Rule(StrEnum):
@@ -163,7 +163,7 @@ class Sister:
 def read_sister(model: SisterModel, context: Context) -> Sister:
     """Read the map of a sister part.
 
-    The context is `at` the data set that names it. Raises `InputError` if the file cannot be read. Raises
+    The context is `at` the data set that names the map. Raises `InputError` if the file cannot be read. Raises
     `ConfigurationError` if the ratio of the flows is not greater than zero.
     """
     units = {"rail_pressure": "Pa", "energising_time": "s", "quantity": "m3"}
@@ -305,7 +305,7 @@ def _take_known(data: Map, rows: Bools) -> Floats:
 
 
 def _dead_times(data: Map, fitted: Sequence[Map]) -> Floats:
-    """Interpolated dead times [s] of the rows that are; NaN where no fitted one is of the same quantity."""
+    """Interpolated dead times [s] of the dead-time rows; NaN if no fitted row states the same quantity."""
     measured = np.concatenate([np.empty((0, 3)), *(_take_known(d, d.dead_time) for d in fitted)])
     dead_times = []
     for (rail, _), quantity in zip(point_places(data)[data.dead_time], data.quantity[data.dead_time], strict=True):

@@ -71,9 +71,9 @@ class QuantityData(ToleratedData):
     Attributes
     ----------
     to_horizon : bool
-        Of the kind: whether its quantity depends on what follows the end of injection, see `Term.to_horizon`.
+        Set by the class: whether the quantity depends on what follows the end of injection, see `Term.to_horizon`.
     own_keys : tuple of str
-        Of the kind: attributes beyond these that are keys of its block.
+        Set by the class: further attributes that are keys of its block.
     name : str
     role : Role
     points : tuple of OperatingPoint, length n
@@ -88,8 +88,8 @@ class QuantityData(ToleratedData):
     mass_density : float or (n,)
         As in `RateData`, of each quantity.
     dead_time_tolerance : float or None
-        Tolerance [s] against which dead times are judged as times; None compares the quantity that is injected at the
-        measured dead time, whose derivative vanishes where nothing is injected.
+        Tolerance [s] of dead times that are compared as times. None compares the quantity injected at the measured dead
+        time; its derivative vanishes where nothing is injected.
     meter : Meter or None
         Of the bench; of its quantities, `gain`, `quantity_offset`, `density` and `temperature` concern a map.
     sister : Sister or None
@@ -100,7 +100,7 @@ class QuantityData(ToleratedData):
     Raises
     ------
     ConfigurationError
-        If an argument is of another kind, or points, quantities and dead times are not of one number.
+        If an argument has a wrong type, or the numbers of points, quantities and dead times differ.
     """
 
     kind: ClassVar[str] = "quantities"
@@ -194,15 +194,15 @@ class QuantityData(ToleratedData):
         return [make_term(d, partial(point_values, d), failed, to_horizon=d.to_horizon) for d in group]
 
     def masses(self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint]) -> Floats:
-        """Mass per stroke that the map holds volumes of, (candidates, points) [kg]."""
+        """Mass per stroke whose volume the map measures, (candidates, points) [kg]."""
         return batch.injected_mass
 
     def densities(
         self, batch: Batch, candidates: Candidates, points: Sequence[OperatingPoint], meter_values: QuantityValues
     ) -> Floats:
-        """Densities that make volumes of masses where the data state none, (1 or candidates, points) [kg/m³].
+        """Densities that convert masses to volumes if the data state none, (1 or candidates, points) [kg/m³].
 
-        Of the meter's quantities `meter_values` (candidates,), `density` and `temperature` count.
+        `meter_values` (candidates,): quantities of the meter; only `density` and `temperature` are used.
         """
         density_keys = {"density", "temperature"} & meter_values.keys()
         return candidates.densities(points, meter_values) if density_keys else batch.reference_density
@@ -220,8 +220,8 @@ class QuantityData(ToleratedData):
     ) -> Floats:
         """Volumes (candidates, points) of a batch [m³], as the meter shows them if there is one.
 
-        Candidates and points are those of the batch; where `mass_density`, as in the data, is NaN, that of the
-        candidates counts.
+        `candidates` and `points` belong to the batch. Where `mass_density` is NaN, the density of the candidates
+        applies.
         """
         metered = self.meter is not None and is_metered(self, candidates.simulator)
         meter_values = candidates.meter_values(self.meter) if self.meter is not None and metered else {}
@@ -236,7 +236,7 @@ class QuantityData(ToleratedData):
         return np.where(self.judged, self.absolute + self.relative * np.abs(values), np.nan)
 
     def score(self, simulator: Simulator) -> QuantityScore:
-        """Score of the simulator's injector as it is."""
+        """Score of the simulator's injector, unchanged."""
         return QuantityScore(self, self.simulated(simulator, ITSELF)[0], _find_dead_times(self, simulator))
 
     def record(self, scores: Mapping[str, QuantityScore]) -> dict[str, Any]:
@@ -298,14 +298,14 @@ class QuantityScore(Score):
         }
 
     def missing(self) -> list[Missing]:
-        """Points whose simulation failed, and those whose dead time was not found."""
+        """Points whose simulation failed or whose dead time was not found."""
         points = self.data.points
         failed = np.flatnonzero(np.isnan(self.values) & self.data.judged)
         dead = np.flatnonzero(self.data.dead_time)[np.isnan(self.dead_time)]
         return [Missing(points[i]) for i in failed] + [Missing(points[i], NO_DEAD_TIME, NOT_REACHED) for i in dead]
 
     def quantities(self) -> tuple[Floats, Floats]:
-        """Measured and simulated quantities where there are both [m³]."""
+        """Measured and simulated quantities of the points that have both [m³]."""
         both = np.isfinite(self.values) & self.data.judged
         return self.data.quantity[both], self.values[both]
 
@@ -322,9 +322,9 @@ class QuantityScore(Score):
 
 
 def _set_targets(data: QuantityData) -> None:
-    """Set what each row is compared with, within which tolerance, and all points that are simulated.
+    """Set the target and the tolerance of each row, and all points to be simulated.
 
-    `_timed` are the rows that are judged as times; the points around each of them follow those of the rows.
+    `_timed`: rows compared as times. The points around each of them follow the points of all rows.
     """
     as_times = data.dead_time & (data.dead_time_tolerance is not None)
     timed = np.flatnonzero(as_times)
@@ -390,11 +390,11 @@ def held_out_name(name: str) -> str:
 def divide(data: _Map, model: HoldOutModel, at: Place) -> tuple[_Map, _Map]:
     """Part of a map that is fitted, and the part that is held out for validation.
 
-    Held out are the quantities at one of the rail pressures or at one of the energising times, and the dead times at
-    one of the rail pressures.
+    The held-out part has the quantities at the named rail pressures or energising times, and the dead times at the
+    named rail pressures.
 
-    Raises `ConfigurationError` if the map is no data of the fit, no row is at a pressure or time that is named, or none
-    remains on one side.
+    Raises `ConfigurationError` if the map is not fit data, no row has a named pressure or time, or either part is
+    empty.
     """
     if data.role is not Role.FIT:
         raise at.error('only data with role = "fit" can hold rows out; remove hold_out', code="not-of-fit")
@@ -422,13 +422,13 @@ def select_rows(data: QuantityData, column: int, value: float) -> Bools:
 def chosen_rows(data: _Map, rows: Bools, name: str = "", role: Role | None = None) -> _Map:
     """Some rows of a map.
 
-    The mask `rows` is (n,); name and role are those of the map by default.
+    The mask `rows` is (n,); by default, name and role are the map's.
     """
     return replace(_at_rows(data, np.flatnonzero(rows)), name=name or data.name, role=role or data.role)
 
 
 def _select_any(data: QuantityData, column: int, targets: Sequence[float], unit: str, at: Place) -> Bools:
-    """Rows at one of the wanted values."""
+    """Mask of the rows at any of the `targets`."""
     matching = np.zeros(len(data.points), bool)
     present = point_places(data)[data.judged, column]
     for value in targets:
@@ -469,14 +469,14 @@ def rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
 
 
-# A quantity map whose rows are held out in turn, and predicted by fits to the rest.
+# Cross-validation: the rows of a quantity map are held out in turn, and predicted by fits to the rest.
 
 
 _COLUMNS = {"rail_pressure": 0, "energising_time": 1}
 
 
 class Fold(NamedTuple):
-    """Rows (n,) of a map that were left out, and scores on them: of the model, its interpolation, its members' mean."""
+    """Held-out rows (n,) of a map, with the scores of the model, the interpolation and the members' mean on them."""
 
     rows: Bools
     model: QuantityScore
@@ -490,9 +490,9 @@ def levels(data: QuantityData, by: str) -> list[float]:
 
 
 def without(data: QuantityData, by: str, value: float) -> tuple[QuantityData, QuantityData, Bools] | None:
-    """Map without the rows at a value, those rows as data of validation, and their mask; None where it is all or none.
+    """Map without the rows at a value, validation map of these rows, and their mask; None if either map is empty.
 
-    Dead times are left out `by` their rail pressure alone, not by "energising_time". `value`: [Pa] or
+    Dead times are left out only `by` "rail_pressure". `value`: [Pa] or
     [s].
     """
     rows = select_rows(data, _COLUMNS[by], value)
@@ -526,7 +526,7 @@ def fold_record(data: QuantityData, folds: Sequence[Fold]) -> dict[str, Any]:
 def _join_scores(
     data: QuantityData, held_out: Bools, parts: Sequence[tuple[Bools, QuantityScore | Interpolated]]
 ) -> QuantityScore:
-    """Score of the kept rows from predictions of their parts."""
+    """Score of the rows `held_out`, joined from predictions of their parts."""
     quantity, dead_time = np.full((2, len(held_out)), np.nan)
     for rows, score in parts:
         quantity[rows] = score.values

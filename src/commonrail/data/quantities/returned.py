@@ -47,9 +47,8 @@ class ReturnsModel(MapModel):
 class ReturnData(QuantityData):
     """Measured quantities through the return line per stroke at several operating points.
 
-    What the valve drains and what the guides leak, as a bench collects it. A volume is one at the pressure at the end
-    of the return line and the fuel temperature of the injector, unless the meter has a density or a temperature of its
-    own.
+    Flow of the valve and leakage of the guides, as a bench collects them. Volumes refer to the pressure at the end of
+    the return line and the fuel temperature of the injector, unless the meter states a density or a temperature.
 
     Attributes
     ----------
@@ -60,7 +59,7 @@ class ReturnData(QuantityData):
     Raises
     ------
     ConfigurationError
-        As `QuantityData`; also if a row is a dead time, or the period is shorter than the simulated time.
+        As for `QuantityData`, or if a row is a dead time, or the period is shorter than the simulated time.
     """
 
     kind: ClassVar[str] = "return quantities"
@@ -100,9 +99,9 @@ class ReturnData(QuantityData):
         return candidates.densities(_at_the_end(tuple(points)), meter_values)
 
 
-@lru_cache(maxsize=64)  # a simulator prepares the same sequence once, and would keep each new one
+@lru_cache(maxsize=64)  # equal objects: a simulator caches each new sequence of points
 def _at_the_end(points: tuple[OperatingPoint, ...]) -> tuple[OperatingPoint, ...]:
-    """The points with the return line's pressure in the cylinder, where densities are taken."""
+    """Points whose cylinder pressure is set to the return pressure, for the density there."""
     return tuple(replace(point, cylinder_pressure=point.return_pressure) for point in points)
 
 

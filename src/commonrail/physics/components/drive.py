@@ -1,7 +1,7 @@
 """Drive of the solenoid: boost, peak, hold and off, by an ideal regulator, PWM or free-wheel, or a measured trace.
 
-Each law returns the mean over a step of the coil's flux rate, N dφ/dt = v − R i (Eq. 11). A phase that holds for a
-share of the step relaxes over that share alone: what ends inside a step does not damp what begins there.
+Each law returns the mean over a step of the coil's flux rate, N dφ/dt = v − R i (Eq. 11). A phase that lasts for a
+share of the step relaxes over this share only: it does not damp the phase that follows within the step.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from typing import Annotated, NamedTuple
 from commonrail.physics.components import solenoid
 from commonrail.physics.law import Domain, Q, physics
 
-TINY_CURRENT = 1e-12  # what counts as no current [A]
-TINY_GAIN = 1e-12  # what counts as no current per volt over a step [A/V]
+TINY_CURRENT = 1e-12  # current that counts as zero [A]
+TINY_GAIN = 1e-12  # current per volt over a step that counts as zero [A/V]
 UNLIMITED = 1e9  # voltage of a regulator that follows a measured current [V]
 
 
@@ -67,7 +67,7 @@ class Schedule(NamedTuple):
 
 
 class Rate(NamedTuple):
-    """dφ/dt under one voltage [V] with the gap of mid-step and of its end, and its decay −∂(dφ/dt)/∂φ [1/s]."""
+    """dφ/dt at one voltage [V], for the air gap at mid-step and at the end of the step; decay −∂(dφ/dt)/∂φ [1/s]."""
 
     flux_rate: float
     at_end: float
@@ -75,7 +75,7 @@ class Rate(NamedTuple):
 
 
 class Change(NamedTuple):
-    """Mean of dφ/dt over the step [V], and the PWM's transistor after it."""
+    """Mean of dφ/dt over the step [V], and state of the PWM's transistor at its end."""
 
     flux_rate: float
     conducting: float
@@ -130,11 +130,11 @@ def during(share: float, rate: Rate) -> Rate:
 def relaxed_rate(rate: Rate, dt: float) -> float:
     """Mean over the step of dφ/dt [V] while the flux relaxes and the gap keeps closing.
 
-    With y = dt · decay: (6 r + y r_end)/(6 + 4y + y²), for a gap at rest (6 + y)/(6 + 4y + y²) of r. A rate that
-    changes linearly by 2 (r_end − r) adds (r_end − r) ((1 − e^(−y))/y − 2 (1 − e^(−y)(1 + y))/y²) = (r_end − r)
-    (y/6 − y²/12 + …), here (r_end − r) y/(6 + 4y + y²): over the same denominator, and as 1/y for large y.
+    With y = dt · decay: (6 r + y r_end)/(6 + 4y + y²); with a gap at rest, r (6 + y)/(6 + 4y + y²). A rate that changes
+    linearly by 2 (r_end − r) adds (r_end − r) ((1 − e^(−y))/y − 2 (1 − e^(−y)(1 + y))/y²) = (r_end − r) (y/6 − y²/12 +
+    …). It is approximated by (r_end − r) y/(6 + 4y + y²), with this denominator and the limit 1/y for large y.
 
-    `rate`: for the flux at the start of the step and the gap of mid-step; its value with the gap of the end; its decay.
+    `rate`: rates for the flux at the start of the step, with the gap at mid-step and at the end, and the decay.
     """
     return relaxation_numerator(rate, dt) / relaxation_denominator(rate, dt)
 
@@ -264,10 +264,10 @@ def toggle_conduction(conducting: float) -> float:
 def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: solenoid.Circuit, dt: float) -> Change:
     """Two-point current control: first rise by +boost, then +supply and −quench in turn, switching inside the step.
 
-    `now` has the gap of mid-step; the armature's motion is subtracted at both ends, to compare the current with
-    its limit at the start of the step and at the end of energising or of the step. The instant at which it meets the
-    limit is interpolated between them, and the voltage averaged. Where the rest of the step would carry the current
-    past the other limit too, it switches in turn there: on the average it stays at that limit.
+    `now` is taken at the gap at mid-step; corrected for the armature's motion, it gives the current at the start of the
+    step and at the end of energising or of the step. The instant at which the current reaches its limit is interpolated
+    in between, and the voltage is averaged. If the rest of the step would carry the current past the other limit too,
+    the transistor switches there repeatedly: the mean current stays at this limit.
     """
     plan = supply.schedule
     in_peak = plan.peak >= 0.5 * plan.on
@@ -278,8 +278,8 @@ def pwm(p: Parameters, c: solenoid.Coefficients, s: State, supply: Supply, now: 
     upwards = 1.0 if conducting else -1.0
     limit = mean + upwards * half_band
     trial = during(plan.on, apply_voltage(c, voltage, now))
-    # change of the current and its distance to the limit, both times the denominator of `relaxed_rate`; the distance is
-    # negative where the step begins beyond the limit: the band has moved, wherever the current goes
+    # change of the current and its distance to the limit, both multiplied by the denominator of `relaxed_rate`; the
+    # distance is negative if the step begins beyond the limit, because the band has moved
     per_change = relaxation_denominator(trial, dt)
     change = upwards * (dt * relaxation_numerator(trial, dt) * now.slope - 2.0 * now.drift * per_change)
     left = upwards * (limit - now.current - now.drift) * per_change

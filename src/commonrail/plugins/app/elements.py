@@ -96,7 +96,7 @@ def upload(label: str, take: Callable[[str, Any], Any], *, many: bool = True, ki
 
 
 async def waiting(button: Any, work: Callable[[], Any], words: str) -> Any:
-    """Result of a work, during which its button turns; None if it fails, which is said."""
+    """Result of `work`, while the button shows a spinner; None after a failure, which is reported."""
     button.props("loading")
     note = ui.notification(words, spinner=True, timeout=None, type="ongoing")
     try:

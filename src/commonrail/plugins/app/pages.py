@@ -86,7 +86,7 @@ class Home:
         ui.timer(PERIOD, self.follow)
 
     async def turn(self, step: str) -> None:
-        """Show a step by the present files."""
+        """Show a step with the present files."""
         self.step, self.seen = step, self.project.version
         for panel in self.panels.values():
             panel.clear()
@@ -124,7 +124,7 @@ class Home:
 
     @ui.refreshable_method
     def files(self) -> None:
-        """Files with what they are taken for."""
+        """Files with their roles and interpretation."""
         for name, entry in self.project.state["files"].items():
             self.file(name, entry)
 
@@ -183,7 +183,7 @@ class Home:
     # Injector
 
     async def injector(self) -> None:
-        """Type, dimensions next to the section, and data and model before any fit."""
+        """Show the type, the dimensions next to the section, and data with the unfitted model."""
         heading("Describe the injector")
         if not self.project.types:
             types = (await self.project.run("catalogue", "injectors", "--json", logged=False))["injectors"]
@@ -320,7 +320,7 @@ class Home:
             redraw(self.charts, (await self._ask_study())["data"])
 
     def set_delay(self, meter: str, value: float) -> None:
-        """Write the delay of a meter into the study, its bounds about it."""
+        """Write the delay of a meter into the study, with bounds around it."""
 
         def change(document: Any) -> None:
             table = document["meters"][meter]
@@ -516,7 +516,7 @@ class Home:
         self.resume.set_enabled(run["state"] in ("stopped", "interrupted", "failed"))
 
     def draw(self, answer: dict[str, Any], drawn: Any) -> Any:
-        """Draw the course of a run, and the fit before and after; into charts that are drawn of the same data."""
+        """Draw the progress of a run and the fit before and after; charts of the same data are updated."""
         key = [data["name"] for data in answer["after"]]
         if drawn and drawn["key"] == key:
             update(drawn["course"], charts.course(answer["course"]))
@@ -623,7 +623,7 @@ class Home:
 
 
 def _table(document: Any, name: str) -> Any:
-    """Table of a free parameter in a study, of a meter's too."""
+    """Table of a free parameter in a study, of the injector or of a meter."""
     if name.startswith("meter."):
         _, meter, key = name.split(".")
         return document["meters"][meter][key]

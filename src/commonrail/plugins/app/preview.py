@@ -1,4 +1,4 @@
-"""Simulations for the pages, in a process of their own: the server stays small, and no page waits for a compiler.
+"""Simulations for the pages, in a separate process: the server stays small, and no page waits for a compiler.
 
 ``python -m commonrail.plugins.app.preview`` reads requests and writes answers, a line of JSON each.
 """
@@ -22,7 +22,7 @@ from commonrail.base.input import read_plain
 
 MOST_SAMPLES = 400  # of a curve that is drawn
 LONGEST_LINE = 20_000_000  # of an answer [bytes]
-# Dimensions next to the section, by the words in it.
+# Parameters listed next to the section drawing, by group.
 GROUPS = {
     "solenoid": "solenoid.turns solenoid.resistance solenoid.residual_gap drive.peak_current drive.hold_current",
     "armature and valve": "valve.lift valve.mass valve.spring_preload valve.seat_diameter",
@@ -118,7 +118,7 @@ def _compare(data: Any, simulated: Any) -> dict[str, Any]:
 
 
 class Worker:
-    """Answers to requests; the study that was loaded last stays in memory."""
+    """Answers to requests; the last study stays in memory."""
 
     def __init__(self) -> None:
         self._key: Any = None
@@ -134,7 +134,7 @@ class Worker:
         return self._study
 
     def study(self, path: str, values: dict[str, float], shifts: dict[str, float]) -> dict[str, Any]:
-        """Data of a study and its start values; other `values` [SI] and `shifts` of time zeros [s] count first."""
+        """Data of a study, simulated at its start values; `values` [SI] replace these, `shifts` [s] move time zeros."""
         from commonrail.data.simulator import Simulator
 
         study = self._load(Path(path))
@@ -154,7 +154,7 @@ class Worker:
         return {"data": sets, "meters": meters}
 
     def parameters(self, path: str) -> dict[str, Any]:
-        """Free parameters of a study [SI], and all that could be freed."""
+        """Free parameters of a study [SI], and all parameters that could be freed."""
         from commonrail.base.units import to_text
         from commonrail.physics.injector import parameter_quantities
 

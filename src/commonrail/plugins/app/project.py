@@ -53,7 +53,7 @@ class Project:
     state : dict
         Choices that no other file holds: injector, pressures of the bench and of each data file.
     version, author : int, str
-        Grows with each change, and the window that made it, so that the pages of all others follow.
+        Number of the last change and the window that made it; the pages of all other windows follow.
     preview : Preview
         Process that simulates.
     """
@@ -112,7 +112,7 @@ class Project:
         return name
 
     async def take_data(self, name: str, chunks: AsyncIterator[bytes]) -> str:
-        """Write a data file and inspect it; one that is not understood is not used until it is."""
+        """Write a data file and inspect it; a file that cannot be interpreted is not used."""
         name = await self.add_file(name, chunks)
         self.state["files"][name] = entry = {"role": "fit"}
         await self.inspect(name)
@@ -146,7 +146,7 @@ class Project:
     # Injector
 
     def edit_injector(self, change: Callable[[Any], None], base: str = "") -> None:
-        """Change the injector's file, or begin one of a type of the catalogue; the study's copy follows."""
+        """Change the injector's file, or create it from a type of the catalogue; the study's copy is updated."""
         import tomlkit
 
         place = self.folder / "injector.toml"
@@ -201,7 +201,7 @@ class Project:
         return f"{stem}-{max(numbers)}"
 
     async def new_study(self) -> None:
-        """Write a study of the files by `commonrail new`, and the statements on each file into it.
+        """Write a study of the files by `commonrail new`, and add the statements on each file.
 
         `InputError` without a file or an injector, or if the command fails.
         """
@@ -352,7 +352,8 @@ class Project:
     def stop(self, process: int) -> None:
         """Ask a calibration to stop; it scores and writes the best values so far.
 
-        SIGINT would not do: a server that a shell has started in the background hands on that it is ignored.
+        SIGINT does not work if a shell started the server in the background: its children inherit that SIGINT is
+        ignored.
         """
         with contextlib.suppress(OSError):
             os.kill(process, signal.SIGTERM if os.name == "posix" else getattr(signal, "CTRL_BREAK_EVENT"))  # noqa: B009

@@ -22,7 +22,7 @@ def app(
     Parameters
     ----------
     folder : str or path
-        Folder of the project, new or of an earlier app.
+        Project folder: new, or from an earlier session.
     port : int
         Port of this machine; any free one by default.
     opens : bool

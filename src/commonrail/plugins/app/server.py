@@ -15,7 +15,7 @@ from commonrail.base.input import LARGEST_FILE
 from commonrail.plugins.app.guard import Guard
 from commonrail.plugins.app.project import Project
 
-MARGIN = 100_000  # of a request about its file [bytes]
+MARGIN = 100_000  # of a request's size over its file [bytes]
 _SEALED = {"content-security-policy": "sandbox allow-scripts"}  # a report's scripts do not reach the app
 
 
@@ -25,7 +25,7 @@ def listen(port: int) -> socket.socket:
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind(("127.0.0.1", port))
-        listener.listen()  # who asks before the pages are ready waits
+        listener.listen()  # connections wait until the pages are ready
     except OSError as error:
         listener.close()
         raise InputError(f"--port: {port} cannot be used ({error.strerror}); name another, or none.") from error
@@ -45,7 +45,7 @@ def serve(folder: Path, listener: socket.socket, port: int, announce: Callable[[
     def window() -> str:
         try:
             return ui.context.client.id
-        except RuntimeError:  # no page acts
+        except RuntimeError:  # outside the context of a page
             return ""
 
     project, token = Project(folder, window), secrets.token_urlsafe(32)

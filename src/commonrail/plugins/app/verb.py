@@ -12,7 +12,7 @@ from commonrail.cli.options import Json
 
 @verb
 def app(
-    folder: Annotated[Path, Argument(metavar="[DIR]", help="Folder of the project, new or of an earlier app.")] = Path(
+    folder: Annotated[Path, Argument(metavar="[DIR]", help="Project folder: new, or from an earlier session.")] = Path(
         "injector-project"
     ),
     *,

@@ -259,7 +259,7 @@ class Workshop:
         with ui.card().classes("box"):
             if tests := diagnosis.get("next"):
                 test = tests[0]
-                head = "Next test that would tell" if test["tells"] else "Best next test; it does not decide alone"
+                head = "Decisive next test" if test["tells"] else "Best next test; it does not decide alone"
                 ui.label(self.say(head)).classes("sub").props('role="heading" aria-level="2"')
                 place = f"{test['rail_pressure'] / 1e6:g} MPa, {test['energising_time'] * 1e6:.0f} µs"
                 ui.label(f"{self.say(test['measure'])} {self.say('at')} {self.number(place)}:")

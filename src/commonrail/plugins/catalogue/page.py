@@ -110,7 +110,7 @@ def _curves(e: Exhibit) -> Figure:
     return replace(
         figure,
         title=f"Rate and lifts, energised for {lasting}",
-        caption=f"Simulated, not measured, in steps of 1 µs; against {back} in the cylinder. "
+        caption=f"Simulated, not measured; time step 1 µs, cylinder pressure {back}. "
         "Lifts: needle solid, valve dashed.",
         panels=(rate, replace(lifts, has_legend=False)),
     )

@@ -1,9 +1,9 @@
 """Covariance of the most likely values, from the curvature of the prewhitened likelihood.
 
-With whitened derivatives J_b of block b, the bread is B = Σ m_b J_bᵀJ_b, m_b being the mean slope of its law, and the
-covariance is V = B⁻¹ (Σ τ_b J_bᵀJ_b) B⁻¹ with τ_b = K² Σψ²/ν_b (Huber's factor K): the covariance of the estimator in
-use, whatever its law. A Gaussian block has m = τ = 1. Priors are a block with stated deviations. Bounds and constraints
-are not projected out. Draws begin there, and intervals come from it where they fail.
+With whitened derivatives J_b of block b, the covariance is the sandwich V = B⁻¹ (Σ τ_b J_bᵀJ_b) B⁻¹. The bread is B = Σ
+m_b J_bᵀJ_b with the mean slope m_b of the block's law, and τ_b = K² Σψ²/ν_b (Huber's factor K). V holds for any law; a
+Gaussian block has m = τ = 1. Priors are a block with stated deviations. Bounds and constraints are not projected out.
+The draws start from V, and the intervals come from V if the draws fail.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ NEGLIGIBLE = 1e-11  # eigenvalue of the scaled information, below which a direct
 class Covariance(NamedTuple):
     """Covariance of the estimates in positions between the bounds."""
 
-    noise: Floats  # (d, d), by noise alone; +inf on the diagonal where nothing holds a parameter
+    noise: Floats  # (d, d), by noise alone; +inf on the diagonal of an insensitive parameter
     shares: Floats  # (blocks + 1, d), parts of the variance by noise that come from each block, the priors last
     freedom: Floats  # (d,), degrees of freedom of each standard error by noise (Satterthwaite)
-    alone: Floats  # (d,), standard errors where all other parameters are known
-    used: Floats  # (blocks,), parameters that each block pays for
+    alone: Floats  # (d,), standard errors if all other parameters are known
+    used: Floats  # (blocks,), degrees of freedom that the fit takes from each block
 
     @property
     def root(self) -> Floats:
-        """Root R (d, d) of the covariance by noise, R Rᵀ; zero where nothing holds a parameter."""
+        """Root R (d, d) of the covariance by noise, R Rᵀ; zero for insensitive parameters."""
         finite = np.isfinite(np.diag(self.noise))
         values, vectors = np.linalg.eigh(np.where(np.outer(finite, finite), self.noise, 0.0))
         return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def covariance_of(likelihood: Likelihood, unit: Floats, slopes: Floats, errors: Floats) -> Covariance:
-    """Covariance at the most likely values, the noise being known.
+    """Covariance at the most likely values, for known noise.
 
     `unit` (d,): position; `slopes` (d, n): derivatives of the residuals with respect to the positions; `errors` (n,).
     """

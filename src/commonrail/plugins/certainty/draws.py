@@ -1,14 +1,14 @@
 """Draws from the posterior of a fit: intervals, correlations and bands are summaries of them.
 
-1. Positions from somewhat more than the posterior are simulated in batches, and a polynomial regression of the
-   residuals on the positions takes the model's place; the noise is estimated once more from what it leaves. All is
-   repeated until centre and spread of the posterior stay.
-2. The posterior of the regression is drawn by importance sampling from a multivariate t distribution whose weights are
-   smoothed (Vehtari, Simpson, Gelman, Yao, Gabry 2024, JMLR 25(72)); scales of the noise are integrated out. Where
-   k-hat refuses these draws, walkers draw it (differential evolution; ter Braak 2006, Stat. Comput. 16, 239). Neither
-   simulates.
-3. Some of the draws are simulated: k-hat of the simulated density over that of the regression says if the draws may be
-   believed.
+1. Positions from a widened posterior are simulated in batches. A polynomial regression of the residuals on the
+   positions replaces the model, and the noise is estimated again from its residuals. This is repeated until centre and
+   spread of the posterior converge.
+2. The posterior of the regression is drawn by importance sampling from a multivariate t distribution. The weights are
+   smoothed (Vehtari, Simpson, Gelman, Yao, Gabry 2024, JMLR 25(72)); scales of the noise are integrated out. If k-hat
+   rejects these draws, walkers draw from the posterior (differential evolution; ter Braak 2006, Stat. Comput. 16, 239).
+   Neither method simulates.
+3. Some of the draws are simulated: k-hat of the ratio of simulated to regressed density decides whether the draws are
+   accepted.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ from commonrail.plugins.certainty.likelihood import Likelihood, prior_slopes_at
 from commonrail.plugins.certainty.noise_fit import FittedNoise, sample_count
 
 EACH, FEWEST, MOST = 12, 100, 3000  # simulated positions for each coefficient of the regression, and limits
-QUADRATIC, CUBIC = 12, 8  # parameters up to which products are in the regression, up to which cubes may be
+QUADRATIC, CUBIC = 12, 8  # largest numbers of parameters for products and for cubes in the regression
 ROUNDS = 6
-MOVED, SCALED = 0.3, 0.15  # standard errors and logarithm of one, below which a round changes nothing
-SPREAD = 2.6  # of the positions beyond that of the posterior, over the root of the number of parameters
-NOISE_TURNS = 3  # of noise and most likely values of one regression
-STEP_DRAWS, LEFT = 8, 8  # draws that the error of the time step is taken from; directions of what a regression leaves
+MOVED, SCALED = 0.3, 0.15  # tolerances of convergence: standard errors of the centre, logarithm of a spread
+SPREAD = 2.6  # additional spread of the positions, over the root of the number of parameters
+NOISE_TURNS = 3  # alternating estimates of noise and most likely values per regression
+STEP_DRAWS, LEFT = 8, 8  # draws for the error of the time step; directions of a regression's residuals
 FIRM = 1e-12
 
-DRAWS = 4000  # of importance sampling
-LARGEST_K = 0.7  # k-hat up to which weights are believed (Vehtari et al. 2024)
-LEAST_SIZE = 200.0  # draws that weights must be worth
+DRAWS = 4000  # number from importance sampling
+LARGEST_K = 0.7  # largest k-hat of accepted weights (Vehtari et al. 2024)
+LEAST_SIZE = 200.0  # least effective number of draws
 FREEDOM = 5.0  # of the multivariate t distribution
-WALKERS, STEPS, THINNED = 200, 800, 20  # of differential evolution; a step in so many is kept, of the later half
+WALKERS, STEPS, THINNED = 200, 800, 20  # of differential evolution; every `THINNED`th step of the second half is kept
 CHECKS = 128  # draws that are simulated
 LEAST_SOUND = 0.9  # share of these that must be simulated
 LARGEST_GAP = 2.0  # standard deviation of 2 ln L by which the regression may be off
@@ -55,18 +55,18 @@ class Draws(NamedTuple):
     """Equally weighted draws from the posterior."""
 
     unit: Floats  # (m, d), positions between the bounds
-    k_hat: float  # of the simulated density over that of the regression
-    effective: float  # number of simulated draws that the weights are worth
+    k_hat: float  # of the ratio of simulated to regressed density
+    effective: float  # effective number of simulated draws
     gap: float  # standard deviation of 2 ln L, simulated less regression
     rounds: int
     converged: bool  # centre and spread stayed in the last round
     walked: bool  # drawn by walkers, because importance sampling was refused
     checked: int  # draws simulated
-    failure: str = ""  # reason why there are none of the posterior; those of a normal distribution stand for them
+    failure: str = ""  # reason why draws from a normal distribution replace the posterior
 
     @property
     def refusal(self) -> str:
-        """Reason why the draws are not believed; empty if there is none."""
+        """Reason to reject the draws; empty if they are accepted."""
         if self.failure:
             return self.failure
         if self.k_hat > LARGEST_K and self.gap > LARGEST_GAP:
@@ -77,14 +77,14 @@ class Draws(NamedTuple):
 class Regression:
     """Polynomial model of the residuals over positions, scaled about a centre.
 
-    `unit` (m, d) and `errors` (m, n): simulated positions; `centre` (d,), `root` (d, d): of the scaling; `order`: 2 or
-    3; of more than `QUADRATIC` parameters without products.
+    `unit` (m, d) and `errors` (m, n): simulated positions and residuals; `centre` (d,), `root` (d, d): scaling;
+    `order`: 2 or 3, without products for more than `QUADRATIC` parameters.
     """
 
     def __init__(self, unit: Floats, errors: Floats, centre: Floats, root: Floats, order: int) -> None:
         self.centre, self._inverse, d = centre, np.linalg.inv(root), len(centre)
         terms = terms_of(d, order)
-        # columns that each term multiplies, filled up with that of the ones
+        # columns that each term multiplies, padded with the column of ones
         self._columns = np.array([[*term, *([d] * (order - len(term)))] for term in terms])
         features = self.features(unit)
         self.coefficients = np.asarray(np.linalg.lstsq(features, errors, rcond=None)[0], float)  # (terms, n)
@@ -110,7 +110,7 @@ class Regression:
         return np.asarray(self._inverse.T @ ((ends[: len(unit)] - ends[len(unit) :]) / 2e-3))
 
     def directions(self, near: np.ndarray) -> Floats:
-        """Courses (k, n) of what the regression leaves at simulated positions, of those in a mask (m,)."""
+        """Courses (k, n) of the regression's residuals at the simulated positions of a mask (m,)."""
         rest = self.left[near] / math.sqrt(max(np.count_nonzero(near) * self.free / len(self.left), 1.0))
         values, vectors = np.linalg.eigh(rest.T @ rest if rest.shape[1] < len(rest) else rest @ rest.T)
         axes = vectors[:, ::-1][:, :LEFT]
@@ -127,10 +127,10 @@ def terms_of(d: int, order: int) -> list[tuple[int, ...]]:
 class Posterior:
     """Logarithm of the posterior density of a regression.
 
-    Coordinates are positions, then, for each block under Student's t, logarithms of its scale over the fitted one and
-    of its degrees of freedom. Other scales that are estimated are integrated out under a density of 1/scale.
+    Coordinates are positions, then, for each block under Student's t, the logarithms of its scale over the fitted scale
+    and of its degrees of freedom. Other estimated scales are integrated out under a density of 1/scale.
 
-    `likelihood`: with its noise; `samples`: values of each block that are samples of the noise.
+    `likelihood`: likelihood with its noise; `samples`: number of noise samples of each block.
     """
 
     def __init__(self, likelihood: Likelihood, regression: Regression, samples: list[int]) -> None:
@@ -151,7 +151,7 @@ class Posterior:
         return np.where(inside, -0.5 * self.likelihood.priors.costs(points), -np.inf)
 
     def __call__(self, wide: Floats) -> Floats:
-        """Logarithm (m,) without its constant of coordinates (m, d + 2 h)."""
+        """Logarithm (m,) of the density, without constant, at coordinates (m, d + 2 h)."""
         result = self.prior(wide[:, : self.d])
         sound = np.flatnonzero(np.isfinite(result))
         f = self.regression.features(wide[sound, : self.d])
@@ -164,14 +164,14 @@ class Posterior:
         return np.where(np.isnan(result), -np.inf, result)
 
     def simulated(self, wide: Floats, errors: Floats) -> Floats:
-        """The same of simulated residuals (m, n)."""
+        """Logarithm (m,) of the density for simulated residuals (m, n)."""
         innovations, result = self.likelihood.whiten(errors), self.prior(wide[:, : self.d])
         for i, (block, noise) in enumerate(zip(self.likelihood.blocks, self.likelihood.noises, strict=True)):
             result -= 0.5 * integrated(self.samples[i], noise, self._cost(i, innovations[:, block.rows], wide))
         return np.where(np.isfinite(result), result, -np.inf)
 
     def _cost(self, i: int, innovations: Floats, wide: Floats) -> Floats:
-        """Cost (m,) of a block; of one under Student's t with the scale and freedom of its coordinates."""
+        """Cost (m,) of a block; under Student's t with the scale and the freedom among the coordinates."""
         if i not in self.heavy:
             return np.asarray(np.sum(self.likelihood.noises[i].density.cost(innovations), axis=1))
         at = self.d + 2 * self.heavy.index(i)
@@ -182,32 +182,32 @@ class Posterior:
         cost = np.sum((freedom[:, None] + 1.0) * np.log1p(u * u / freedom[:, None]), axis=1)
         cost += 2.0 * self.samples[i] * (scale - constant)
         noise = self.likelihood.noises[i]
-        if noise.stated:  # a stated scale, or one of repeated measurements, has its own density
+        if noise.stated:  # a scale that is stated or from repeated measurements has its own density
             cost += min(noise.freedom, MOST_KNOWN) * (2.0 * scale + np.exp(-2.0 * scale))
         return np.where((log_freedom < 0.0) | (log_freedom > math.log(MOST_FREEDOM)), np.inf, cost)
 
 
-MOST_FREEDOM = 60.0  # of Student's t, which is nearly normal there
-MOST_KNOWN = 1e3  # degrees of freedom of a stated scale: it is known to 2 %
-MOST_ABSORBED = 0.2  # share of the values that courses follow, from which a scale is not integrated out
+MOST_FREEDOM = 60.0  # of Student's t, which is then nearly normal
+MOST_KNOWN = 1e3  # degrees of freedom of a stated scale, which is then known to 2 %
+MOST_ABSORBED = 0.2  # share of the values that courses absorb, above which the scale is not integrated out
 
 
 def integrated(samples: int, noise: FittedNoise, cost: Floats) -> Floats:
-    """Cost (m,) of a block of `samples` with the scale of its noise integrated out, as far as it is not known."""
+    """Cost (m,) of a block of `samples`, with the unknown part of its noise scale integrated out."""
     fixed = (noise.stated and np.isinf(noise.freedom)) or noise.absorbed > MOST_ABSORBED * samples
-    if noise.law is Law.STUDENT or fixed:  # courses have sizes of their own, which the scale does not change
+    if noise.law is Law.STUDENT or fixed:  # the sizes of courses do not depend on the scale
         return cost
-    twice = 2 if noise.law is Law.LAPLACE else 1  # its cost has twice the values for a mean
+    twice = 2 if noise.law is Law.LAPLACE else 1  # the mean of its cost is twice as large
     if noise.stated:
         return np.asarray(twice * (samples + twice * noise.freedom) * np.log1p(cost / (twice**2 * noise.freedom)))
     return np.asarray(twice * samples * np.log(np.maximum(cost, 1e-300)))
 
 
 def smoothed(logs: Floats) -> tuple[Floats, float]:
-    """Shares (m,) of logarithms of weights, the largest ones smoothed, and k-hat.
+    """Normalised weights (m,) from their logarithms, with a smoothed tail, and k-hat.
 
-    A generalised Pareto distribution takes the place of the tail (Vehtari et al. 2024), fitted as by Zhang, Stephens
-    (2009, Technometrics 51, 316).
+    A generalised Pareto distribution replaces the tail (Vehtari et al. 2024); it is fitted as by Zhang, Stephens (2009,
+    Technometrics 51, 316).
     """
     m = len(logs)
     weights = np.exp(np.maximum(logs - logs.max(), -700.0))
@@ -216,7 +216,7 @@ def smoothed(logs: Floats) -> tuple[Floats, float]:
     x = weights[order[-tail:]] - weights[order[-tail - 1]]
     quarter = x[int(tail / 4 + 0.5) - 1] if tail >= 5 else 0.0
     if not quarter > 0.0:
-        even = weights.sum() ** 2 > 0.9 * m * np.sum(weights**2)  # all are equal, but for rounding
+        even = weights.sum() ** 2 > 0.9 * m * np.sum(weights**2)  # all weights are equal, except for rounding
         return weights / weights.sum(), -math.inf if even else math.inf
     many = 30 + int(math.sqrt(tail))
     b = 1.0 / x[-1] + (1.0 - np.sqrt(many / (np.arange(1, many + 1) - 0.5))) / (3.0 * quarter)
@@ -233,7 +233,7 @@ def smoothed(logs: Floats) -> tuple[Floats, float]:
 
 
 def _importance(posterior: Posterior, centre: Floats, covariance: Floats, rng: np.random.Generator) -> Floats | None:
-    """Equally weighted coordinates (m, d + 2 h) about a centre; None where their weights are refused."""
+    """Equally weighted coordinates (m, d + 2 h) about a centre; None if their weights are rejected."""
     d, more = posterior.d, 2 * len(posterior.heavy)
     wide, big = np.append(centre, np.tile([0.0, math.log(4.0)], more // 2)), np.zeros((d + more, d + more))
     big[:d, :d] = covariance
@@ -288,9 +288,9 @@ def _walked(posterior: Posterior, centre: Floats, covariance: Floats, rng: np.ra
 
 
 def draw(estimate: Estimate, seed: int = 0) -> tuple[Estimate, Draws]:
-    """Draws from the posterior about an estimate, and the estimate with the noise that they showed.
+    """Draws from the posterior around an estimate, and the estimate improved by the draws.
 
-    Raises `SimulationError` if too few positions about it can be simulated.
+    Raises `SimulationError` if too few positions around the estimate can be simulated.
     """
     likelihood, rng = estimate.likelihood.with_noises(estimate.likelihood.noises), np.random.default_rng(seed)
     population = _Population(likelihood, estimate, rng)
@@ -317,7 +317,7 @@ def draw(estimate: Estimate, seed: int = 0) -> tuple[Estimate, Draws]:
 
 
 def _checked(population: _Population, wide: Floats, rng: np.random.Generator) -> tuple[float, float, float]:
-    """K-hat of the simulated density over the regression's, draws its weights are worth, and the gap between them."""
+    """K-hat and effective number of draws for the ratio of simulated to regressed density, and their gap."""
     posterior, d = population.posterior, population.posterior.d
     tried = wide[rng.choice(len(wide), CHECKS, replace=False)]
     errors = population.simulate(np.clip(tried[:, :d], 0.0, 1.0))
@@ -346,7 +346,7 @@ class _Population:
         return self.likelihood.residuals(self.likelihood.space.from_unit(unit))
 
     def round(self, order: int) -> bool:
-        """Simulate positions from somewhat more than the posterior, and draw it; true if it stays."""
+        """Simulate positions from a widened posterior, and draw from the new posterior; true if it has converged."""
         d = len(self.centre)
         root = np.asarray(np.linalg.cholesky(self.covariance), float)
         inverse = np.linalg.inv(root)
@@ -380,7 +380,7 @@ class _Population:
         return self.converged and believed
 
     def _step_change(self) -> Floats:
-        """Change (k, n) of the residuals by the time step of the simulations, of the last positions."""
+        """Error (k, n) of the residuals due to the time step, at the last positions."""
         if self.likelihood.finer is None:
             return np.empty((0, self.likelihood.size))
         points = self.likelihood.space.from_unit(self.unit[-STEP_DRAWS:])
@@ -389,13 +389,13 @@ class _Population:
         return change[sound].mean(axis=0, keepdims=True) if sound.any() else np.empty((0, self.likelihood.size))
 
     def _fit_noise(self, regression: Regression, directions: Floats) -> None:
-        """Noise and most likely values of a regression in turn."""
+        """Estimate noise and most likely values of a regression alternately."""
         plain = self.likelihood.with_residuals(
             lambda points: regression.residuals(self.likelihood.space.to_unit(points))
         )
         with_courses, top = _with_courses(plain, directions), self.top
         for _ in range(NOISE_TURNS):
-            with telling(None):  # a round is a step
+            with telling(None):  # progress counts rounds only
                 end = climb(with_courses, np.clip(top, 0.0, 1.0)[None], turns=40, tolerance=1e-3)
             top, errors = end.unit[0], end.errors[0]
             slopes = regression.slopes(top)
@@ -413,7 +413,7 @@ class _Population:
         self.posterior = Posterior(with_courses, regression, samples)
 
     def better_than(self, before: Estimate) -> Estimate:
-        """Estimate at the top of the last regression, with its noise; the one before if the simulated top is worse."""
+        """Estimate at the last regression's optimum, with its noise; `before` if the simulated optimum is worse."""
         likelihood = self.likelihood.with_noises(self._whole.noises)
         errors = self.simulate(np.vstack([self.top, before.unit]))
         points = likelihood.space.from_unit(np.vstack([self.top, before.unit]))
@@ -436,7 +436,7 @@ class _Population:
 
 
 def _with_courses(likelihood: Likelihood, courses: Floats) -> Likelihood:
-    """The likelihood whose values may be off by courses (k, n) more."""
+    """Likelihood with additional error courses (k, n)."""
     noises = [
         replace(noise, courses=np.vstack([noise.courses.reshape(-1, block.size), courses[:, block.rows]]))
         for block, noise in zip(likelihood.blocks, likelihood.noises, strict=True)
@@ -445,6 +445,6 @@ def _with_courses(likelihood: Likelihood, courses: Floats) -> Likelihood:
 
 
 def _reflected(unit: Floats) -> Floats:
-    """Positions (m, d) between the bounds, those beyond mirrored at them."""
+    """Positions (m, d), mirrored into the bounds."""
     inside = np.abs(unit)
     return np.clip(np.where(inside > 1.0, 2.0 - inside, inside), 0.0, 1.0)

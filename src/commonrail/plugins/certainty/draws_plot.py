@@ -1,4 +1,4 @@
-"""Draws of a posterior by matplotlib: each parameter against each other, or over the number of the draw."""
+"""Draws of a posterior by matplotlib: each pair of parameters, or each parameter over the number of the draw."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def draw_posterior(certainty: Certainty, ax: Any, kind: str) -> Any:
     units = certainty.estimate.likelihood.units
     labels = [f"{name} [{unit}]" for name, unit in zip(certainty.names, units, strict=False)]
     for i, value in enumerate(certainty.point):
-        if corner:  # histogram of parameter i, and its draws over those of the parameters before it
+        if corner:  # histogram of parameter i, and its draws over the draws of each previous parameter
             axes[i, i].hist(points[:, i], BINS, color=FAMILIES[0], alpha=0.5)
             axes[i, i].axvline(value, color=LOOKS["best"][0], linewidth=1.0)
             axes[i, i].set_yticks([])

@@ -1,9 +1,9 @@
-"""Tests for lack of fit: residuals that are not noise, or are larger than the noise is known to be.
+"""Tests for lack of fit: residuals that are not noise, or are larger than the known noise.
 
 Score test: the innovations of a fit are regressed on the whitened derivatives of its parameters and of suspects; an F
-test asks if the suspects explain more than noise does. Suspects are the quantities of each meter, of a data set alone,
-and each value that the fit leaves fixed, by itself. A test does not see what the parameters imitate, so that it never
-licenses an interval. All tests of a fit together raise a false alarm in 1 % of the fits.
+test shows whether the suspects explain more than noise does. Suspects are the quantities of a data set's meter,
+together, and each fixed value of the model, separately. Errors that the parameters can imitate stay hidden, so a passed
+test does not validate an interval. All tests of a fit together raise a false alarm in 1 % of the fits.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from commonrail.plugins.certainty.relief import Relief
 from commonrail.plugins.certainty.uncertain import ASSUMED
 
 LEVEL = 0.01  # false alarms of all tests of a fit together
-IMITATED = 1e-6  # part of a suspect that the parameters leave unexplained, below which nothing can be said of it
-FIXED = "fixed values"  # name of the test of what the fit leaves fixed
+IMITATED = 1e-6  # least unexplained part of a suspect; a smaller part cannot be tested
+FIXED = "fixed values"  # name of the test of fixed values
 BEYOND = "beyond what is stated"  # suspect of the test of an uncertain quantity
 DISCREPANCY = "discrepancy"  # suspect of the test for an error of the model
 
@@ -41,8 +41,8 @@ class LackOfFit(NamedTuple):
 
     name: str  # data set, uncertain quantity, or `FIXED`
     score: float  # probability that noise explains as much as the suspects do
-    size: float | None  # probability of residuals so large with the stated deviation; None where it is estimated
-    suspect: str  # the one that by itself explains most
+    size: float | None  # probability of residuals so large with the stated deviation; None if it is estimated
+    suspect: str  # the suspect that explains most by itself
     detected: Annotated[bool, Key("found")]  # the residuals are not noise, at a level shared by all tests of the fit
     sentence: str  # what the residuals look like; empty if nothing is detected
     relief: float = 0.0  # share of the error that freeing the suspect is expected to take away
@@ -51,7 +51,7 @@ class LackOfFit(NamedTuple):
 def lack_of_fit(estimate: Estimate, first: int, fixed: Mapping[str, Floats] | None = None) -> list[LackOfFit]:
     """Tests of each data set, of each uncertain quantity, of the model's error, and of fixed values.
 
-    `first`: number of the study's own parameters, which the uncertain quantities follow; `fixed`: of `fixed_changes`.
+    `first`: number of the study's own parameters, before the uncertain quantities; `fixed`: result of `fixed_changes`.
     """
     likelihood, relief = estimate.likelihood, Relief(estimate)
     many = sum(1 + noise.stated + bool(noise.scatter) for noise in likelihood.noises) + len(estimate.unit) - first + 1
@@ -59,7 +59,7 @@ def lack_of_fit(estimate: Estimate, first: int, fixed: Mapping[str, Floats] | No
     tests = [_of_block(estimate, i, level, relief) for i in range(len(likelihood.blocks))]
     tests += _beyond_stated(estimate, first, level, relief)
     if share := max(noise.share for noise in likelihood.noises):
-        # its gain of 2 ln L is at least this: the largest probability by chi-squared of one degree of freedom
+        # upper limit of the probability, from the least gain of 2 ln L by chi-squared with one degree of freedom
         size = significant(100.0 * share, 2)
         words = f"the model is off by about {size} % of the values in a way that no free parameter mends"
         tests.append(LackOfFit(DISCREPANCY, float(special.chdtrc(1, SHARE_GAIN)), None, DISCREPANCY, True, words))
@@ -67,7 +67,7 @@ def lack_of_fit(estimate: Estimate, first: int, fixed: Mapping[str, Floats] | No
 
 
 def _beyond_stated(estimate: Estimate, first: int, level: float, relief: Relief) -> list[LackOfFit]:
-    """Tests of the parameters from the column `first` on: is each where it is stated, or usually is?
+    """Tests of the parameters from the column `first` on: does each agree with its stated or usual value?
 
     The probability of a value as far from the stated one, by its normal law. Data that say little raise fewer alarms.
     """
@@ -135,9 +135,9 @@ NAMED = 3  # suspects that are named
 
 
 def fixed_changes(study: Study, estimate: Estimate, threads: int | None = None) -> dict[str, Floats]:
-    """Changes (n,) of the residuals by each value that the fit leaves fixed and whose change can be simulated.
+    """Changes (n,) of the residuals by each fixed value whose change can be simulated.
 
-    `study`: of `with_uncertain_free`.
+    `study`: result of `with_uncertain_free`.
     """
     injector, space = study.injector, estimate.likelihood.space
     left_out = {*space.names, *COUNTS, *unread_parameters(injector.variant)}
@@ -174,10 +174,10 @@ def _of_fixed(estimate: Estimate, fixed: Mapping[str, Floats], level: float, rel
 def _score(
     estimate: Estimate, blocks: Sequence[Block], suspects: Mapping[str, Floats]
 ) -> tuple[float, str, dict[str, float]]:
-    """Probability of the F test of all suspects, the one that explains most, and the probability of each by itself.
+    """Probability of the F test of all suspects, the suspect that explains most, and the probability of each suspect.
 
-    `suspects`: changes of the residuals of neighbouring blocks. Outliers count as they do in the fit; the priors are
-    further values.
+    `suspects`: changes of the residuals of neighbouring blocks. Outliers are weighted as in the fit; the priors are
+    additional values.
     """
     likelihood, rows = estimate.likelihood, slice(blocks[0].rows.start, blocks[-1].rows.stop)
     innovations = likelihood.whiten(estimate.errors)
@@ -218,7 +218,7 @@ def _basis(rows: Floats) -> Floats:
 def _size(innovations: Floats, used: float, scale_freedom: float) -> float:
     """Probability of a sum of squares as large as that of innovations (n,), by the stated noise.
 
-    `used`: parameters that the data set pays for, and values that are not samples; `scale_freedom`: of the noise.
+    `used`: degrees of freedom taken by the fit, plus values that are not samples; `scale_freedom`: of the noise scale.
     """
     freedom, squares = max(len(innovations) - used, 1.0), float(np.sum(innovations**2))
     if np.isfinite(scale_freedom):
@@ -227,10 +227,10 @@ def _size(innovations: Floats, used: float, scale_freedom: float) -> float:
 
 
 def withdrawal(estimate: Estimate, tests: Sequence[LackOfFit], refusal: str = "") -> str:
-    """Reason why no parameter may be called determined; empty if there is none. `refusal`: of the draws."""
+    """Reason why no parameter is called determined, or empty; `refusal`: reason to reject the draws."""
     if not estimate.settled:
         if estimate.starts > 1 and estimate.agreeing < 2:
             return f"the search has not converged: {estimate.agreeing} of {estimate.starts} starts agree"
         return "the search has not converged: a better fit is near"
-    alarms = (t.sentence for t in tests if t.detected and t.suspect != DISCREPANCY)  # a discrepancy is in the intervals
+    alarms = (t.sentence for t in tests if t.detected and t.suspect != DISCREPANCY)  # intervals include a discrepancy
     return refusal or next(alarms, "")

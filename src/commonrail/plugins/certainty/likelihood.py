@@ -2,7 +2,7 @@
 
 For residuals e of a data set (simulated − measured), its autoregression and its scale give standardised innovations u,
 independent from value to value, and the logarithm of its likelihood is Σ (−ρ(u)/2 − ln scale) with the cost ρ of its
-law. Weights of the objective play no part: the noise says what a data set is worth. Priors are kept apart.
+law. Weights of the objective are not used: the noise determines the weight of a data set. Priors are separate.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from commonrail.calibration.space import Space
 from commonrail.calibration.study import Study, objective_of
 from commonrail.plugins.certainty.noise_fit import Block, FittedNoise, block_of, fit_noises, row_weights, with_shots
 
-# Step of a one-sided difference, in positions between the bounds, on the way to the optimum: valleys of many parameters
-# bend within 1e-3; the switching of a PWM drive is that wide.
+# Step of one-sided differences during the search, as a share of the bounds' width. With many parameters, valleys bend
+# within 1e-3; a PWM drive needs a step as wide as its switching.
 FORWARD, FORWARD_ROUGH = 1e-4, 1e-3
-FINER = 4.0  # parts of the time step of a study with which its error is found
+FINER = 4.0  # factor by which a shorter time step gives the error of the time step
 
 
 class Likelihood:
@@ -40,7 +40,7 @@ class Likelihood:
     space : Space
         Free parameters.
     blocks : sequence of Block
-        One for each data set; their rows are all residuals.
+        One block per data set; together they contain all residuals.
     residuals : function of (m, d)
         Residuals (m, n) of points [SI], simulated − measured, in the units of the blocks; NaN where a simulation fails.
     forward : float
@@ -55,9 +55,9 @@ class Likelihood:
     size : int
         Number of residuals of all blocks.
     noises : tuple of FittedNoise
-        Of the blocks, in order; none in a new likelihood. `estimated` and `with_noises` set them.
+        Noises of the blocks, in order; empty in a new likelihood. `estimated` and `with_noises` set them.
     simulated, failed : int
-        Points simulated, and those that failed.
+        Number of simulated points, and number of failures.
     """
 
     def __init__(
@@ -113,13 +113,13 @@ class Likelihood:
         return list(zip(self.blocks, self.noises, strict=True))
 
     def with_noises(self, noises: Sequence[FittedNoise]) -> Likelihood:
-        """The same likelihood with other noise; it counts simulations of its own."""
+        """Copy with other noise and a new count of simulations."""
         other = copy(self)
         other.noises, other.simulated, other.failed = tuple(noises), 0, 0
         return other
 
     def with_residuals(self, residuals: Callable[[Floats], Floats]) -> Likelihood:
-        """The same likelihood, with its noise, whose residuals (m, n) of points (m, d) another function gives."""
+        """Copy with the same noise and another function that returns residuals (m, n) of points (m, d)."""
         other = self.with_noises(self.noises)
         other._residuals, other.finer = residuals, None
         return other
@@ -133,12 +133,12 @@ class Likelihood:
         correlated: bool = True,
         like: Sequence[FittedNoise] | None = None,
     ) -> Likelihood:
-        """The same likelihood with the noise that residuals (n,) at the best values show; as `fit_noises`."""
+        """Copy with the noise estimated from residuals (n,) at the best values; arguments as for `fit_noises`."""
         fitted_courses = np.zeros((0, self.size)) if fitted_courses is None else fitted_courses
         return self.with_noises(fit_noises(self.blocks, errors, used, fitted_courses, correlated=correlated, like=like))
 
     def residuals(self, points: Floats) -> Floats:
-        """Residuals (m, n) of points (m, d) [SI]; rows of NaN where a simulation failed, which are counted.
+        """Residuals (m, n) of points (m, d) [SI]. A failed simulation is counted; its row is NaN.
 
         `KeyboardInterrupt` if a stop was asked for, within `hold_interrupts`.
         """
@@ -157,7 +157,7 @@ class Likelihood:
         return innovations
 
     def block_costs(self, innovations: Floats) -> Floats:
-        """−2 ln L of each block (…, blocks) of innovations (…, n), without its constants; NaN where one is."""
+        """−2 ln L of each block (…, blocks) for innovations (…, n), without constants; NaN if an innovation is NaN."""
         costs = [np.sum(noise.density.cost(innovations[..., block.rows]), axis=-1) for block, noise in self.pairs]
         return np.stack(costs, axis=-1)
 
@@ -179,9 +179,9 @@ class Likelihood:
 
 
 def central_slopes(likelihood: Likelihood, unit: Floats) -> Floats:
-    """Derivatives (d, n) of the residuals with respect to positions, at a position (d,); zero where a candidate fails.
+    """Derivatives (d, n) of the residuals with respect to positions, at a position (d,); zero if a candidate fails.
 
-    From differences to both sides, simulated in one batch.
+    Central differences, simulated in one batch.
     """
     near = around_position(likelihood.space, unit)
     below, above = likelihood.residuals(near.values[1:]).reshape(2, -1, likelihood.size)

@@ -1,7 +1,7 @@
 """Certainty of given values without a search, for fleets: by a linear model about them, from 2 d + 1 simulations.
 
-The distance of the given values from the most likely ones, which another loss or an unfinished search leaves, counts as
-their error.
+Another loss or an unfinished search leaves the given values at a distance from the most likely values; the distance is
+added to their error.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from commonrail.plugins.certainty.uncertain import with_uncertain_free
 from commonrail.plugins.certainty.verdict import verdicts_of
 
 ESTIMATOR = "curvature of the likelihood at the fitted values, their distance from the most likely ones added"
-DIGITS = 5  # of a standard error: LAPACK has other last bits on other processors
+DIGITS = 5  # of a standard error: the last bits of LAPACK depend on the processor
 
 
 class Near(NamedTuple):
@@ -37,8 +37,8 @@ class Near(NamedTuple):
 def certify_near(study: Study, best: Mapping[str, float], threads: int | None = None) -> dict[str, Near]:
     """Certainty of the values [SI] of a fit, as `Calibration.best`, by the name of the parameter.
 
-    Noise and optimum of the linear model are estimated in turn, from the residuals that it leaves at the optimum.
-    Raises `SimulationError` if the values cannot be simulated.
+    Noise and optimum of the linear model are estimated alternately, from its residuals at the optimum. Raises
+    `SimulationError` if the values cannot be simulated.
     """
     free, d = with_uncertain_free(study), study.space.dimension
     likelihood = Likelihood.of(free, threads)
@@ -63,7 +63,7 @@ def certify_near(study: Study, best: Mapping[str, float], threads: int | None = 
     half = result.half_widths() * scale
     deviations = bounded(total)
     correlation = deviations / np.sqrt(np.outer(np.diag(deviations), np.diag(deviations)))
-    at_top = replace(result, unit=top, point=likelihood.space.from_unit(top))  # where the residuals are
+    at_top = replace(result, unit=top, point=likelihood.space.from_unit(top))  # the residuals belong to the optimum
     reason = withdrawal(result, lack_of_fit(at_top, d))
     judged = verdicts_of(result, d, ((point - half)[:d], (point + half)[:d]), correlation, reason)
     standard_errors = (np.sqrt(np.diag(total)) * scale).tolist()

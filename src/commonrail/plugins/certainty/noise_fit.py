@@ -1,4 +1,7 @@
-"""Noise of each data set of a fit, from its residuals: law, correlation, growth with the rate, discrepancy."""
+"""Noise of each data set of a fit, from its residuals: law, correlation, growth with the rate, discrepancy.
+
+A course is a pattern of errors that all values of a data set share; its random weight has unit variance.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ from commonrail.data.base import DataSet
 from commonrail.data.noise import NOISE, Correlation, Law, Noise
 
 FREEDOM = 4.0  # of Student's t
-ROUNDING = 0.2  # of the corner of the Laplace law, and width of the kernel of its density, in scales
+ROUNDING = 0.2  # radius of the rounded corner of the Laplace law, and kernel width of its density, in scales
 _NORMAL = 1.4826  # standard deviation of a normal sample over its median magnitude
 _TURNS = 60
 
@@ -28,7 +31,7 @@ class DensityLaw(NamedTuple):
     The slope of the Laplace law is a kernel density estimate: its mean over residuals is twice their density at zero.
     """
 
-    cost: Callable[[Floats], Floats]  # ρ, which is −2 ln of the density without its constant
+    cost: Callable[[Floats], Floats]  # ρ = −2 ln of the density, without its constant
     weight: Callable[[Floats], Floats]  # ψ/u with ψ = ρ′/2
     slope: Callable[[Floats], Floats]  # ψ′
     constant: float  # −2 ln of the density at zero, with scale 1
@@ -87,18 +90,18 @@ def samples_of(errors: Floats) -> Floats:
 
 
 def count_exact(errors: Floats) -> int:
-    """Number of values of errors (n,), or of all series (k, n), that agree exactly; 0 if all values do."""
+    """Number of exact zeros among errors (n,), or of values that are zero in all series (k, n); 0 if all are zero."""
     exact = (np.atleast_2d(errors) == 0.0).all(axis=0)
     return 0 if exact.all() else int(np.count_nonzero(exact))
 
 
 def sample_count(errors: Floats) -> int:
-    """Number of samples of the noise among errors (n,), or among those of several series (k, n)."""
+    """Number of values of errors (n,) or series (k, n) that are samples of the noise, without exact zeros."""
     return int(errors.shape[-1] - count_exact(errors))
 
 
 def scale_of(law: Law, errors: Floats, freedom: float) -> float:
-    """Scale of errors (n,) under a law other than "auto": root of Σ weight · error²/freedom, which the weights need."""
+    """Scale of errors (n,) under a law other than "auto": root of Σ weight · error²/freedom, by iteration."""
     if law is Law.GAUSSIAN:
         return float(np.sqrt(np.sum(errors**2) / freedom))
     variance = max((_NORMAL * float(np.median(np.abs(samples_of(errors))))) ** 2, np.finfo(float).tiny)
@@ -112,7 +115,7 @@ def scale_of(law: Law, errors: Floats, freedom: float) -> float:
 MOST = 15  # largest order
 _SHARE = 0.1  # of the samples that the order may reach
 _LIMIT = 0.995  # largest reflection coefficient
-BIAS = 2.0  # of the first reflection coefficient of a series whose mean is known: −2 r/n
+BIAS = 2.0  # of the first reflection coefficient r of n samples with known mean: −2 r/n
 
 
 class Autoregression:
@@ -123,12 +126,12 @@ class Autoregression:
 
     @property
     def order(self) -> int:
-        """Number of former samples that a sample depends on."""
+        """Number of previous samples that a sample depends on."""
         return len(self.reflections)
 
     @cached_property
     def predictors(self) -> list[Floats]:
-        """Coefficients of the best predictors from 0, 1, … `order` former samples, by Levinson's recursion."""
+        """Coefficients of the best predictors from 0, 1, … `order` previous samples, by Levinson's recursion."""
         predictors = [np.empty(0)]
         for k in self.reflections:
             previous = predictors[-1]
@@ -137,11 +140,11 @@ class Autoregression:
 
     @property
     def innovation_share(self) -> float:
-        """Standard deviation of an innovation over that of a sample."""
+        """Standard deviation of an innovation over the standard deviation of a sample."""
         return float(np.sqrt(np.prod(1.0 - self.reflections**2)))
 
     def whiten(self, errors: Floats) -> Floats:
-        """Innovations (…, n) of errors (…, n), all with the deviation of the last; no sample is lost at the begin."""
+        """Innovations (…, n) of errors (…, n), scaled to one standard deviation; the first samples are kept."""
         order = min(self.order, errors.shape[-1])
         innovations = np.array(errors, float)
         for lag, factor in enumerate(self.predictors[-1], 1):
@@ -157,11 +160,11 @@ class Autoregression:
 def fit_autoregression(series: Floats) -> Autoregression:
     """Autoregression of the order with the least AIC, by Burg's method.
 
-    Residuals are smaller than the noise, and less correlated, because the fit has followed it. Their sums of products
-    are therefore completed, as in expectation maximisation, by those of the possible errors of the fitted values.
+    Residuals are smaller and less correlated than the noise, because the fit follows the noise. As in expectation
+    maximisation, the sums of products of the fit's own errors are therefore added.
 
-    `series` (1 + d, n): residuals, then d courses with unit weights that the fitted values may be off by: columns of a
-    root of the covariance of the parameters, times the derivatives.
+    `series` (1 + d, n): residuals, then d courses of the fit's own errors: columns of a root of the covariance of the
+    parameters, times the derivatives.
     """
     samples = sample_count(series[0])
     forward, backward = np.array(series, float), np.array(series, float)
@@ -182,13 +185,13 @@ def fit_autoregression(series: Floats) -> Autoregression:
     return Autoregression(selected)
 
 
-LEAST = 50  # values of the noise, below which no growth is looked for
-# Of 2 ln L, which chance exceeds in 0.16 % (chi-squared of one degree of freedom; 0.15 and 0.2 % of 20 000 series of
-# 400 and 100 values).
+LEAST = 50  # fewest samples for an estimate of the growth
+# Least gain of 2 ln L. Chance exceeds it in 0.16 % of cases (chi-squared with one degree of freedom; 0.15 and 0.2 % of
+# 20 000 series of 400 and 100 values).
 GAIN = 10.0
-GRID = np.geomspace(0.1, 100.0, 61)  # deviation at the highest rate over the one at zero, less 1
-# Of the root mean square of a series, below which a value is an exact agreement and no sample: measured noise is more
-# than 5 % of it even where shots scatter by 1 % and the sensor by 0.02 mm³/ms.
+GRID = np.geomspace(0.1, 100.0, 61)  # standard deviation at the highest rate over the deviation at zero, less 1
+# Share of the root mean square of a series, below which a value counts as an exact zero. Measured noise exceeds 5 % of
+# it even if shots scatter by 1 % and the sensor by 0.02 mm³/ms.
 AGREED = 1e-4
 
 
@@ -201,7 +204,7 @@ class Growth(NamedTuple):
 
     @classmethod
     def of(cls, rate: Floats, slope: float) -> Growth:
-        """Growth of values with rates (n,), of which negative ones count as zero."""
+        """Growth of values with rates (n,); a negative rate counts as zero."""
         if not slope:
             return EVEN
         grown = 1.0 + slope * np.maximum(rate, 0.0)
@@ -209,7 +212,7 @@ class Growth(NamedTuple):
         return cls(least * grown, least, slope)
 
     def at(self, rate: Floats) -> Growth:
-        """The same noise of other values (m,): in the same unit, so that a scale stays what it is."""
+        """Growth for other rates (m,), relative to the same scale."""
         return self._replace(shape=self.least * (1.0 + self.slope * np.maximum(rate, 0.0)))
 
 
@@ -217,9 +220,9 @@ EVEN = Growth(np.ones(1), 1.0, 0.0)
 
 
 def growth_of(innovations: Floats, rate: Floats) -> Growth:
-    """Growth that innovations (n,) show with the rates (n,) of their values; `EVEN` where chance would show as much.
+    """Growth of innovations (n,) with the rates (n,) of their values; `EVEN` if it is not significant.
 
-    The growth is the least-squares fit of the logarithms of their magnitudes, which outliers hardly move.
+    The growth is fitted to the logarithms of the magnitudes by least squares, on which outliers have little effect.
     """
     top = float(np.max(rate, initial=0.0))
     size = np.abs(innovations)
@@ -237,21 +240,21 @@ def growth_of(innovations: Floats, rate: Floats) -> Growth:
 
 WHITE = Autoregression(np.empty(0))
 FAR, FAR_SHARE, FAR_LEAST = 4.0, 0.01, 50  # deviations, share and number of values by which outliers are recognised
-# Share of the largest measured value. The filters of a meter leave some 1e-13 of it by rounding where the flow is zero.
+# Share of the largest measured value. Rounding in the filters of a meter leaves about 1e-13 of it at zero flow.
 _ROUNDING = 1e-9
-NEGLIGIBLE = 1e-10  # power of a course over the largest, below which it is left out
+NEGLIGIBLE = 1e-10  # power of a course over the largest power, below which the course is omitted
 _CLIP = 3.0  # deviations to which outliers are cut before the autocorrelation is estimated
 
 
 @dataclass(frozen=True)
 class FittedNoise:
-    """Fitted noise of a block: autoregressive noise of one scale, and `courses` that all values may be off by."""
+    """Fitted noise of a block: autoregressive noise of one scale, and `courses` of errors shared by all values."""
 
     law: Law  # not "auto"
-    scale: float  # of an innovation, in the unit of the residuals; `density.deviation` of it are a standard deviation
-    freedom: float  # degrees of freedom of the scale; infinite where it is exactly known
+    scale: float  # of an innovation, in the unit of the residuals; times `density.deviation`: standard deviation
+    freedom: float  # degrees of freedom of the scale; infinite if the scale is exactly known
     autoregression: Autoregression = WHITE
-    stated: bool = False  # the scale is stated or of repeated measurements, and not estimated from the residuals
+    stated: bool = False  # the scale is stated or from repeated measurements, not estimated from the residuals
     growth: Growth = EVEN  # standard deviations of the values relative to each other
     scatter: float = 0.0  # common error of all values, as a share of them
     courses: Floats = field(default_factory=lambda: np.empty((0, 0)))  # (k, n), one standard deviation of each
@@ -270,12 +273,12 @@ class FittedNoise:
 
     @property
     def sigma(self) -> float:
-        """Standard deviation of a value, correlation included; at a rate of zero where it grows with the rate."""
+        """Standard deviation of a value, correlation included; at a rate of zero if it grows with the rate."""
         return self.value_scale * self.density.deviation * self.growth.least
 
     @property
     def relative(self) -> float:
-        """Share of the rate by which `sigma` grows."""
+        """Growth of `sigma` per unit of the rate."""
         return self.sigma * self.growth.slope
 
     def mean_slope(self, innovations: Floats) -> float:
@@ -283,14 +286,15 @@ class FittedNoise:
         return max(float(self.density.slope(samples_of(innovations)).mean()), 0.05)
 
     def at(self, rate: Floats) -> FittedNoise:
-        """The same noise of a curve with other rates (m,), in the same unit; without an estimated discrepancy."""
+        """Noise of a curve with other rates (m,), in the same unit, without the estimated discrepancy."""
         return replace(self, growth=self.growth.at(rate), courses=self.scatter * rate[None], share=0.0)
 
     def whiten(self, errors: Floats) -> Floats:
         """Standardised innovations (…, n) of residuals (…, n).
 
-        With the whitened courses U (k, n), in deviations of the law, their covariance is 1 + UᵀU; its root keeps what
-        is square to them, and divides what lies along a principal axis of U by √(1 + λ), λ being its power.
+        With the whitened courses U (k, n), in deviations of the law, the covariance of the innovations is 1 + UᵀU. Its
+        inverse root divides the component along a principal axis of U with the power λ by √(1 + λ), and leaves
+        components orthogonal to all axes unchanged.
         """
         innovations = self._innovations(errors)
         axes, powers = self._axes
@@ -299,14 +303,14 @@ class FittedNoise:
         return np.asarray(innovations - ((innovations @ axes.T) * (1.0 - 1.0 / np.sqrt(1.0 + powers))) @ axes)
 
     def explained(self, errors: Floats) -> Floats:
-        """Most likely sum (n,) of the courses within residuals (n,)."""
+        """Most likely contribution (n,) of the courses to residuals (n,)."""
         moves = self._innovations(self.courses) / self.density.deviation
         u = self._innovations(errors) / self.density.deviation
         return np.asarray(np.linalg.solve(np.eye(len(moves)) + moves @ moves.T, moves @ u) @ self.courses)
 
     @property
     def absorbed(self) -> float:
-        """Number of values that the courses follow: the trace of their influence."""
+        """Degrees of freedom that the courses take: trace of their influence matrix."""
         powers = self._axes[1]
         return float(np.sum(powers / (1.0 + powers)))
 
@@ -331,14 +335,15 @@ class FittedNoise:
         return self.autoregression.whiten(errors / self.growth.shape) / self.scale
 
 
-# Lengths of correlation of a model's discrepancy, chosen: the time that a needle's motion takes; distances in a map.
+# Chosen correlation lengths of a model's discrepancy: of a curve, the duration of a needle stroke; of a map, in
+# energising time and rail pressure.
 LENGTH, TIME_LENGTH, PRESSURE_LENGTH = 50e-6, 0.2e-3, 40e6  # [s], [s], [Pa]
-SMALL_VALUE = 0.03  # of the largest value of a map, below which its discrepancy is no smaller
-HEIGHT = (2.0 / math.pi) ** 0.25  # of bumps a length apart whose squares add up to 1
-LEAST_NEAR = 3  # samples of a curve within a length, from which it may have a discrepancy
-MOST_ROOTED = 600  # values of a map whose covariance is decomposed
-MOST_BUMPS = 150  # along an axis: of a longer record they are farther apart
-HALF_PERIODS = 3  # of a drift: cosines of half a period to one and a half over the record
+SMALL_VALUE = 0.03  # share of the largest value of a map; smaller values have the discrepancy of this share
+HEIGHT = (2.0 / math.pi) ** 0.25  # of bumps one length apart whose squares add up to 1
+LEAST_NEAR = 3  # fewest samples per length for a curve to have a discrepancy
+MOST_ROOTED = 600  # most values of a map for which the covariance itself is decomposed
+MOST_BUMPS = 150  # along an axis; in a longer record the bumps are farther apart
+HALF_PERIODS = 3  # of a drift: cosines with 1, 2 and 3 half periods over the record
 
 
 @dataclass(frozen=True)
@@ -346,14 +351,14 @@ class Block:
     """Residuals of a data set within the residuals of a fit."""
 
     name: str
-    rows: slice  # its place
-    noise: Noise = NOISE  # as stated; a standard deviation in the unit of the residuals
+    rows: slice  # rows within all residuals
+    noise: Noise = NOISE  # as stated, with standard deviations in the unit of the residuals
     unit: str = ""  # unit of the residuals, for texts
-    ordered: bool = False  # the values are a course in time
-    at_zero: Floats = field(default_factory=lambda: np.empty(0))  # (n,), residuals where the model gives nothing
-    # (n,), change of the residuals for one more unit of the values everywhere
+    ordered: bool = False  # the values are a curve over time
+    at_zero: Floats = field(default_factory=lambda: np.empty(0))  # (n,), residuals of simulated values of zero
+    # (n,), change of the residuals if each simulated value rises by one unit
     offset: Floats = field(default_factory=lambda: np.empty(0))
-    # (n, 2), time [s] and rail pressure [Pa] of each value, between which a discrepancy is correlated
+    # (n, 2), time [s] and rail pressure [Pa] of each value; the correlation of a discrepancy depends on their distances
     places: Floats = field(default_factory=lambda: np.empty((0, 2)))
     shots: FittedNoise | None = None  # noise estimated from repeated shots
 
@@ -364,14 +369,15 @@ class Block:
 
     @property
     def rounding(self) -> Floats:
-        """Residuals (n,) below which a value that was measured as exactly zero, or is not judged, is met exactly."""
+        """Limits (n,) of residuals that count as zero, for values measured as exactly zero or not judged; else 0."""
         return np.where(self.at_zero == 0.0, _ROUNDING * np.max(np.abs(self.at_zero), initial=0.0), 0.0)
 
     def courses(self, deviations: Floats, length: float, pressure_length: float = math.inf) -> Floats:
-        """Courses (k, n) with independent unit weights that add up to a discrepancy with a Gaussian correlation.
+        """Courses (k, n) whose sum, with independent unit weights, is a discrepancy with a Gaussian correlation.
 
-        They are bumps a length apart, along a course in time or over the energising times and rail pressures of a map;
-        the variance of their sum is even to 1.4 %. Without a length there are none: it is then part of the noise.
+        The courses are bumps one length apart, along a curve over time or over the energising times and rail pressures
+        of a map; the variance of their sum is constant to 1.4 %. A length of zero gives no courses: the discrepancy is
+        then part of the noise.
 
         `deviations` (n,): standard deviations, in the unit of the residuals; `length`, `pressure_length`: [s], [Pa].
         """
@@ -402,14 +408,15 @@ class Block:
         return self.courses(deviations, self.noise.length, self.noise.pressure_length)
 
     def model_courses(self, rate: Floats) -> Floats:
-        """Courses (k, n) of a discrepancy of one unit, in proportion to simulated values (n,).
+        """Courses (k, n) of a discrepancy of 100 % of simulated values (n,).
 
-        Of a curve the largest value within a length counts, so that an edge that comes too late is a discrepancy.
+        In a curve it is proportional to the largest value within a length, so that it covers an edge that comes too
+        late.
         """
         if self.ordered:
             interval = float(np.median(np.diff(self.places[:, 0]))) if self.size > 1 else LENGTH
             near = round(LENGTH / interval)
-            if near < LEAST_NEAR:  # of so few samples a length it could not be told from noise
+            if near < LEAST_NEAR:  # so few samples per length look like noise
                 return np.zeros((0, self.size))
             around = ndimage.maximum_filter1d(np.abs(rate), 2 * near + 1, mode="nearest")
             return self.courses(ndimage.gaussian_filter1d(around, near, mode="nearest"), LENGTH)
@@ -418,7 +425,7 @@ class Block:
         return self.courses(np.where(judged, np.maximum(np.abs(rate), floor), 0.0), TIME_LENGTH, PRESSURE_LENGTH)
 
     def drift_courses(self) -> Floats:
-        """Constant and cosines (1 + `HALF_PERIODS`, n) over the record of one unit of the residuals."""
+        """Constant and cosines (1 + `HALF_PERIODS`, n) over the record, with an amplitude of one unit of the values."""
         times = self.places[:, 0] - self.places[:, 0].min()
         phase = np.pi * times / max(float(np.ptp(times)), 1e-300)
         return np.asarray(np.cos(np.arange(HALF_PERIODS + 1)[:, None] * phase) * self.offset)
@@ -443,9 +450,9 @@ def block_of(data: DataSet, start: int) -> Block:
 
 
 def row_weights(data: DataSet) -> Floats:
-    """Weights (n,) in the residuals of a data set, which its likelihood does not have.
+    """Weights (n,) that the objective applies to squared residuals of a data set, but the likelihood does not.
 
-    Repeated quantities say nothing of the dead times of a map: these keep a standard deviation of one tolerance.
+    Repeated quantities do not show the scatter of dead times, whose standard deviation therefore remains one tolerance.
     """
     weights = np.full(len(data.measured), data.weight)
     if data.noise.sigma is not None and math.isfinite(data.noise.freedom):
@@ -462,9 +469,9 @@ def coordinates_of(data: DataSet) -> Floats:
     return np.column_stack([[point.pulses[0].duration if point.pulses else 0.0 for point in data.points], pressures])
 
 
-PASSES = 3  # of noise and courses in turn
-FEW_VALUES = 5  # of a map, below which its noise is not estimated
-SMALLEST = np.finfo(float).tiny ** 0.25  # scale of a noise: its fourth power is not zero
+PASSES = 3  # alternating estimates of noise and courses
+FEW_VALUES = 5  # fewest values of a map whose noise is estimated
+SMALLEST = np.finfo(float).tiny ** 0.25  # smallest scale of a noise whose fourth power is not zero
 
 
 def fit_noise(
@@ -479,11 +486,11 @@ def fit_noise(
 ) -> FittedNoise:
     """Noise of a block from its residuals (n,) at the best values.
 
-    `used`: parameters that the block pays for: trace of its part of the influence matrix; `fitted_courses` (d, n):
-    courses that the fitted values may be off by, see `fit_autoregression`; `correlated`: look for autocorrelation,
-    outliers and growth with the rate; `rate` (n,): rates that the noise may grow with, by default the simulated ones,
-    since weights by measured ones would favour values that are too low; `more` (k, n): courses in addition to those
-    that the study states.
+    `used`: degrees of freedom that the fit takes from the block (trace of its part of the influence matrix);
+    `fitted_courses` (d, n): courses of the fit's own errors, see `fit_autoregression`; `correlated`: look for
+    autocorrelation, outliers and growth with the rate; `rate` (n,): rates with which the noise may grow, by default
+    simulated rates, because weights from measured rates would favour low values; `more` (k, n): courses in addition to
+    the stated courses.
     """
     rate = errors - block.at_zero if rate is None else rate
     fitted_courses = np.zeros((0, len(errors))) if fitted_courses is None else fitted_courses
@@ -494,13 +501,13 @@ def fit_noise(
         return replace(block.shots, courses=courses)
     if not len(courses):
         return _fit(block, errors, used, fitted_courses, correlated, rate)
-    # white noise of differences between neighbours, which courses hardly contain, or of a third of the residuals
+    # start with white noise: differences between neighbours, which hardly contain courses, or a third of the residuals
     size = np.diff(errors) / math.sqrt(2.0) if block.ordered and len(errors) > 1 else errors / 3.0
     scale = max(float(np.sqrt(np.mean(samples_of(size) ** 2))), 1e-6 * float(np.max(np.abs(errors), initial=0.0)))
     noise = FittedNoise(Law.GAUSSIAN, max(scale, SMALLEST), math.inf, courses=courses)
     for _ in range(PASSES):
         rest, spent = errors - noise.explained(errors), used + noise.absorbed
-        rest = rest if not errors.any() else np.where(errors == 0.0, 0.0, rest)  # exact agreement stays no sample
+        rest = rest if not errors.any() else np.where(errors == 0.0, 0.0, rest)  # exact zeros remain excluded
         noise = _fit(block, rest, spent, fitted_courses, correlated, rate)
         noise = replace(noise, courses=courses, scatter=block.noise.scatter)
     return noise
@@ -521,7 +528,7 @@ def _fit(
         floor = block.noise.discrepancy if not block.noise.length else 0.0
         if correlated:
             sigma = sigma / growth.least
-        else:  # at the mean rate, for a search whose first rates may be far from the true ones
+        else:  # at the mean rate: early in a search the rates may be far from the true rates
             sigma += block.noise.relative * float(np.mean(np.maximum(rate, 0.0)))
         widened = math.hypot(sigma, floor)
         freedom = block.noise.freedom * (widened / sigma) ** 4  # Satterthwaite: the discrepancy is exactly known
@@ -529,25 +536,25 @@ def _fit(
         return FittedNoise(law, scale, freedom, regression, True, growth)
     freedom = max(sample_count(errors) - used, 1.0)
     scale = max(scale_of(law, regression.whiten(errors), freedom), SMALLEST)
-    if not block.ordered and sample_count(errors) < FEW_VALUES:  # their own tolerance is all that is known of them
+    if not block.ordered and sample_count(errors) < FEW_VALUES:  # only their tolerance is known
         return FittedNoise(law, max(scale, 1.0 / LAWS[law].deviation), math.inf, regression, True, growth)
     return FittedNoise(law, scale, freedom, regression, growth=growth)
 
 
 def _growth(block: Block, errors: Floats, rate: Floats, fitted_courses: Floats) -> Growth:
-    """Growth of the noise with the rate: as stated, or as the innovations show it."""
+    """Growth of the noise with the rate, as stated or estimated from the innovations."""
     if not block.ordered:
         return EVEN
     if block.noise.sigma is not None:
         return Growth.of(rate, block.noise.relative / block.noise.sigma)
     innovations = _regression(block, errors, fitted_courses, Law.STUDENT).whiten(errors)
-    sampled = errors != 0.0 if errors.any() else np.ones(len(errors), bool)  # exact agreement is no sample
+    sampled = errors != 0.0 if errors.any() else np.ones(len(errors), bool)  # exact zeros are not samples
     growth = growth_of(innovations[sampled], rate[sampled])
     return growth.at(rate) if growth.slope else EVEN
 
 
 def _recognise_law(block: Block, errors: Floats, fitted_courses: Floats) -> Law:
-    """Student's t where many innovations are outliers, else the normal distribution."""
+    """Student's t if many innovations are outliers, else the normal distribution."""
     innovations = samples_of(np.abs(_regression(block, errors, fitted_courses, Law.STUDENT).whiten(errors)))
     robust = _NORMAL * float(np.median(innovations))
     many = len(innovations) >= FAR_LEAST and np.mean(innovations > FAR * robust) > FAR_SHARE
@@ -555,7 +562,7 @@ def _recognise_law(block: Block, errors: Floats, fitted_courses: Floats) -> Law:
 
 
 def _regression(block: Block, errors: Floats, fitted_courses: Floats, law: Law) -> Autoregression:
-    """Autoregression of the errors (n,) of a course in time; outliers are cut where the law expects them."""
+    """Autoregression of the errors (n,) of a curve over time; outliers are clipped if the law allows for them."""
     if not block.ordered or block.noise.correlation is Correlation.WHITE:
         return WHITE
     cut = errors
@@ -566,17 +573,17 @@ def _regression(block: Block, errors: Floats, fitted_courses: Floats, law: Law) 
     return fit_autoregression(np.vstack([cut, share * fitted_courses]))
 
 
-# Size of a discrepancy or of a drift: that of the largest likelihood, if it gains more than chance does.
+# A discrepancy or a drift has the most likely size, if its gain in likelihood is significant.
 
-SHARES = np.geomspace(0.004, 0.4, 9)  # of the values
-# Of 2 ln L, below which there is no discrepancy: under outliers, whose law courses do not have, chance gained 20.
+SHARES = np.geomspace(0.004, 0.4, 9)  # tried discrepancies, as shares of the values
+# Least gain of 2 ln L for a discrepancy. If the noise has outliers, chance alone gained 20, because courses are normal.
 SHARE_GAIN = 30.0
-LEAST_SCORE = 4.0  # standard deviations of the score, below which no size is tried
+LEAST_SCORE = 4.0  # score in standard deviations, below which no size is tried
 DRIFTS = np.geomspace(0.2, 6.0, 5)  # in standard deviations of the noise
 
 
 def cost_of(block: Block, noise: FittedNoise, errors: Floats) -> float:
-    """−2 ln L of residuals (n,) of a block under its noise, two for each order of the autoregression (AIC)."""
+    """−2 ln L of residuals (n,) of a block under its noise, plus 2 per order of the autoregression (AIC)."""
     n = sample_count(errors)
     cost = float(np.sum(noise.density.cost(noise.whiten(errors)))) + n * noise.density.constant
     sampled = (errors != 0.0) if n < len(errors) else np.ones(len(errors), bool)
@@ -593,11 +600,11 @@ def fit_noises(
     correlated: bool = True,
     like: Sequence[FittedNoise] | None = None,
 ) -> list[FittedNoise]:
-    """Noise of all blocks of a fit, with a discrepancy of the model that is one share of the values of all of them.
+    """Noise of all blocks of a fit, with a discrepancy of the model that is the same share of the values in each block.
 
-    One share makes data sets comparable: by scales of their own a curve of 900 samples would outweigh a map of 88
-    quantities. There is no share where a study states discrepancies, or the likelihood gains too little. Arguments as
-    for `fit_noise`, of all blocks; `like`: noises whose discrepancy and drifts are taken and not estimated.
+    The common share makes data sets comparable: with separate scales, a curve of 900 samples would outweigh a map of 88
+    quantities. The share is zero if a study states discrepancies, or if the likelihood gains too little. Arguments as
+    for `fit_noise`, for all blocks; `like`: noises whose discrepancy and drifts are used instead of estimates.
     """
     parts = [(b, errors[b.rows], paid, fitted_courses[:, b.rows]) for b, paid in zip(blocks, used, strict=True)]
     if like is not None:
@@ -608,7 +615,7 @@ def fit_noises(
     model_courses = [b.model_courses(e - b.at_zero) for b, e, _, _ in parts]
 
     def fit(size: float) -> tuple[float, list[FittedNoise]]:
-        """Cost and noises with a discrepancy of a size."""
+        """Cost and noises for a size of the discrepancy."""
         noises = []
         for arguments, courses, drift in zip(parts, model_courses, drifts, strict=True):
             more = _stacked(size * courses, drift) if size else drift
@@ -625,7 +632,7 @@ def fit_noises(
 
 
 def _shows(noise: FittedNoise, arguments: tuple[Block, Floats, float, Floats], courses: Floats) -> bool:
-    """True if residuals lie along courses (k, n) by more than noise: score test of a component of their variance.
+    """True if courses (k, n) explain a significant part of the residuals: score test of a variance component.
 
     q = Σ (c·u)² over the whitened courses c has the mean Σ c·c and the variance 2 Σ (c·c′)².
     """
@@ -644,7 +651,7 @@ Trial = TypeVar("Trial")
 
 
 def _lowest(trial: Callable[[float], tuple[float, Trial]], sizes: Floats, limit: float) -> Trial | None:
-    """Trial of the lowest cost below a limit, of sizes in rising order until two costs in a row rise; None for none."""
+    """Trial with the lowest cost below a limit, or None; sizes increase until the cost has risen twice in a row."""
     best, last, rises = None, math.inf, 0
     for size in sizes.tolist():
         cost, result = trial(size)
@@ -658,11 +665,11 @@ def _lowest(trial: Callable[[float], tuple[float, Trial]], sizes: Floats, limit:
 
 
 def _drift(block: Block, errors: Floats, used: float, fitted_courses: Floats) -> Floats | None:
-    """Courses (k, n) of a slow drift of the record, in their size; None where it gains no more than chance."""
+    """Courses (k, n) of a slow drift of the record, scaled to its size; None if it is not significant."""
     if not block.ordered or block.noise.sigma is not None or block.shots is not None or sample_count(errors) < LEAST:
         return None
     plain = fit_noise(block, errors, used, fitted_courses)
-    if plain.law is not Law.GAUSSIAN:  # outliers pull courses after them
+    if plain.law is not Law.GAUSSIAN:  # outliers would distort the courses
         return None
     courses = plain.sigma * block.drift_courses() / max(float(np.max(np.abs(block.offset))), 1e-300)
 
@@ -674,7 +681,7 @@ def _drift(block: Block, errors: Floats, used: float, fitted_courses: Floats) ->
 
 
 def with_shots(blocks: Sequence[Block], data: Sequence[DataSet]) -> tuple[Block, ...]:
-    """Blocks whose noise models name repeated shots, with the noise of the differences between these, without a model.
+    """Blocks in which the noise of repeated shots is estimated from differences between the shots, without a model.
 
     `data`: in the order of the blocks. Raises `ConfigurationError` if a group has a single data set, or its data sets
     differ in kind or number of values.

@@ -24,10 +24,10 @@ from commonrail.plugins.certainty.relief import Relief
 from commonrail.plugins.certainty.uncertain import with_uncertain_free
 from commonrail.plugins.certainty.verdict import verdicts_of
 
-MEMBERS = 512  # of the library from which further starts are chosen: eight ensembles
-NORMAL_DRAWS = 4000  # of the normal distribution in place of draws that are not believed
-FAR = 3.0  # distance from which another end is another top
-TOPS = 2  # other tops that are looked at
+MEMBERS = 512  # simulated candidates for further starts: eight ensembles
+NORMAL_DRAWS = 4000  # from the normal distribution, if sampling fails
+FAR = 3.0  # distance beyond which an end point is another local optimum
+TOPS = 2  # other local optima that are examined
 
 
 def certainty(
@@ -56,25 +56,25 @@ def certainty(
     starts : int
         Starts of the search for the most likely values: the best values, and others far from each other.
     ends : (k, d), optional
-        Values [SI] of further starts, such as those where the descents of a search have ended.
+        Values [SI] of further starts, such as the end points of a search.
     combinations : sequence of str
-        Sums of parameters, such as "a + b" or "2*a - b", whose interval is wanted too.
+        Sums of parameters that also get an interval, such as "a + b" or "2*a - b".
     level : float
-        Share of intervals that are to hold the truth.
+        Confidence level: share of intervals that contain the true value.
     limit : float
-        Half width over value, up to which a parameter is called determined.
+        Largest ratio of half width to value of a determined parameter.
     keep : bool, optional
-        The given values stay the calibrated ones, and the intervals hold them too. None: where a test speaks against
-        the likelihood, which then is no measure of what fits best.
+        If True, the given values remain the calibrated values, and the intervals contain them. None: only if a test
+        rejects the likelihood, which then does not show which values fit best.
     seed : int
-        Of the draws.
+        Seed of the draws.
     note : function of str
         Called before long steps.
 
     Raises
     ------
     ConfigurationError
-        If an argument is of another kind, or a name is unknown.
+        If an argument has the wrong type, or a name is unknown.
     SimulationError
         If the best values cannot be simulated.
     """
@@ -102,10 +102,10 @@ def certainty(
 
 
 def drawn(result: Estimate, seed: int) -> tuple[Estimate, Draws]:
-    """Draws about the best of the tops that the search has ended at, and the estimate there.
+    """Estimate at the best local optimum of the search, and draws around it.
 
-    Of ends far from the best one, the likeliest are looked at: each with a noise of its own, so that the whole
-    likelihood is compared.
+    The likeliest end points far from the best one are examined, each with its own noise: complete likelihoods are
+    compared.
     """
     best, draws = _draws_or_normal(result, seed)
     away = np.flatnonzero(_distances(result, result.ends) > FAR)
@@ -130,14 +130,14 @@ def drawn(result: Estimate, seed: int) -> tuple[Estimate, Draws]:
 
 
 def _distances(result: Estimate, unit: Floats) -> Floats:
-    """Distances (k,) of positions (k, d) from an estimate, in standard errors over the root of their number."""
+    """Distances (k,) of positions (k, d) from an estimate, in standard errors; root mean square over d."""
     covariance = bounded(result.covariance.noise)
     root = np.linalg.cholesky(covariance + 1e-12 * np.eye(len(covariance)))
     return np.asarray(np.linalg.norm((unit - result.unit) @ np.linalg.inv(root).T, axis=1) / np.sqrt(len(covariance)))
 
 
 def _draws_or_normal(result: Estimate, seed: int) -> tuple[Estimate, Draws]:
-    """Draws about an estimate; of its normal distribution where too few positions about it can be simulated."""
+    """Draws around an estimate; from its normal distribution if too few positions nearby can be simulated."""
     try:
         return draw(result, seed)
     except SimulationError as error:
@@ -162,14 +162,14 @@ def assess(
 ) -> Certainty:
     """Intervals, tests and verdicts of an estimate and its draws.
 
-    `study`: with its uncertain quantities free; `d`: number of parameters of the study itself, the first ones; `rows`:
-    coefficients (d,) of sums, by their texts; `calibrated` (d,): values [SI] that stay the calibrated ones if `keep`,
-    as for `certainty`.
+    `study`: study whose uncertain quantities are free; `d`: number of parameters of the original study, which come
+    first; `rows`: coefficients (d,) of sums, by text; `calibrated` (d,): values [SI] that remain the calibrated values
+    according to `keep`, see `certainty`.
     """
     space = result.likelihood.space
     points = space.from_unit(draws.unit)
     low, high = np.quantile(points[:, :d], [0.5 * (1.0 - level), 0.5 * (1.0 + level)], axis=0)
-    if draws.refusal:  # wide rather than wrong: the curvature too
+    if draws.refusal:  # rather too wide than too narrow: include the interval of the curvature
         half = result.half_widths(level)[:d] * np.abs(result.likelihood.scaled(result.unit))[:d]
         low, high = np.minimum(low, result.point[:d] - half), np.maximum(high, result.point[:d] + half)
     tests = lack_of_fit(result, d, fixed_changes(study, result, threads))
@@ -184,7 +184,7 @@ def assess(
     verdicts = verdicts_of(judged, d, (low, high), correlation, reason, limit=limit, level=level)
     points = points[:, :d]
     sums = {text: _combined(float(row @ values), points @ row, level) for text, row in rows.items()}
-    widening = Relief(result).of_bounds()
+    widening = Relief(result).of_bounds(d)
     return Certainty(result, values, draws, d, level, low, high, correlation, tests, reason, verdicts, sums, widening)
 
 
@@ -211,7 +211,7 @@ def judge(fit: FinishedFit) -> None:
 
 
 KEPT = 1000  # draws in a run folder
-MOST_ENDS = 3  # of the search, from which the most likely values are searched too
+MOST_ENDS = 3  # end points of the search that are further starts
 
 
 def _row(likelihood: Likelihood, d: int, text: str) -> Floats:

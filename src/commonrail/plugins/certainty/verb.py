@@ -12,7 +12,7 @@ from commonrail.cli.console import Bar, print_json, print_text, show_stages_on
 from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import Json, Threads, check_folder
 
-STARTS, LIMIT = 8, 10.0  # of the search; half width [%] up to which a parameter is determined
+STARTS, LIMIT = 8, 10.0  # starts of the search; largest half width [%] of a determined parameter
 
 
 @table_verb
@@ -31,8 +31,8 @@ def certainty(
 ) -> None:
     """Estimate a run once more, from more starts.
 
-    The likelihood takes each data set with its own noise model, the key `noise` of its block in the study. All of the
-    run follows: values, intervals, bands, draws.npz and report. With --combination or --limit nothing is written.
+    The likelihood takes each data set with its own noise model, the key `noise` of its block in the study. The run
+    folder is updated: values, intervals, bands, draws.npz and report. With --combination or --limit nothing is written.
 
     \b
     Examples:

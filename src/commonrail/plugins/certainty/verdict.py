@@ -5,18 +5,21 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy import special
 
 from commonrail.base.arrays import Floats
 from commonrail.base.text import join_words, quantity, significant
 from commonrail.calibration.identifiability import LIMIT, ParameterVerdict
 from commonrail.calibration.optimisers.least_squares import FeasibleSet
+from commonrail.calibration.parameter import Parameter
 from commonrail.plugins.certainty.covariance import student
 from commonrail.plugins.certainty.estimate import Estimate
 
-NAMED = 0.5  # correlation from which another parameter is named
+NAMED = 0.5  # least correlation for another parameter to be named
 MOST_NAMED = 3
-MOSTLY = 0.5  # square of the correlation from which an uncertain quantity is blamed
-MOST_TOLD = 10.0  # half width over value, above which it is no figure any more
+MOSTLY = 0.5  # least squared correlation for an uncertain quantity to be named as cause
+LEAST_NARROWED = 0.8  # half width over that known before, from which the data are not said to determine a value
+MOST_TOLD = 10.0  # largest half width over value that is given as a figure
 
 
 class Assessment(NamedTuple):
@@ -38,10 +41,11 @@ def verdicts_of(
     limit: float = LIMIT,
     level: float = 0.95,
 ) -> list[Assessment]:
-    """Verdict on each of the study's d parameters, the first ones.
+    """Verdict on each of the study's d parameters, which come first.
 
-    `interval`: ends (d,) [SI]; `correlation` (d + k, d + k): of the draws, k quantities of the bench last; `reason`: of
-    `withdrawal`; `limit`: half width over value, up to which a parameter is determined; `level`: of the intervals.
+    `interval`: ends (d,) [SI]; `correlation` (d + k, d + k): correlation of the draws, with k quantities of the bench
+    last; `reason`: result of `withdrawal`; `limit`: largest half width over value of a determined parameter; `level`:
+    confidence level of the intervals.
     """
     scale = np.abs(estimate.likelihood.scaled(estimate.unit))
     alone = student(estimate.covariance.freedom, level) * estimate.covariance.alone * scale
@@ -54,7 +58,11 @@ def verdicts_of(
             cure = "widen the bound if the part allows it, or read the value as something the model lacks"
         elif wall := _constraint(estimate, i):
             verdict, sentence = ParameterVerdict.CONSTRAINED, f'held by the constraint "{wall}" ({figure})'
-            cure = "measure what tells its members apart, or check the constraint"
+            cure = "measure where these parameters act differently, or check the constraint"
+        elif verdict is ParameterVerdict.DETERMINED and (source := _known_before(parameter, half, level)):
+            verdict = ParameterVerdict.INSENSITIVE
+            sentence = f"the data are insensitive to it: the interval is that of its {source} ({figure})"
+            cure = "measure where it acts more, if it matters to know it better"
         elif verdict is ParameterVerdict.DETERMINED and reason:
             verdict, sentence = ParameterVerdict.NOT_CONFIRMED, f"{figure}; not confirmed, because {reason}"
             cure = "search from more starts" if "converged" in reason else "mend what the test shows, then fit again"
@@ -62,16 +70,25 @@ def verdicts_of(
             sentence, cure = f"determined to {figure}", ""
         elif blamed := _blamed(estimate, d, correlation[i]):
             verdict, sentence = ParameterVerdict.COMBINED, f"only in combination with {blamed[0]} ({figure})"
-            cure = f"know {blamed[0]} better than to {blamed[1]}, and state it in the noise of the data"
+            cure = f"measure {blamed[0]} to better than {blamed[1]}, and state it in the noise of the data"
         elif verdict is ParameterVerdict.COMBINED:
             others = _partners(estimate, i, correlation[i])
             sentence = f"only in combination{f' with {join_words(others)}' if others else ''} ({figure})"
             cure = "measure at another rail pressure or energising time, or state a prior of one of them"
         else:
             sentence = f"the data are insensitive to it ({figure})"
-            cure = "measure it on the part, or where it acts more; the fitted value means nothing"
+            cure = "measure it on the part, or at points where it has more effect; the fitted value has no meaning"
         assessments.append(Assessment(verdict, sentence, cure, half))
     return assessments
+
+
+def _known_before(parameter: Parameter, half: float, level: float) -> str:
+    """What gives an interval of this half width without data: "prior" or "bounds"; empty if the data narrow it."""
+    sizes = {"bounds": 0.5 * level * (parameter.upper - parameter.lower)}
+    if parameter.prior is not None:
+        sizes["prior"] = float(special.ndtri(0.5 * (1.0 + level))) * parameter.prior.sigma
+    source = min(sizes, key=sizes.__getitem__)
+    return source if half > LEAST_NARROWED * sizes[source] else ""
 
 
 def _percent(half: float, value: float) -> str:
@@ -83,7 +100,7 @@ def _percent(half: float, value: float) -> str:
 
 
 def _constraint(estimate: Estimate, column: int) -> str:
-    """Active constraint of the parameter: a relation of two, or the names of a longer sum; empty for none."""
+    """Active constraint of the parameter: relation of two parameters, or names in a longer sum; empty if inactive."""
     names, feasible = estimate.likelihood.names, FeasibleSet.of(estimate.likelihood.space)
     for i in np.flatnonzero(feasible.active(estimate.unit, near=1e-4)[: feasible.constraints]):
         row = feasible.rows[i]
@@ -96,7 +113,7 @@ def _constraint(estimate: Estimate, column: int) -> str:
 
 
 def _blamed(estimate: Estimate, d: int, correlation: Floats) -> tuple[str, str] | None:
-    """Quantity of the bench that makes most of a parameter's variance, and its standard deviation in words."""
+    """Quantity of the bench that causes most of a parameter's variance, and its standard deviation as text."""
     if d == len(correlation):
         return None
     strongest = d + int(np.argmax(np.abs(correlation[d:])))

@@ -211,7 +211,7 @@ def _packages(
 ) -> Iterator[Use]:
     """Installed packages that supply parts of a run, each with its `__citation__`.
 
-    `stated`: names of the injector.
+    `stated`: catalogue names of the injector.
     """
     used: dict[str, Collection[object]] = {
         "injectors": stated,

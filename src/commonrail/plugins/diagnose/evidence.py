@@ -6,9 +6,9 @@ simulated parts, and are measured with independent noise R. The evidence of a fa
     p(y | fault) = ∫ t(y; m(s), C(s) + R) ds,    s uniform from 0, the least, to 1, the most,
 
 with Student's multivariate t, since a covariance from few parts is uncertain (Gelman et al., Bayesian Data Analysis,
-3.6). Bayes' theorem gives the posterior probabilities (Jaynes, Probability Theory, chapter 4). Sizes at which the fault
-moves a quantity away from a result that departs from sound parts are excluded: far from every mean the widest
-distribution is the densest, even if it lies on the wrong side.
+3.6). Bayes' theorem gives the posterior probabilities (Jaynes, Probability Theory, chapter 4). If a result departs from
+sound parts, sizes at which the fault moves the quantity away from the result are excluded: far from all means, the
+widest distribution has the largest density, even on the wrong side.
 """
 
 from __future__ import annotations
@@ -150,8 +150,8 @@ def judge(
 
     `fault_responses`: sound parts first; `measured` (tests,) [m³]; `sound`: prior probability of a sound part, all
     faults being equally likely; `fails` (tests,): results outside their bands; `freedom`: degrees of freedom of the
-    covariances, above 2. A fault has the probability zero if each of its sizes moves a result that fails, or departs
-    from sound parts, the wrong way by more than `SLIGHT`.
+    covariances, above 2. A fault has probability zero if each of its sizes moves a quantity in the wrong direction by
+    more than `SLIGHT`, for a result that fails or departs from sound parts.
     """
     prior = np.log(
         np.where([r.fault is None for r in fault_responses], sound, (1.0 - sound) / max(len(fault_responses) - 1, 1))

@@ -86,7 +86,7 @@ class FaultTable(NamedTuple):
     scatter: dict[str, float]
 
     def of_model(self, injector: Injector) -> tuple[Fault, ...]:
-        """Faults whose parameters the model reads and that are not zero in it."""
+        """Faults whose parameters the model reads and has values other than zero for."""
         return tuple(f for f in self.faults if all(_has(injector, name) for name in f.names))
 
     def deviations(self, injector: Injector) -> dict[str, float]:

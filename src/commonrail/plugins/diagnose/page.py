@@ -35,8 +35,8 @@ from commonrail.report.presenter import Presenter
 
 LEAST = 0.005  # smallest probability of a diagnosis that a sentence names
 FEWEST_BARS = 3
-_FAILS = {False: FAILS, True: f"{FAILS}; inside makers’ scatter"}  # by whether sound parts scatter as far
-WIDEST = 15.0  # standard deviations beyond which a marker stays at the edge; chosen
+_FAILS = {False: FAILS, True: f"{FAILS}; inside makers’ scatter"}  # key: sound parts scatter as far
+WIDEST = 15.0  # standard deviations; a marker farther out is drawn at the edge; chosen
 
 
 def diagnosis_lines(diagnosis: Diagnosis) -> list[str]:
@@ -145,7 +145,7 @@ def _fault_table(diagnoses: tuple[PossibleDiagnosis, ...]) -> Table:
             ("probability, %", lambda d: percent(d.probability, 1)),
             ("as far away, %", lambda d: percent(d.fit, 1)),
         ],
-        "As far away: share of parts with this fault that lie farther from their mean than these results (best size).",
+        "As far away: share of parts with this fault (best size) that lie farther from their mean than this part.",
         3,
     )
 
@@ -164,7 +164,7 @@ def _probability_figure(diagnosis: Diagnosis) -> Figure:
 
 
 def quantity_figure(diagnosis: Diagnosis) -> Figure:
-    """Measured quantities, and those of the leading fault, against the band of sound parts."""
+    """Measured quantities and quantities of the leading fault, against the band of sound parts."""
     rows, best = diagnosis.tests, diagnosis.diagnoses[0].name
     places = points(float(i) for i in range(len(rows)))
 
@@ -231,7 +231,7 @@ def _noise(noise: float | str) -> str:
         return f"{percent(noise, 1)} % of a quantity, as stated"
     bench = BENCHES[noise]
     delivery, other, band = (percent(value, 0) for value in bench[:3])
-    shares = f"{delivery} % of a delivery and {band} % of its half band, {other} % of a return"
+    shares = f"delivery: {delivery} % of it and {band} % of the half band, return: {other} %"
     return f"{noise}: {shares}; {bench.mark}: {bench.source}"
 
 
@@ -265,7 +265,7 @@ def trim_lines(trim: PartTrim) -> list[str]:
 
 
 def trim_tables(trim: PartTrim) -> list[Table]:
-    """Tests with the classes of the part."""
+    """Table of the tests with class and correction in each."""
     table = table_from_columns(
         "Tests",
         trim.tests,
@@ -299,7 +299,7 @@ def trim_html(trim: PartTrim, command: str) -> str:
 TRIM = Presenter(lambda t: note_synthetic(trim_lines(t), t.data), trim_tables)
 
 
-# A part judged: all three.
+# Judgement of a part: test plan, diagnosis and trim.
 
 
 def judgement_lines(judgement: PartJudgement) -> list[str]:

@@ -48,7 +48,7 @@ from commonrail.plugins.plans.study import (
     note_without_rate,
 )
 
-USUAL = 2.0  # standard deviations of measured sound parts; a result within them is makers' scatter: 95 %
+USUAL = 2.0  # standard deviations of measured sound parts; a result within this limit is makers' scatter (95 %)
 DRAWS = 64  # sound parts simulated for each size of each fault
 WORKSHOP, MAKER = "workshop", "maker"  # classes of benches
 
@@ -56,7 +56,7 @@ WORKSHOP, MAKER = "workshop", "maker"  # classes of benches
 class BenchClass(NamedTuple):
     """Standard deviations of a bench and of the model's relative changes, with mark and source.
 
-    They are shares of a `delivery`, of a return (`back`), and of the `half_band` of a delivery (added in squares).
+    They are shares of a `delivery`, of a return (`back`), and of the `half_band` of a delivery, added in quadrature.
     """
 
     delivery: float
@@ -76,11 +76,11 @@ SOUND = 0.5  # probability of a sound part before the measurement
 FAILS = "fails the plan"
 UNDECIDED, UNEXPLAINED = "undecided", "unexplained"  # verdicts if no diagnosis is stated
 STATED = 0.9  # probability from which a diagnosis is stated; chosen
-LEAST_FIT = 1e-3  # share of parts as far away, below which no fault of the table explains the quantities; chosen
+LEAST_FIT = 1e-3  # share of parts at least as far away, below which the fault does not explain the quantities; chosen
 DECIDES = 2.0  # standard deviations by which a next test must separate two diagnoses; chosen
 GRID = (5, 5)  # rail pressures and energising times of the candidates for the next test
 EDGE = 0.25  # relative scatter of a delivery above which its distribution is not normal; chosen
-QUANTILES = (1 / 6, 1 / 2, 5 / 6)  # of a fault's size, at which the next test is simulated
+QUANTILES = (1 / 6, 1 / 2, 5 / 6)  # quantiles of a fault's size for the simulation of the next test
 SEED = 1  # of the sound parts
 
 
@@ -407,7 +407,7 @@ def _states(data: PlanData) -> list[State]:
 def bench_noise(tests: Sequence[PlanTest], noise: float | str = WORKSHOP) -> BenchNoise:
     """Noise of a bench at tests [m³], from a share of each quantity or a class of `BENCHES`.
 
-    The class takes a share of the half band of each delivery with two limits; other tests take the smallest of these.
+    A class includes a share of the half band of each delivery with two limits; other tests use the smallest such share.
     """
     if isinstance(noise, float):
         return BenchNoise(noise)
@@ -490,7 +490,8 @@ def sound_parts(injector: Injector, table: FaultTable, count: int) -> tuple[Part
 
 
 # The next test: the point of a grid inside the plan's range where the predictions of the two leading diagnoses differ
-# most, in standard deviations. Each diagnosis predicts with the sizes that remain after the measured quantities.
+# most, in standard deviations. The prediction of a diagnosis uses the distribution of sizes given the measured
+# quantities.
 
 
 def next_tests(diagnosis: Diagnosis, bench: PlanBench, parts: Parts, centre: Floats) -> tuple[NextTest, ...]:

@@ -46,9 +46,9 @@ from commonrail.plugins.plans.data import PlanData
 from commonrail.plugins.plans.run import InjectorFacts
 from commonrail.plugins.plans.study import BENCH_PRESSURES, Measure, PlanTest, TestPlan, load_plan
 
-STEP = 2e-6  # of a class [s]; chosen
+STEP = 2e-6  # energising time per class [s]; chosen
 STEPS = Limits(1e-8, 1e-4, (0.1e-6, 50e-6), ("us",))
-ASIDE = 20e-6  # change of the energising time to both sides for the nominal slope [s], above ripples; chosen
+ASIDE = 20e-6  # change of the energising time to both sides for the nominal slope [s], longer than ripples; chosen
 LEAST_SLOPE = 1e-6  # least slope of a quantity over the energising time that can be trimmed [m³/s], 1 mm³/ms; chosen
 FAR = 3.0  # standard deviations of measured sound parts beyond which a result gives a warning; chosen
 DRAWS = 256  # sound parts of the regression
@@ -131,7 +131,7 @@ class PartTrim(Shown):
 
     @property
     def code(self) -> str:
-        """Classes in the order of the tests: VL −3, EM +1."""
+        """Classes in the order of the tests, such as "VL −3, EM +1"."""
         return ", ".join(f"{t.name} {int(c):+d}" for t, c in zip(self.data.tests, self.classes, strict=True))
 
     def __post_init__(self) -> None:

@@ -27,7 +27,7 @@ class SoundOptions:
         ),
     ] = None
     nominal: Annotated[
-        bool, Option(help="Take the plan's nominal quantities for a sound part's, and only changes from the model.")
+        bool, Option(help="Use the plan's nominal quantities as sound part, and the model only for changes.")
     ] = False
     faults: Annotated[
         Path | None,

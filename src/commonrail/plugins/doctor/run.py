@@ -1,4 +1,4 @@
-"""Facts about the machine, what commonrail made of it, and installed plug-ins; as a program, a first simulation."""
+"""Facts about the machine, commonrail's use of it, and installed plug-ins; as a program, a first simulation."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ PATIENCE = 600.0  # for the first simulation, which may compile [s]
 # Injected volume of the paper's injector at 160 MPa, 700 us [m³]. Refined physics changes it less than the tolerance.
 VOLUME, TOLERANCE = 53.8e-9, 0.05
 BALANCE = 1e-9  # (in − out − stored)/injected; rounding leaves 1e-14
-# Packages that a simulation needs unless a library contains it, and features that always need them.
+# Packages needed by simulations whose machine code is not in a library, and by other features.
 WITHOUT_LIBRARIES = {
     "scipy": "the reference engine, refinements and some analyses need",
     **dict.fromkeys(COMPILERS, "the reference engine, the stepper, exports and simulations that no library holds need"),
@@ -236,7 +236,7 @@ def cache_facts(folder: Callable[[], Path | None] | None = None) -> Iterator[Fac
     yield Fact("kernels in it", f"{len(files)}, {size / 1e6:.1f} MB", renewal if damaged else OK)
     old = sum(path.name != cache_path.name for path in cache_path.parent.glob("kernels-*"))
     if old:
-        cure = "Other versions made them, perhaps still in use; delete those next to the cache above that are not used."
+        cure = "They belong to other versions, next to the cache above; delete the folders of versions no longer used."
         yield Fact("other caches", f"{old} folders", cure)
 
 
@@ -248,7 +248,7 @@ def kernel_facts(run: Callable[[], dict[str, Any]] | None = None) -> Iterator[Fa
         yield Fact("first simulation", "failed", f"Nothing can be simulated: {first['failed']}.", True)
         return
     source = {"library": "a library of this package", "cache": "the kernel cache", "compiled": "the compiler"}
-    reason = f"; no library: {objection() or 'this wiring is in none'}" if first["origin"] != "library" else ""
+    reason = f"; no library: {objection() or 'none has this model variant'}" if first["origin"] != "library" else ""
     yield Fact("machine code", f"from {source[first['origin']]}, for {first['processor']}{reason}", OK)
     if first["origin"] != "compiled":
         yield Fact("first simulation", f"in {first['seconds']:.1f} s", OK, True)

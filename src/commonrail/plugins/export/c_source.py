@@ -234,7 +234,7 @@ class _Function:
         return self.names.setdefault(value, f"v{len(self.names)}") if value[0] == "%" else constant(value, kind)
 
     def define(self, value: str, kind: str) -> str:
-        """C name of a computed value, whose type is declared."""
+        """C name of a computed value; its type is declared."""
         if kind not in TYPES:
             raise unknown(kind)
         name = self.value(value, kind)
@@ -349,7 +349,7 @@ def _join_lines(lines: list[str]) -> list[str]:
 
 
 def drop_unread_values(lines: list[str]) -> list[str]:
-    """Remove lines of values that nothing reads, whose assumptions are not translated."""
+    """Remove lines of unread values, and assumptions, which are not translated."""
     remaining = [line for line in lines if not re.match(rf"(?:tail |notail )?call void @(?:{_UNTRANSLATED})", line)]
     while True:
         read = Counter(name for line in remaining for name in set(re.findall(VALUE, line)))

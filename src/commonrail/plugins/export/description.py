@@ -19,7 +19,7 @@ from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_pa
 from commonrail.plugins.export.entry_points import channels
 from commonrail.plugins.export.sources import Model, find_bounds
 
-PLANNED = 4  # energisings that parameters plan; c/fmu.h
+PLANNED = 4  # energisings that can be planned by parameters; c/fmu.h
 AT_REST = "at_rest.rail_pressure"  # replaces the input for a rail volume
 # Start values of the boundaries [Pa].
 RAIL = 100e6
@@ -125,7 +125,7 @@ def _parameters(injector: Injector) -> list[Variable]:
 
 
 def _inside(limit: float, other: float, is_open: int) -> float:
-    """Limit as in the standard, inside the range: the next number if the range `is_open` there."""
+    """Limit in the sense of the standard, which is inside the range: the next number if the range `is_open`."""
     if not is_open:
         return limit
     beside = math.nextafter(limit, other)
@@ -164,7 +164,7 @@ def _inputs(injector: Injector) -> list[Variable]:
         inputs.insert(0, Variable(AT_REST, _INPUT, _FIXED, "Pa", meaning, RAIL, *rail))
     command = "true: the solenoid is energised"
     if variants.COMMAND in unread:
-        command = "true: an injection begins, of which the instants are; the coil is driven by boundary.drive"
+        command = "true: an injection begins, to which instants refer; the coil is driven by boundary.drive"
     return [*inputs, Variable("command", _COMMAND, Kind("Boolean", "input", "discrete"), "", command, 0.0)]
 
 

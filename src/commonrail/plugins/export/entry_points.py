@@ -50,8 +50,8 @@ class Channel(NamedTuple):
 class Sizes(NamedTuple):
     """Numbers in the arrays of a wiring.
 
-    theta has `parameters`, then the coefficients of the `fuel`. `work` counts the working rows; `waves` has 3 ring
-    numbers, and at least as many as theta.
+    theta has `parameters`, then the coefficients of the `fuel`. `work` counts the working rows; `waves` has 3 · ring
+    numbers, or the size of theta if larger.
     """
 
     parameters: int
@@ -210,17 +210,16 @@ def _observe_direct(c, s, top, out):  # type: ignore[no-untyped-def]
 # Entry points that march a block of injectors side by side, one in each lane of vector registers.
 #
 # ========================  ==========================================================================================
-# entry                     arguments
-# ========================  ==========================================================================================
-# ``kernel_block``          work (rows, LANES), waves (3 ring, LANES), ring, first, count,
-#                           inputs (count, inputs, LANES),
-#                           dt, alike: steps first … first + count − 1; alike is 1 where all waves take as long
-# ``kernel_block_figures``  work, figures (LANES, figures): reads the fields of `engine.job.Outcome` of all lanes
+# entry                     arguments ========================
+# ========================================================================================== ``kernel_block``
+# work (rows, LANES), waves (3 ring, LANES), ring, first, count,                           inputs (count, inputs,
+# LANES),                           dt, alike: steps first … first + count − 1; alike is 1 if all waves have equal
+# delays ``kernel_block_figures``  work, figures (LANES, figures): reads the fields of `engine.job.Outcome` of all lanes
 # ========================  ==========================================================================================
 #
 # A block is assembled from single injectors (`export.entry_points`): a lane has the rows of a single injector.
 
-LANES = 8  # numbers in the widest registers, and cylinders of most engines
+LANES = 8  # doubles in the widest registers; sufficient for most engines
 
 
 def block_entries(*words: str) -> dict[str, tuple[Law, Any]]:

@@ -19,15 +19,15 @@ from commonrail.plugins.export.entry_points import LANES, sizes
 from commonrail.plugins.export.object_files import Compiler, Target, compiler_for, list_vectors
 from commonrail.plugins.export.sources import Model, insert_model_name, make_model, template
 
-# Folder whose files appear once all are complete.
+# Folder in which files appear only when all are complete.
 
 
 @contextmanager
 def place_when_complete(folder: Path) -> Iterator[Path]:
     """Give an empty folder to write into; if the block ends without an error, its files move to `folder`.
 
-    A new folder, with its parents, appears at once. In an existing one, each file replaces that of the same
-    name, and others stay. After an error nothing has changed.
+    A new folder, with its parents, appears in one step. In an existing folder, each file replaces the file of its name,
+    and other files stay. An error changes nothing.
     """
     exists = folder.exists()
     if not exists:
@@ -77,11 +77,11 @@ def write_library_with(
 ) -> Library:
     """Write a library like `write_library` for the model that `make` gives, with more in it.
 
-    `more`: texts by name of headers and sources around the model, with ``cr`` in place of its name, which become part
-    of the libraries.
+    `more`: texts of further headers and sources by file name, with ``cr`` in place of the model's name; they become
+    part of the libraries.
     """
     foreign = [name for name in _EXAMPLES.values() if (folder / name).exists()]
-    if foreign and not any(folder.glob("*_kernel.c")):  # an export has a kernel source next to its examples
+    if foreign and not any(folder.glob("*_kernel.c")):  # an earlier export also has a kernel source
         raise InputError(f"{folder}: {' and '.join(foreign)} would be replaced; name a new folder.")
     compilers = {target.name: compiler_for(target) for target in targets if target.suffix != ".wasm"}
     model = make()
@@ -103,7 +103,7 @@ def write_library_with(
 
 
 def write_kernels(model: Model, place: Path, target: Target, vectors: Sequence[str]) -> list[Path]:
-    """Write the objects of the compiled physics, then those of blocks for the names of `vectors`."""
+    """Write the object file of the compiled physics, then one for blocks per name in `vectors`."""
     name, wired = model.name, model.injector.wired()
     objects = {f"{name}_kernel_{target.name}.o": object_files.emit(wired, target, name)}
     for vector in vectors:
@@ -119,7 +119,7 @@ def block_texts() -> dict[str, str]:
 
 
 def write_around(model: Model, folder: Path, texts: Mapping[str, str]) -> list[Path]:
-    """Write texts with the model's name inside and in front of their own."""
+    """Write texts as files, with the model's name inserted in the texts and in front of the file names."""
     return write_texts(
         folder, {f"{model.name}_{name}": insert_model_name(text, model.name) for name, text in texts.items()}
     )

@@ -22,16 +22,16 @@ from commonrail.compiler.cache import Source
 from commonrail.compiler.target import Processor, System
 from commonrail.physics.variants import Variant, kernel_name
 
-# Numbers as pointers, pointers in memory, and parts specific to one processor or to Python.
+# LLVM code that is not portable: numbers as pointers, stored pointers, and calls for one processor or Python.
 _FOREIGN = re.compile(r"inttoptr|addrspacecast|asm |alloca .*ptr|@llvm\.(x86|aarch64|arm)\.|@NRT_|@Py|@numba_")
 
 
 class Target(NamedTuple):
     """Processor and system of a binary.
 
-    `triple`, `processor` and `features` are LLVM's names for it, the processor, and additional instruction
-    sets; `zig` is zig's name, with the oldest C library of the binary. `fmi2` and `fmi3` are the folders of its
-    binary in an FMU, "" if that version of the standard has none; `suffix` ends the name of a shared library.
+    `triple`, `processor` and `features` are LLVM's target triple, processor and additional instruction sets; `zig` is
+    zig's target, with the oldest supported C library. `fmi2` and `fmi3` are the folders of its binary in an FMU, "" if
+    that version of the standard has none; `suffix` ends the name of a shared library.
     """
 
     name: str
@@ -57,8 +57,8 @@ _ALL = (
     Target("wasm32", "wasm32-unknown-unknown", "generic", _WASM, "wasm32-wasi", "", "", ".wasm"),
 )
 TARGETS = {target.name: target for target in _ALL}
-# Processors for whose vectors a block of injectors is compiled, by architecture, narrowest first. A block selects
-# the widest of its machine at its start (c/block.c); other machines march its injectors one after another.
+# Processors for whose vectors a block of injectors is compiled, by architecture, narrowest first. At its start a block
+# selects the widest vectors of the machine (c/block.c); without vectors it simulates its injectors one after another.
 _VECTORS = {"x86_64": {"avx2": "x86-64-v3", "avx512": "x86-64-v4"}}
 
 
@@ -70,7 +70,7 @@ def find_target(name: str) -> Target:
 
 
 def make_source(variant: Variant, maker: str = "entries") -> Source:
-    """Source made by a function of `export.entry_points`; every target has the bits of lanes with `same_bits`."""
+    """Source made by a function of `export.entry_points`; all targets give the same bits as `same_bits`."""
     module = "commonrail.plugins.export.entry_points"
     return Source(f"{module}:{maker}", variant.words, "exact", kernel_name(variant))
 
@@ -80,8 +80,8 @@ def emit(variant: Variant, target: Target, prefix: str = "cr") -> bytes:
 
     The entries follow Numba's calling convention: ``int32_t f(void *result, void **exception, arguments …)`` returns 0;
     `result` receives a pointer, and `exception` is not written. Prefixes allow linking the objects of two models into
-    one program. If the text of the wiring is not cached, Numba compiles it in about ten seconds. `ConfigurationError`
-    if the compiler fails.
+    one program. If the model's variant is not cached, Numba compiles it in about ten seconds. `ConfigurationError` if
+    the compiler fails.
     """
     texts = _portable(make_source(variant))
     names = {name: f"{prefix}_{name}" for name in texts}

@@ -37,7 +37,7 @@ def export(
     fmi : int
         Version of the FMI standard, 2 or 3.
     flat : bool
-        Flat names of an FMU's variables, for importers that turn points into buses.
+        Flat names of an FMU's variables, for importers that interpret dots as buses.
 
     Returns
     -------

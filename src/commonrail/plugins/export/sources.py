@@ -150,9 +150,9 @@ class FuelTable(NamedTuple):
 def fuel_table(fuel: Fuel, exact_at: float) -> FuelTable:
     """Table of a fuel, with the exact values of `fuel_coefficients` at the temperature `exact_at` [K].
 
-    The fit leaves rounding of about 1e-11 in single coefficients, which cancels in the polynomials; a shift makes
-    them exact at that temperature. `ConfigurationError` if the fuel's laws bend too sharply for the polynomials of the
-    hot loop anywhere in its range.
+    The fit leaves rounding of about 1e-11 in single coefficients, which cancels in the polynomials; a shift makes them
+    exact at that temperature. `ConfigurationError` if polynomials cannot represent the fuel's laws over its whole
+    temperature range.
     """
     low, high = fuel.temperature_range
 
@@ -168,7 +168,7 @@ def fuel_table(fuel: Fuel, exact_at: float) -> FuelTable:
 
 ENERGISINGS = 16  # planned at once
 HEAD = 2048  # bytes before the working rows of a state; the C compiler checks that they suffice
-MOST_SLOTS = 1 << 24  # of a ring buffer: 16 s of a wave's travel at 1 us
+MOST_SLOTS = 1 << 24  # of a ring buffer: a wave travel time of 16 s at 1 us
 _TOLERANCE = 1e-6  # on the range of temperature, as in `Fuel.is_defined_at` [K]
 
 _BOUNDS = {  # smallest and largest value, and which of them are themselves excluded
@@ -246,7 +246,7 @@ def define_inputs_read(variant: Variant) -> list[tuple[str, int, str]]:
     """Definitions that state which inputs of `cr_boundary` the model reads during a simulation."""
     unread = unread_inputs(variant)
     words = {
-        RAIL: "0: the rail is a volume, whose pressure at rest is read alone",
+        RAIL: "0: the rail is a volume; only its initial pressure is read",
         RETURN: "0: there is no return",
         DRIVE: "0: the drive is computed from the energisings; a measured voltage or current is not read",
         COMMAND: "0: boundary.drive drives the coil; energisings only say where an injection begins",

@@ -39,7 +39,7 @@ def export(
     model: Annotated[
         str,
         Argument(
-            help="Injector file, name of the catalogue, or run folder of calibrate; with @VARIANT another variant, "
+            help="Injector file, name of the catalogue, or run folder of calibrate; @VARIANT selects another variant, "
             "e.g. cri2-16@ideal,current-trace."
         ),
     ],
@@ -54,7 +54,7 @@ def export(
     set_: Settings = (),
     fmi: Annotated[int, Option(help="Version of the FMI standard, 2 or 3.")] = 2,
     names: Annotated[
-        Names, Option(help="Names of the FMU's variables; flat ones for importers that turn points into buses.")
+        Names, Option(help="Names of the FMU's variables; flat names for importers that interpret dots as buses.")
     ] = Names.STRUCTURED,
     json: Json = False,
 ) -> None:
@@ -99,7 +99,7 @@ def _next(form: Form, injector: Injector) -> str:
     from commonrail.physics.variants import DRIVE, RAIL, reader_of, unread_inputs
 
     if form is Form.LIBRARY:
-        return "the header says how to use the library; the examples in C, C++, Python and Julia do"
+        return "the header and the examples in C, C++, Python and Julia show how to use the library"
     courses = {RAIL: "a rail pressure over time", DRIVE: "a measured current or voltage"}
     missing = unread_inputs(injector.variant)
     unread = ", ".join(f"{what} with {reader_of(name)}" for name, what in courses.items() if name in missing)

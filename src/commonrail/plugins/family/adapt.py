@@ -65,7 +65,7 @@ class Adapted:
     injector : Injector
         The model; its changed values are marked F and name the type and the data.
     flow_factor : float
-        Area of the nozzle's holes times discharge coefficient, relative to the drawing and the type [1].
+        Effective area of the nozzle's holes over its value by the drawing and the type [1].
     before, after : (points,)
         Quantities of the type's injector and of the adapted one at the reference points [m³].
     points : QuantityData
@@ -103,9 +103,9 @@ def adapt(
     """Fit the model of a type to reference quantities of one part.
 
     One quantity determines the flow factor: effective area of the nozzle's holes relative to the drawing. The factor
-    has no prior then, and the quantity is met exactly. From two quantities on the parameters of the type are fitted
-    too; each of them, and the flow, has value and spread as prior. A warning names references that the model misses
-    by more than their tolerance, and points of its map where it injects nothing.
+    has no prior then, and the quantity is met exactly. With two or more quantities, the parameters of the type are
+    fitted too. Each parameter and the flow have their value and spread as prior. A warning names references that the
+    model misses by more than their tolerance, and points of its map where it injects nothing.
 
     Parameters
     ----------
@@ -133,8 +133,8 @@ def adapt(
     Raises
     ------
     InputError
-        If a file cannot be read, the injector is missing, the flow factor would lie outside 0.6 to 1.6, or a reference
-        quantity is missed by more than half of it and 1 mm³.
+        If a file cannot be read, the injector is missing, the flow factor would lie outside 0.6 to 1.6, or the model
+        misses a reference quantity by more than 1 mm³ and half of the quantity.
     ConfigurationError
         If an argument has the wrong type.
     SimulationError
@@ -156,8 +156,8 @@ def adapt(
         check = f"{shut}; take points with larger energising times" if shut else "check nozzle, units and pressures"
         change = explain_by_one_change(part_type, part_injector, points, threads, share)
         raise InputError(
-            f"{points.name}: the reference quantities need a flow factor at a limit of {low:g} to {high:g}; "
-            f"{check}{f'; a single change of the type explains them best: {change}' if change else ''}."
+            f"{points.name}: the flow factor reaches a limit of its range {low:g} to {high:g}; "
+            f"{check}{f'; the single change of the type that fits best: {change}' if change else ''}."
         )
     _check_references(points, best)
     doubts = find_doubts(part_type, part_injector, points, fit, threads, share)
@@ -232,7 +232,7 @@ def build_part_injector(injector_type: InjectorType, injector: Injector | str | 
 
 
 def _study(injector_type: InjectorType, part_injector: Injector, points: QuantityData, flow_spread: float) -> Study:
-    """Study that fits the flow factor; from two points on also the type's parameters, all with spreads as priors."""
+    """Study that fits the flow factor, and with two or more points the type's parameters with spreads as priors."""
     free = [flow_about_drawing(part_injector, flow_spread)]
     if np.count_nonzero(points.judged) >= FEWEST_FOR_PRIORS:
         free += parameters_with_priors(injector_type, part_injector)
@@ -265,7 +265,7 @@ def _name_injector(injector_type: InjectorType, study: Study, fit: Calibration, 
 # Reference point for the next part of a type: the point whose quantity predicts the part's other quantities best.
 
 SCALES = 41  # flow factors at which the type is simulated; quantities between them are interpolated
-USABLE = 0.95  # least share of the drawn parts that an advised point must serve
+USABLE = 0.95  # share of the drawn parts for which a proposed point must be usable
 QUANTILE = 0.9
 RAIL_PRESSURES = (40e6, 80e6, 120e6, 160e6)  # [Pa]
 ENERGISING_TIMES = (300e-6, 400e-6, 500e-6, 700e-6, 1000e-6, 1400e-6)  # [s]
@@ -284,7 +284,7 @@ class Advice:
     upper : (points,)
         90 % of the drawn parts have a smaller error [m³].
     usable : (points,)
-        Share of the drawn parts that inject at the candidate, and whose quantity a flow factor from 0.6 to 1.6 meets.
+        Share of the drawn parts that inject at the candidate and need a flow factor of 0.6 to 1.6.
     without : float
         Error of the type itself, without any reference [m³].
     draws : int
@@ -322,10 +322,10 @@ def advise(
     candidate, the type gets the flow factor at which it injects the drawn part's quantity, as `adapt` does with one
     quantity. It is then compared with the drawn part at all other points.
 
-    The errors of the type's values are neglected, since a type file has no correlations and the data determine
-    combinations of the parameters better than each parameter. The expected error therefore covers the scatter of the
-    parts only; an error of the type itself adds to it. For a type without `between` the expected errors are too large,
-    and only the order of the points is meaningful.
+    The errors of the type's values are neglected: data determine combinations of parameters better than single
+    parameters, and a type file has no correlations. The expected error therefore covers the scatter of the parts only;
+    an error of the type itself adds to it. For a type without `between` the expected errors are too large, and only the
+    order of the points is meaningful.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ def adapt(
         Option(
             metavar="MODEL",
             help="Injector of the part, for its nozzle and measured values: a file, catalogue name or run folder; "
-            "with @VARIANT another variant. [default: the type's]",
+            "@VARIANT selects another variant. [default: the type's]",
         ),
     ] = None,
     cylinder_pressure: CylinderPressure = None,
@@ -60,9 +60,9 @@ def adapt(
 ) -> None:
     """Make a part's model from its type and few quantities.
 
-    One quantity determines the flow factor. From two on the type's parameters are fitted too, with spreads as priors.
-    A warning names references that the model misses beyond their tolerance, and points where it injects nothing.
-    --advise draws parts from the type and ranks reference points by how well they predict all others.
+    One quantity determines the flow factor. With two or more, the type's parameters are fitted too; priors are their
+    spreads. A warning names references that the model misses beyond their tolerance, and points where it injects
+    nothing. --advise draws parts from the type and ranks reference points by how well they predict all others.
 
     \b
     Examples:

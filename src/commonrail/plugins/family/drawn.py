@@ -108,12 +108,12 @@ class Doubts(NamedTuple):
     low, high : (points,)
         90 % band of the quantities of the type's parts, measured with the tolerance of the data [m³].
     chi2 : float
-        Squared residuals and pulls of the adapted model.
+        Sum of squared residuals and pulls of the adapted model.
     freedom : int
-        Degrees of freedom: the number of quantities, since each parameter has a pull; one less if the flow factor has
-        no pull.
+        Degrees of freedom: the number of quantities, because each parameter has a prior; one less if the flow factor
+        has no prior.
     pulls : dict of str to float
-        Distances of the parameters from the type in spreads, from two quantities on.
+        Distance of each parameter from the type, in spreads; empty for a single quantity.
     sentences : tuple of str
         Reasons; empty for a sound part.
     change : str
@@ -139,8 +139,8 @@ def find_doubts(
 ) -> Doubts:
     """Test whether a part adapted from a type is a sound part of the type.
 
-    `injector`: before the fit; `fit`: of the flow factor, and from two quantities on of the type's parameters;
-    `flow_spread`: relative standard deviation of the flow about the drawing.
+    `injector`: the injector before the fit; `fit`: fit of the flow factor and, with two or more quantities, of the
+    type's parameters; `flow_spread`: relative standard deviation of the flow about the drawing.
     """
     judged = points.judged
     drawn = draw_quantities(injector_type, injector, points.points, threads, flow_spread)
@@ -153,7 +153,7 @@ def find_doubts(
     share = _share_at_distance(drawn[:, judged], points.quantity[judged])
     if share <= RARE:
         sentences.append(
-            f"only {share:.1%} of {len(drawn)} parts drawn from the type are as far from the others as these quantities"
+            f"only {share:.1%} of {len(drawn)} parts drawn from the type deviate as much from the others as this part"
         )
     if pulls:
         if chdtrc(freedom, chi2) < RARE:
@@ -241,7 +241,7 @@ def explain_by_one_change(
     if len(candidate_responses) < 2:
         return ""
     measured, tolerance = points.quantity[points.judged], points.discrepancy(points.quantity)[points.judged]
-    # a covariance of m degrees of freedom and q quantities leaves Student's t m - q + 1 (Gelman et al., 3.6)
+    # with a covariance of m degrees of freedom, Student's t of q quantities has m - q + 1 (Gelman et al., 3.6)
     noise = BenchNoise(0.0, tolerance)
     judged = judge(candidate_responses, measured, noise, 0.5, freedom=max(EXTRA_PARTS - len(measured), LEAST_FREEDOM))
     first, *_ = order = judged.order
@@ -276,7 +276,7 @@ def describe_missed_references(points: QuantityData, adapted: Floats) -> list[st
 def describe_shut_points(
     fit: Calibration, adapted: Injector, points: Sequence[OperatingPoint], threads: int | None = None
 ) -> list[str]:
-    """Warn of points where the adapted model injects nothing: whether the type does, and the reason at the first."""
+    """Warn of points where the adapted model does not inject: whether the type injects, and the first reason."""
     space = fit.study.space
     values = np.array([space.reference, [fit.best[name] for name in space.names]])
     batch = simulate_batch(

@@ -113,9 +113,9 @@ def estimate_over_parts(values: ArrayLike, errors: ArrayLike) -> Estimate:
 def remove_prior(values: ArrayLike, errors: ArrayLike, prior: tuple[float, float] | None) -> tuple[Floats, Floats]:
     """Remove the prior (value, sigma) from fits: values and errors (n,) from the data alone.
 
-    All parts have the same prior; counted once for each part, it would pull them together. The weight of the data is
-    1/e² − 1/σ², with e of the posterior and σ of the prior. Value and error are NaN if the data have less than a tenth
-    of the prior's information, or the error is NaN.
+    All parts share the prior; if counted once per part, it would reduce the scatter between parts. The weight of the
+    data is 1/e² − 1/σ², with e of the posterior and σ of the prior. Value and error are NaN if the data have less than
+    a tenth of the prior's information, or the error is NaN.
     """
     x, e = np.asarray(values, float), np.asarray(errors, float)
     if prior is None:
@@ -128,8 +128,8 @@ def remove_prior(values: ArrayLike, errors: ArrayLike, prior: tuple[float, float
 
 
 def _mean(x: Floats, variance: Floats) -> tuple[float, float]:
-    """Weighed mean and its standard error."""
-    if not np.all(variance > 0.0):  # parts are equal, or exact
+    """Weighted mean and its standard error."""
+    if not np.all(variance > 0.0):  # parts without scatter, or without error
         return float(np.mean(x)), 0.0
     weights = 1.0 / variance
     return float(np.sum(weights * x) / np.sum(weights)), float(1.0 / np.sqrt(np.sum(weights)))
@@ -191,8 +191,8 @@ def type_from_runs(folders: Sequence[str | Path], name: str, *, part_spread: flo
     InjectorType
         Its parameters are free in every run. Several parts give mean and spread. One part gives its values; the spread
         is sqrt(standard error² + between²) with `part_spread`, else the spread of the prior in its study, else
-        range/√12 of the bounds. Parameters that a study fixes, or that are free in some runs only, are fixed values of
-        the type, see `collect_fixed_values`.
+        range/√12 of the bounds. Parameters that are fixed in a study or not free in all runs become fixed values of the
+        type, see `collect_fixed_values`.
 
     Raises
     ------
@@ -300,7 +300,8 @@ def _estimate_parameter(
 ) -> TypeParameter:
     """Estimate a parameter from the parts' values and errors (2, parts) by the data alone.
 
-    `otherwise`: value and sigma (of a prior, or infinite) if the data of fewer than two parts determine the parameter.
+    `otherwise`: value and sigma (of a prior, or infinite), used if the data of fewer than two parts determine the
+    parameter.
     """
     informative_parts, between = int(np.isfinite(data_estimates).all(axis=0).sum()), None
     widest = (bounds[1] - bounds[0]) / math.sqrt(12.0)

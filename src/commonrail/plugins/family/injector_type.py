@@ -50,9 +50,9 @@ class TypeParameter:
     lower, upper : float
         Bounds of the fits of the parts, SI; they enclose the value.
     mark : {"M", "C", "F", "E"}
-        Mark of value and spread: F for fitted parts.
+        Source mark of value and spread: F if they come from fitted parts.
     source : str
-        Source of both.
+        Source of value and spread.
     between : float or None
         Scatter between parts, SI, which is included in the spread; the rest is the error of the value. None if the two
         are not separated.
@@ -131,9 +131,9 @@ class FixedValue:
             raise ConfigurationError(f"{self.name}: a fixed value must be {quantities[self.name].domain.value}.")
 
     def source_on_part(self, name: str) -> Source:
-        """Return the source of the value on another part, where a measured value is only derived.
+        """Return the source of the value on another part, for which a measurement on this part is only an estimate (F).
 
-        `name`: of the type.
+        `name`: name of the type.
         """
         return Source("F" if self.mark == "M" else self.mark, f'type "{name}": {self.source}')
 
@@ -335,7 +335,8 @@ def load_type(path: str | Path, reach: Reach | None = None) -> InjectorType:
 def dump_type(injector_type: InjectorType, path: str | Path) -> None:
     """Write a type file; `load_type` reads back the same type bit by bit.
 
-    The file names the injector if all other values are the catalogue's; any other injector is dropped.
+    The file names a catalogue injector if all values that are not in the file equal the catalogue. Otherwise the file
+    has no injector.
 
     Parameters
     ----------
@@ -370,7 +371,7 @@ def type_text(injector_type: InjectorType) -> str:
 
 
 def names_injector(injector_type: InjectorType) -> bool:
-    """Return whether the file names the type's injector: a catalogue injector except for the values in the file."""
+    """Return whether the file names the injector: it equals the catalogue except for the values in the file."""
     injector = injector_type.injector
     if injector is None or not in_catalogue(injector.name):
         return False
@@ -381,7 +382,7 @@ def names_injector(injector_type: InjectorType) -> bool:
 
 
 def _table_lines(name: str, item: dict[str, Any]) -> Iterator[str]:
-    """Lines of a table of a list; the item with the empty key becomes a comment after the value."""
+    """Lines of one table in a list of tables; the item with an empty key becomes a comment after the value."""
     note = item.pop("", "")
     yield from ("", f"[[{name}]]")
     for key, value in item.items():
@@ -417,10 +418,10 @@ def _parameter_table(parameter: TypeParameter) -> dict[str, Any]:
 def with_type(model: StudyModel, injector: Injector, reach: Reach, at: Place) -> StudyModel:
     """Complete a study with the values of its type.
 
-    A free parameter of the type has the type's value as start and prior, unless the study states a start, a prior or a
-    reference, and the type's bounds, unless the study states bounds. A study without free parameters frees all
-    parameters of the type. All other values, fixed values included, are the type's, unless the study fixes them or
-    they were measured on the injector.
+    A free parameter takes its start and prior from the type, unless the study states a start, a prior or a reference.
+    It takes its bounds from the type, unless the study states bounds. A study without free parameters frees all
+    parameters of the type. All other values, fixed values included, are the type's, unless the study fixes them or they
+    were measured on the injector.
 
     `model`: its `type` is the path of the type's file; `injector`: of the study, with its original values; `at`:
     location of the study.

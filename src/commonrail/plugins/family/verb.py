@@ -112,6 +112,7 @@ def type_(
     if json:
         print_json(_type_record(injector_type, out))
     else:
+        print_synthetic(injector_type.synthetic)
         _print_type(injector_type)
     _say_written(injector_type, out)
 
@@ -290,5 +291,5 @@ def _print_quantities(injector_type: InjectorType) -> None:
         ]
         for i, point in enumerate(points)
     ]
-    title = f"quantities of {len(drawn)} parts drawn with these spreads and 3 % of flow, at 5 MPa cylinder pressure"
+    title = f"quantities of {len(drawn)} parts drawn with these spreads, 3 % for the flow; cylinder pressure 5 MPa"
     print_rows(["rail pressure", "energising time", "median", "90 % of parts"], rows, title, texts=0)

@@ -201,8 +201,8 @@ def anatomy_tiles(solution: Solution, point: OperatingPoint | None) -> list[Tile
 class Section:
     """Section of an injector whose parts follow the frames of a slow motion; called by its template.
 
-    The still shows the frame of the largest needle lift. The attributes of each element state what moves it, for the
-    script of the page.
+    The still shows the frame of the largest needle lift. The attributes of each element tell the script of the page
+    which course moves it.
     """
 
     def __init__(self, values: Mapping[str, Floats], is_moving: bool = True) -> None:
@@ -216,7 +216,7 @@ class Section:
         return float(self.values[name].max()) if name in self.values else 0.0
 
     def move(self, name: str, stroke: float, by: str = "") -> Markup:
-        """Attributes of a part that moves up by a stroke [px] at the largest lift of a course, or of `by`."""
+        """Attributes of a part that moves with a lift, up by a stroke [px] at the largest lift (of `by` if given)."""
         if name not in self.values:
             return Markup("")
         scale = -stroke / max(self.largest(by or name), 1e-9)

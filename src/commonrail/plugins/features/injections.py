@@ -46,7 +46,7 @@ class Course(NamedTuple):
 
 
 class Segment(NamedTuple):
-    """Injection in a course: its first and last knot, and whether it touches another one there."""
+    """Injection in a curve: first and last knot, and whether it is fused with a neighbour there."""
 
     first: int
     last: int
@@ -135,10 +135,10 @@ _SENTENCES = {
 }
 
 
-PLATEAU = 0.5  # share of the duration near the largest rate above which an injection has a steady rate
-ROUNDS = 3  # of slope and averaging near an instant: the slope of the first, wide mean is too small at the foot
-# A mean over w is off by w²/24 of the second derivative: 4/24 of the second difference over w/2, which reaches less far
-# beyond the mean than one over w.
+PLATEAU = 0.5  # least share of the duration near the largest rate for an injection with a steady rate
+ROUNDS = 3  # iterations of slope and averaging width at an instant: the first mean is wide and underestimates the slope
+# A mean over w has an error of w²/24 times the second derivative: 4/24 of the second difference over w/2. A second
+# difference over w would extend farther beyond the mean.
 BEND = 4.0 / 24.0
 MIDDLE = 0.25  # share omitted at both ends of the plateau
 
@@ -151,7 +151,7 @@ class Instant(NamedTuple):
 
 
 class Instants(NamedTuple):
-    """Opening and closing, and the times [s] that replace them where neighbours divide."""
+    """Opening and closing, and the dividing times [s] that replace them between fused injections."""
 
     opening: Instant
     closing: Instant
@@ -247,7 +247,8 @@ class TracedInjection:
     window : (float, float)
         Times between which its quantity counts [s].
     windows : tuple of (float, float)
-        The windows of all injections after its energising; its own if that is unknown, empty for a reopening.
+        Windows of all injections after its energising; its own window if the energising is unknown; empty for a
+        reopening.
     pulse : Energising or None
         None if it is unknown, and for a reopening.
     before : Instant

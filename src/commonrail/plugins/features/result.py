@@ -137,6 +137,6 @@ class Features:
 
 
 def feature_unit(name: str, unit: str = "m3/s") -> str:
-    """SI unit of a feature of a trace whose rate has a unit."""
+    """SI unit of a feature of a trace whose rate is in `unit`."""
     by_volume = find_feature(name).unit
     return {"m3/s": unit, "m3": RATE_UNITS[unit]}.get(by_volume, by_volume)

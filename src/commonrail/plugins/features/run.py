@@ -42,10 +42,10 @@ def find_features(
     source : RateTrace, Solution, Trace or RateData
         Injection rate.
     energisings : OperatingPoint or sequence of Energising, optional
-        By default from the source. Delays need them.
+        By default from the source. Delays need energisings.
     settings : FeatureSettings, optional
     levels : Levels, optional
-        From another trace, to judge both by the same; by default from the settings and this trace.
+        Levels of another trace, to compare both by equal levels; by default from the settings and this trace.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def _injections(trace: RateTrace, levels: Levels, settings: FeatureSettings) -> 
         return []
     instants = [find_instants(trace, course, segment, levels) for segment in parts]
     windows = list(_windows(trace, instants, parts, settings.tail))
-    # number of the last energising that starts at least the least delay before the opening
+    # number of the last energising that starts `least_delay` or more before the opening
     starts = [pulse.start + settings.least_delay for pulse in trace.energisings]
     numbers = [sum(start <= at.begin for start in starts) or None for at in instants]
     before = [Instant(), *(at.closing for at in instants[:-1])]

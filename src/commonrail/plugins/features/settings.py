@@ -81,7 +81,7 @@ class FeatureSettings:
     split: Number = setting(
         default="50%",
         read=fraction,
-        text="Share of the smaller peak below which fused injections are divided.",
+        text="Fused injections are divided if the rate between them falls below this share of the smaller peak.",
     )
     ramp: Setting[tuple[float, float], Sequence[Quantity]] = setting(
         default=(0.2, 0.8),
@@ -93,7 +93,7 @@ class FeatureSettings:
         unit="s",
         default=None,
         limits=AVERAGINGS,
-        text="Time over which rates are averaged. [default: a sample; to 25us in noise]",
+        text="Averaging time of the rate. [default: a sample; up to 25us with noise]",
     )
     peak_averaging: Number = setting(
         unit="s",

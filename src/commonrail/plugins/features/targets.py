@@ -154,7 +154,7 @@ class FeatureData(ToleratedData):
 
     @classmethod
     def terms(cls, group: Sequence[Self], time_step: float) -> list[Term]:
-        """One term per data set; the features are found in traces outside its batch."""
+        """One term per data set, which simulates its own traces to find the features in them."""
         return [make_term(d, partial(_in_term, d), which_failed, to_horizon=d.returned is not None) for d in group]
 
     @property

@@ -37,7 +37,7 @@ class FeatureView(View):
     def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
         """Root mean square error in tolerances."""
         best, start = (several([d["rms"].get(key) for d in data], lambda v: to_fixed(v, 2)) for key in (label, "start"))
-        return Merit(best, f"tolerances rms of the features{start_words(start, '')}".replace(" )", ")"))
+        return Merit(best, f"tolerances, rms error of the features{start_words(start, '')}".replace(" )", ")"))
 
     def leading(self, data: Sequence[Record]) -> tuple[str, list[Mapping[str, Any]]]:
         """Root mean square errors of the features."""
@@ -104,7 +104,7 @@ def _figure(data: Record, models: Models) -> Figure:
     ]
     return Figure(
         f"Features of {data['name']}",
-        f"Simulated − {origin_word(data)}, in units of the tolerance; the number counts injections.",
+        f"Simulated − {origin_word(data)}, in units of the tolerance; the number is that of the injection.",
         "",
         (Panel("error, tolerances", present(series), zero_line=True, categories=tuple(row.name for row in rows)),),
     )

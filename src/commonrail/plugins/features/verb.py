@@ -28,10 +28,8 @@ def features(
     ] = (),
     time_unit: Annotated[str | None, Option(help="Unit of the time, if the file has none.")] = None,
     rate_unit: Annotated[str | None, Option(help="Unit of the rates, if the file has none.")] = None,
-    centred: Annotated[
-        bool, Option("--centred", help="Samples are means around their times, not before them.")
-    ] = False,
-    window: Annotated[str | None, Option(metavar="BEGIN:END", help="Times that count. [default: all]")] = None,
+    centred: Annotated[bool, Option("--centred", help="Each sample is a mean around its time, not before it.")] = False,
+    window: Annotated[str | None, Option(metavar="BEGIN:END", help="Time range to evaluate. [default: all]")] = None,
     energising_time: Annotated[
         str | None, Option(help="Energising time from time 0, e.g. 700us; delays need it.")
     ] = None,

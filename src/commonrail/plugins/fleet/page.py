@@ -58,7 +58,7 @@ _QUARTILES = {
 
 
 def _page(record: Record, folder: Path) -> str:
-    """Refuse: the page names the file of the fleet, which is not in the folder."""
+    """Refuse, because the page needs the name of the fleet's file, which is not in the folder."""
     again = f"commonrail fleet FLEET --out {shlex.quote(str(folder))}"
     raise InputError(f"{folder}: this is the folder of a fleet; `{again}` makes its report.")
 
@@ -187,7 +187,7 @@ def _parameter_table(parameters: Sequence[ParameterSpread]) -> Table:
         ("between quartiles, %", lambda p: quartile_distance(p.best)),
         ("at a bound", lambda p: str(p.at_bound)),
     ]
-    note = "Distance between the quartiles in percent of the median; “at a bound” counts injectors."
+    note = "Distance between the quartiles in percent of the median; “at a bound”: number of injectors."
     return table_from_columns("Calibrated parameters over the fleet", parameters, columns, note)
 
 

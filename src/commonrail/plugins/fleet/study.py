@@ -100,7 +100,7 @@ def _text(cell: str | float, comma: bool) -> str:
 
 
 INJECTOR = "injector"
-DEAD_TIMES = " dead times"  # suffix of a data set's name: its second file
+DEAD_TIMES = " dead times"  # suffix of the column for a data set's second file
 
 MISSING_FILE = "missing"
 FORMULA = "=+-@"
@@ -109,8 +109,8 @@ FORMULA = "=+-@"
 class Layout(NamedTuple):
     """Columns that a table must have.
 
-    `data`: data sets of the template in use; `left_out`: names of the others; `columns`: names of columns in the table
-    by their names in the study; `at`, `study`: locations of fleet and template, for messages.
+    `data`: data sets of the template in use; `left_out`: names of the other data sets; `columns`: column names of the
+    table by column names of the study; `at`, `study`: locations of fleet and template, for messages.
     """
 
     data: tuple[DataModel, ...]
@@ -395,7 +395,7 @@ def _template(path: Path, left_out: Sequence[str], at: Place) -> Template:
         tables, text = read_toml(path)
     model = read_model(StudyModel, tables, Place(str(path)))
     if not model.parameter:
-        raise Place(str(path), "parameter").error("a template states its free parameters, also where it names a type")
+        raise Place(str(path), "parameter").error("a template must state its free parameters, even if it names a type")
     names = [data.name for data in model.data]
     for name in left_out:
         if name not in names:
@@ -415,7 +415,7 @@ def _supply(folder: Path, template: Template, model: _FleetModel, at: Place) -> 
     layout = Layout(tuple(used), template.left_out, model.columns, at, template.path)
     if model.files is not None:
         if model.dead_times is not None:
-            raise (at / "dead_times").error('this key goes with rows; with files the table has a column "… dead times"')
+            raise (at / "dead_times").error('this key needs rows; with files, use a column "… dead times" of the table')
         with locate_errors(at / "files"):
             return FileSupply(folder / model.files, layout)
     with locate_errors(at / "rows"):

@@ -293,7 +293,7 @@ _NEAR = 1e-6  # tolerance of the end time for rounding, as a share of a communic
 
 
 class Asked(NamedTuple):
-    """Task: number of the run, values of the calibrated variables, and number of steps that replace one."""
+    """Task: number of the run, values of the calibrated variables, and number of substeps per communication step."""
 
     number: int
     values: tuple[float, ...]
@@ -478,7 +478,7 @@ class FmuSimulator:
     def simulate(self, data: Sequence[FmuData], values: Floats, finer: int = 1) -> Simulated:
         """Values of data sets, one after the other, for candidates (n, names) in the units of the FMU.
 
-        `finer` communication steps replace one.
+        `finer`: number of substeps per communication step.
         """
         numbers = [self._first[data_set.name] + i for data_set in data for i in range(len(data_set.runs))]
         edges = np.cumsum([0, *(self._runs[number].size for number in numbers)])

@@ -22,7 +22,7 @@ from commonrail.readers.text import number_lines, read_encoded
 _MAGIC, _END, _COMMENT = "LabVIEW Measurement", "***End_of_Header***", "Comment"
 _SEPARATORS = {"tab": "\t", "comma": ",", "": "\t"}
 _DECIMALS = ("", ".", ",")
-_FINEST = 1e-3  # of a step: rounding of times that moves no sample by what a fit could see
+_FINEST = 1e-3  # largest rounding of times, as a share of a step; it has no effect on a fit
 _X_TITLE = "X_Value"
 _TAGS = [
     "Separator",
@@ -57,7 +57,7 @@ class LvmFile(ChannelSheet):
         separator = _SEPARATORS.get(_first(head, "Separator").lower())
         decimal = _first(head, "Decimal_Separator")
         if separator == "," and not decimal and "Decimal_Separator" in head:
-            decimal = ","  # the sign itself separated the cells
+            decimal = ","  # the decimal comma was read as a separator
         if separator is None or decimal not in _DECIMALS or separator == decimal:
             raise InputError(f"{path}: separator or decimal sign of the header is none that LabVIEW writes.")
         rows = ((n, text.split(separator)) for n, text in lines)
@@ -66,7 +66,7 @@ class LvmFile(ChannelSheet):
 
 
 def _header(path: Path, rows: Rows) -> dict[str, list[str]]:
-    """Tags of a header that are used with the cells after them, up to its end."""
+    """Used tags of a header with their cells, up to the end of the header."""
     cells_of_tags: dict[str, list[str]] = {}
     for _, (tag, *cells) in rows:
         if tag == _END:
@@ -83,7 +83,7 @@ def _first(head: dict[str, list[str]], tag: str) -> str:
 def _channels(path: Path, rows: Rows, segment: dict[str, list[str]], decimal: str) -> list[Channel]:
     """Channels below the header of a segment."""
     _, titles = next(rows, (0, []))
-    # a column of x is before every channel, or before all of them, where it may be blank
+    # an x column precedes each channel, or one x column, which may be blank, precedes all channels
     places = [i for i, title in enumerate(titles) if i and title.strip() not in (_X_TITLE, _COMMENT, "")]
     if not places or _first(segment, "Channels") != str(len(places)):
         raise InputError(
@@ -98,7 +98,7 @@ def _channels(path: Path, rows: Rows, segment: dict[str, list[str]], decimal: st
         name, at = titles[place].strip(), Place(str(path), f'channel "{titles[place].strip()}"')
         tags = {tag: cells[place - 1] if place <= len(cells) else "" for tag, cells in segment.items()}
         if tags.get("X_Dimension", "Time") not in ("Time", ""):
-            raise at.error(f"it is given over {tags['X_Dimension']}, and over time is expected")
+            raise at.error(f"its x axis is {tags['X_Dimension']}, and time is expected")
         if tags.get("Samples") != str(len(column)):
             raise at.error(
                 f"the header announces {tags.get('Samples') or 'no number of'} samples, and {len(column)} follow; "
@@ -123,7 +123,7 @@ def _raster(tags: dict[str, str], decimal: str, at: Place) -> tuple[float, float
         )
     if np.spacing(abs(start)) > _FINEST * step:
         raise at.error(
-            f"beside X0 of {start:g} s, a date, steps of {step:g} s are rounded; write the time from the begin of the "
+            f"X0 = {start:g} s is a date, so steps of {step:g} s are rounded; write the time from the begin of the "
             "record, such as 0"
         )
     return start, step

@@ -74,7 +74,7 @@ class MatFile:
     def quantity_map(self, given_units: GivenUnits) -> FoundMap:
         """Quantity map of the variables, by their units and names; see `HoldsMap`.
 
-        `given_units` count before those of the file. Raises `InputError` if none is found, several are, or a
+        `given_units` override the units of the file. Raises `InputError` if the file has no map or several maps, or a
         unit is missing.
         """
         stated = given_units.by_kind()
@@ -106,7 +106,7 @@ class MatFile:
         """Content of variables; see `Sheet.take`."""
         names = [column.name for column in columns]
         for name in set(names).difference(self._columns):
-            find_column(self.path, self.names, name)  # it says which there are
+            find_column(self.path, self.names, name)  # its message lists the variables
         lengths = {name: len(self._columns[name]) for name in names}
         if len(set(lengths.values())) > 1:
             said = ", ".join(f'"{name}" {length}' for name, length in lengths.items())
@@ -125,7 +125,7 @@ def _columns(arrays: dict[str, NDArray[Any]]) -> Iterator[tuple[str, NDArray[Any
             yield from ((f"{name}(:,{i + 1})", array[:, i]) for i in range(array.shape[1]))
 
 
-# Last parts of names, where several variables have a unit of the kind or none has.
+# Last parts of names, used if not exactly one variable has a unit of the kind.
 _NAMES = {
     "rail pressure": ("rail_pressure", "p_rail", "prail", "rail", "p"),
     "energising time": ("energising_time", "et", "ti"),
@@ -155,7 +155,7 @@ def _fitting(file: MatFile, kind: str, dimensions: int) -> list[str]:
 
 
 def _find_named(names: Sequence[str], kind: str) -> list[str]:
-    """Variables by the first of the usual names that any of them has."""
+    """Variables with the first usual name that occurs."""
     for usual in _NAMES[kind]:
         matches = [name for name in names if name.rpartition(".")[2].lower() == usual]
         if matches:

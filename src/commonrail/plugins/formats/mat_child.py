@@ -21,8 +21,8 @@ from commonrail.readers.location import MOST_VALUES
 WHAT = "MAT file"
 
 MOST_VARIABLES = 10_000
-DEEPEST = 4  # structures in structures
-LARGEST_CHUNK = 100_000_000  # [bytes] of HDF5; it is unpacked whole, whatever is read of it
+DEEPEST = 4  # nested structures
+LARGEST_CHUNK = 100_000_000  # [bytes] of HDF5; to read any part of a chunk unpacks all of it
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MAT5 = (b"\x00\x01IM", b"\x01\x00MI")  # version and byte order at the end of the head
@@ -46,7 +46,7 @@ Variables = Iterator[tuple[str, NDArray[Any] | str | _Refused]]
 
 
 def read(path: Path, data: bytes, save: Save) -> dict[str, Any]:
-    """Names of the variables with numbers, in the order of their arrays "0", "1" …, texts, and reasons by name."""
+    """Names of numeric variables in the order of their arrays "0", "1" …; by name, texts and reasons for a refusal."""
     if not (is_hdf5 := _HDF5 in (data[:8], data[512:520])) and data[124:128] not in _MAT5:
         raise InputError(f"{path}: this is no MAT file of version 5 or later; save it with -v7 in MATLAB.")
     names: dict[str, None] = {}
@@ -77,7 +77,7 @@ def _of_mat5(path: Path, data: bytes) -> Variables:
 
 
 def _flat(path: Path, name: str, value: Any, depth: int) -> Variables:
-    """Variable itself, or the fields of a structure or of each of a list of them."""
+    """The variable, or the fields of a structure or of each element of a structure array."""
     if type(value) is not np.ndarray:  # subclasses are objects and functions of MATLAB
         yield name, _refusal(str(getattr(value, "classname", "")) or type(value).__name__)
     elif value.dtype.names:
@@ -110,7 +110,7 @@ def _of_hdf5(path: Path, data: bytes) -> Variables:
         for name, item in _in_hdf5(file, "", 0):
             kind = bytes(item.attrs.get("MATLAB_class", b"")).decode("ascii", "replace")
             if isinstance(item, h5py.Group):
-                # counts as a variable: links may lead in circles
+                # a group counts as a variable, to end circular links
                 yield name, _Refused(_SPARSE) if "MATLAB_sparse" in item.attrs else np.empty(0)
                 continue
             if "MATLAB_object_decode" in item.attrs or kind in _REFUSED:
@@ -135,12 +135,12 @@ def _of_hdf5(path: Path, data: bytes) -> Variables:
 
 
 def _in_hdf5(group: Any, inside: str, depth: int) -> Iterator[tuple[str, Any]]:
-    """Data sets and groups by their names; where links lead in circles, more than the file holds."""
+    """Names and items of data sets and groups; circular links repeat items."""
     import h5py
 
     for name in group:
         if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
-            continue  # MATLAB's own, and links, which may lead to other files
+            continue  # MATLAB's internal groups, and links, which may lead to other files
         item = group[name]
         yield f"{inside}{name}", item
         if isinstance(item, h5py.Group) and depth < DEEPEST and "MATLAB_sparse" not in item.attrs:

@@ -19,10 +19,10 @@ from commonrail.readers.guarded import Save
 
 WHAT = "MDF record"
 
-# Rules of numbers alone, by version: none, linear, rational, tables; of version 3 polynomial and exponential ones too.
+# Conversion rules without texts, by version: none, linear, rational, tables; in version 3 also polynomial, exponential.
 _NUMERIC_RULES = {3: (0, 1, 2, 6, 7, 8, 9, 65535), 4: (0, 1, 2, 4, 5, 6)}
 _TEXT_RULES = {3: (11, 12), 4: (7, 8)}  # a code, or a range of codes, becomes a text
-_BUS = re.compile(r"(CAN|LIN|FLX|ETH|MOST|K_LINE)_", re.I)  # begin of the names of raw frames, by ASAM's bus logging
+_BUS = re.compile(r"(CAN|LIN|FLX|ETH|MOST|K_LINE)_", re.I)  # prefix of the names of raw frames in ASAM bus logging
 
 
 def read(path: Path, data: bytes, save: Save) -> dict[str, Any]:
@@ -43,7 +43,7 @@ def read(path: Path, data: bytes, save: Save) -> dict[str, Any]:
 
 
 def _read_signal(record: Any, group: int, channel: int) -> tuple[Any, Any, str]:
-    """Times [s] and samples of a channel, and a clause on samples or texts that were replaced."""
+    """Times [s] and samples of a channel, and a remark on replaced samples or texts."""
     signal = record.get(group=group, index=channel, raw=True)
     version, rule, said = 4 if str(record.version) >= "4" else 3, signal.conversion, ""
     samples, times = np.asarray(signal.samples), np.array(signal.timestamps, np.float64)
@@ -61,9 +61,9 @@ def _read_signal(record: Any, group: int, channel: int) -> tuple[Any, Any, str]:
 
 
 def _decode(samples: Any, rule: Any, numeric: Sequence[int]) -> tuple[Any, str]:
-    """Numbers of codes that stand for texts, and a clause on the texts.
+    """Numbers of codes with texts, and a remark on the texts.
 
-    Codes 0 and 1 are the levels of a switch. Where most samples have no text, those with one, such as SNA, are NaN.
+    Codes 0 and 1 are the levels of a switch. If most samples have no text, samples with a text, such as SNA, are NaN.
     """
     blocks = rule.referenced_blocks or {}
     if any(getattr(block, "conversion_type", numeric[0]) not in numeric for block in blocks.values()):
@@ -75,7 +75,7 @@ def _decode(samples: Any, rule: Any, numeric: Sequence[int]) -> tuple[Any, str]:
     if len(codes) and is_text.mean() < 0.5:
         numbers = np.asarray(rule.convert(codes, ignore_value2text_conversions=True), np.float64)[places]
         said = [f"{count_noun(int(is_text.sum()), 'sample')} with the code of a text omitted"] if is_text.any() else []
-        said += [] if hasattr(blocks.get("default_addr"), "convert") else ["the file scales no number"]
+        said += [] if hasattr(blocks.get("default_addr"), "convert") else ["the file has no scaling rule for numbers"]
         return np.where(is_text, np.nan, numbers), "; ".join(said)
     if set(codes.tolist()) <= {0, 1}:
         return codes[places].astype(np.float64), ", ".join(texts)

@@ -1,6 +1,6 @@
 """Reader of Parquet tables for `guarded`: checked by their description before a row is read, then column by column.
 
-A small file may hold a huge table, and its description may be false: that the limits of the child find out.
+A small file may hold a huge table, and its description may be false; the limits of the child process then apply.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def read(path: Path, data: bytes, save: Save) -> dict[str, Any]:
         _check_columns(path, file)
         _check_size(path, file.metadata)
         columns = [file.metadata.schema.column(i) for i in range(file.metadata.num_columns)]
-        # Texts stay codes of the few that differ: a text repeated in every row takes no more than a number.
+        # Texts remain codes of distinct texts: a repeated text takes no more memory than a number.
         coded = [column.path for column in columns if column.physical_type == "BYTE_ARRAY"]
         table = parquet.ParquetFile(BytesIO(data), read_dictionary=coded).read().unify_dictionaries()
         texts = [_save_column(path, name, i, table.column(i), save) for i, name in enumerate(table.column_names)]
@@ -85,7 +85,7 @@ def _check_columns(path: Path, file: Any) -> None:
                 "numbers are expected; write one text or number in each row."
             )
         if len(name) > LONGEST_NAME:
-            raise _beyond(path, "a name of a column with more characters", f"{LONGEST_NAME}")
+            raise _beyond(path, "a column name with more characters", f"{LONGEST_NAME}")
     columns = [described.column(i) for i in range(len(described))]
     widest = max((column.length for column in columns if column.physical_type == "FIXED_LEN_BYTE_ARRAY"), default=0)
     if widest > LONGEST_TEXT:

@@ -1,8 +1,9 @@
-"""Channels of MDF and TDMS records, each with times of its own, read by a library in a child process.
+"""Channels of MDF and TDMS records, each with its own times, read by a library in a child process.
 
 A channel whose name occurs in several groups is named with its group, ``800bar 300us/ROI``. Numbers are converted by
-the linear, rational and tabular rules of the file; a rule that is a formula as text is not evaluated. Codes of texts
-are numbers where they are 0 and 1, as of a trigger, or where few samples have a text, such as SNA: these are omitted.
+the linear, rational and tabular rules of the file; a rule that is a formula as text is not evaluated. A channel of
+codes with texts is numeric if the codes are 0 and 1, as for a trigger, or if only a few samples have a text, such as
+SNA; these samples are omitted.
 
 Times of TDMS are ``wf_start_offset + n wf_increment``, from the earliest ``wf_start_time`` of the group; a group
 without waveforms has one channel of times.
@@ -28,10 +29,10 @@ MOST_CHANNELS = 10_000
 
 
 class _Record(ChannelSheet):
-    """Record, a `Sheet` whose columns are apart.
+    """Record: a `Sheet` in which each column has its own times.
 
-    The `form` has no meaning here. Raises `InputError` if it cannot be read, is beyond a limit, or the library of the
-    extra is not installed.
+    The `form` is not used. Raises `InputError` if the record cannot be read or exceeds a limit, or if the library of
+    the extra is not installed.
     """
 
     extra: str
@@ -67,7 +68,7 @@ class TdmsFile(_Record):
 
 
 class Refused(Exception):
-    """A channel of a kind that is not read; its text is the end of a sentence."""
+    """The channel is of an unsupported kind; the text is the end of a sentence."""
 
 
 class Channels:
@@ -76,15 +77,15 @@ class Channels:
     def __init__(self, path: Path, save: Save) -> None:
         self.entries: list[dict[str, Any]] = []  # fields of `Channel`, with the names of the saved arrays
         self._path, self._save, self._values = path, save, 0
-        self._times: tuple[str, Any] = "", None  # name of the times that were saved last, and they
+        self._times: tuple[str, Any] = "", None  # name and values of the times saved last
 
     def add(
         self, name: str, group: str, unit: str, master: str, count: int, read: Callable[[], tuple[Any, Any, str]]
     ) -> None:
         """Add a channel of `count` samples; `read` returns its times [s], its samples and a remark.
 
-        A channel that has too many samples or cannot be read has a fault, the end of a sentence. Raises `InputError` if
-        the record has too many channels or values.
+        If a channel has too many samples or cannot be read, its `fault` is the end of a sentence. Raises `InputError`
+        if the record has too many channels or values.
         """
         number = len(self.entries)
         entry = dict(

@@ -25,7 +25,7 @@ _FOUND = ("density", "bulk_modulus", "isentropic_bulk_modulus", "sound_speed", "
 
 _PRESSURES, _TEMPERATURES = 21, 9  # of the fit
 _CHECKS = 32, 12  # of the check: between the points of the fit, except at the ends
-_DEGREES = (3, 2, 1)  # of K1, K3, K4 of the moduli; higher ones improved n-dodecane and methanol by less than 10 %
+_DEGREES = (3, 2, 1)  # of K1, K3, K4 of the moduli; higher degrees improved n-dodecane and methanol by less than 10 %
 _VISCOSITY = (4, 3, 2)
 
 

@@ -16,8 +16,8 @@ from commonrail.physics.law import Domain
 from commonrail.readers.columns import Column, Table
 from commonrail.readers.tables import has_columns, open_sheet, take_columns
 
-FEWEST = 3  # pressures at each temperature: densities needed for a modulus that grows with pressure
-_WEIGHTS = (2e-4, 5e-3)  # equivalent deviations of density and modulus: errors of good measurements
+FEWEST = 3  # pressures per temperature, for a modulus that grows with pressure
+_WEIGHTS = (2e-4, 5e-3)  # relative errors of good measurements of density and modulus
 _OPTIONAL = {"bulk_modulus": "Pa", "sound_speed": "m/s", "heat_capacity": "J/(kg K)"}
 _MODULUS, _SOUND = (1000.0, 15.0, 0.92), (1200.0, 17.0, 0.91)  # start values K1 [MPa], K3, K4, of n-dodecane
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_array
 
 STRENGTHS = (-12.0, 7.0)  # decimal logarithm of the weakest and the strongest smoothing
-HALVINGS = 14  # of that range: to a thousandth of a decade
+HALVINGS = 14  # bisection steps over this range: to a thousandth of a decade
 SLOPE_STEP = 5e-6  # half of the time over which the slope of the quantity is computed [s]
 
 
@@ -51,8 +51,8 @@ class Cost(NamedTuple):
     """Quantities after a step minus those before it, over the cells of a map.
 
     `step` is "smooth", "monotone" or "resolution"; `inverse` is true for the map of energising times, whose quantities
-    are simulated before and after. Root mean square `rms` and `largest` difference [m³], the latter at a
-    `rail_pressure` [Pa] and `at` an energising time [s], or of the inverse a quantity [m³].
+    are simulated before and after. `rms` is the root mean square and `largest` the largest difference [m³], found at
+    `rail_pressure` [Pa] and `at`: an energising time [s], or for the inverse map a quantity [m³].
     """
 
     step: str
@@ -183,7 +183,7 @@ def smooth(
     cost: Callable[[Floats], float],
     largest: float,
 ) -> Floats:
-    """Return the smoothest values (n, m) over two axes, after `limit`, whose cost is at most `largest`.
+    """Return the smoothest values (n, m) over two axes whose cost, after applying `limit`, is at most `largest`.
 
     Least squares with a penalty on second divided differences along both axes (Whittaker 1923; Eilers 2003), which
     leaves planes unchanged. The penalty is as strong as the cost allows (Morozov 1966). Values that are NaN or have

@@ -1,4 +1,4 @@
-"""Energising times that hold a quantity: of a second injection at any dwell, of a single one over a condition."""
+"""Energising times for a constant quantity: second injection at any dwell, or single injection over a condition."""
 
 from __future__ import annotations
 
@@ -71,9 +71,9 @@ def compensation(
 ) -> Compensation:
     """Find energising times of a second injection that hold its quantity, at dwells (d,) [s].
 
-    The quantity is the total minus that of the first injection alone, and NaN where both are fused. `axes` belong to
-    the second injection. `ConfigurationError` if a dwell is negative or the first energising time [s] is not
-    greater than zero.
+    The quantity is the total minus the quantity of the first injection alone, and NaN if both injections are fused.
+    `axes` belong to the second injection. `ConfigurationError` if a dwell is negative or the first energising time [s]
+    is not greater than zero.
     """
     if not (first_energising_time > 0.0 and np.all(dwell >= 0.0)):
         raise ConfigurationError("The first energising time must be greater than zero, the dwells zero or greater.")
@@ -120,7 +120,7 @@ def hold(
         Rail pressures and one condition, such as ``{"rail_pressure": ["80 MPa"], "drive.boost_voltage": [50, 65]}``.
         With a ``first_energising_time`` the condition is the dwell, and the times apply to the second injection.
     quantities : array
-        SI or texts with units [m³]; a small one gives the dead time.
+        SI values or texts with units [m³]; a small quantity gives the dead time.
     longest : float or str
         Longest simulated energising time [s].
     time_step, threads, **fixed

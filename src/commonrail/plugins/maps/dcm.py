@@ -22,17 +22,17 @@ from commonrail.base.units import read_decimal
 from commonrail.plugins.maps.table import Axis, MapTable
 from commonrail.readers.location import read_bytes
 
-NUMBERS = 6  # in a line
+NUMBERS = 6  # per line
 LARGEST = 20_000_000  # [bytes]
 MOST_VALUES = 1_000_000
-MOST_DECIMALS = 15  # of a written value, as for a double near 1
-MOST_COMMENTS = 1000  # that are kept
-MOST_MAPS = 10_000  # of a file; chosen: a control unit has several thousand
+MOST_DECIMALS = 15  # of a written value: the precision of a double near 1
+MOST_COMMENTS = 1000  # kept
+MOST_MAPS = 10_000  # in a file; chosen: a control unit has several thousand
 _FORMAT = "KONSERVIERUNG_FORMAT"
 # Lines of maps that are not tables of numbers over numbers.
 _FOREIGN = dict.fromkeys(("ST_TX/X", "ST_TX/Y"), "its support points are texts") | {
     "TEXT": "its values are texts",
-    "VAR": "it is a variant of several",
+    "VAR": "it is a variant-coded parameter",
 }
 _SIGNS = str.maketrans({"µ": "u", "³": "3", "²": "2", "×": "x", "°": "deg", "−": "-", '"': "'"})
 
@@ -51,8 +51,8 @@ def write_into_dcm(path: Path, source: Path, label: str, table: MapTable) -> Non
     table.require_numbers("A DCM file")
     values = iter(table.values.ravel().tolist())
     inside = done = False
-    text, encoding = _decode(read_plain(source, LARGEST).removeprefix(b"\xef\xbb\xbf"))  # both keep each byte
-    if re.search(r"\r(?!\n)", text):  # other programs see a line end there
+    text, encoding = _decode(read_plain(source, LARGEST).removeprefix(b"\xef\xbb\xbf"))  # both preserve each byte
+    if re.search(r"\r(?!\n)", text):  # other programs treat CR as a line end
         raise InputError(f"{source}: a line ends with CR alone; lines must end with LF or CR LF.")
     lines = text.split("\n")
     for i, line in enumerate(lines):

@@ -1,8 +1,8 @@
 """Inverse of a quantity map: find the energising time of a quantity by simulation, not by interpolation.
 
 Each cell has a bracket of two simulated energising times, which Chandrupatla's method (Advances in Engineering Software
-28, 1997) narrows. All open cells of a round are simulated at once. A cell is done when the simulated quantity meets its
-target; all cells without a special state have been simulated.
+28, 1997) narrows. All open cells of a round are simulated at once. A cell is finished when the simulated quantity meets
+its target; so every cell without a special state is confirmed by a simulation.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ Simulate = Callable[[IndexArray, Floats], Response]
 Cell = tuple[int, int]  # pressure, quantity
 
 TOLERANCE = 0.01e-9  # of a delivered quantity [m³]
-NARROWEST = 10e-9  # bracket within which a missed quantity counts as jumped over [s]; control units have 100 ns
+NARROWEST = 10e-9  # bracket width below which a missed quantity counts as skipped [s]; control units resolve 100 ns
 INSIDE = 0.02  # least distance of the next time from both ends, as a share of the bracket: each round narrows it
-ROUNDS = 500  # for times of neighbours to spread into cells with several; more than the cells of an axis
+ROUNDS = 500  # to spread times into neighbours with several brackets; more than the cells of an axis
 
 
 class Rules(NamedTuple):
@@ -89,7 +89,7 @@ def invert(simulate: Simulate, lines: list[Line], quantity: Floats, rules: Rules
         place = np.array(list(brackets), np.intp).T
         around = np.array([brackets[cell][branch[cell]] for cell in brackets]).transpose(1, 2, 0)
         lines = _search(simulate, inverse, lines, _Cells(place, quantity[place[1]], around[0], around[1]))
-    for row, line in enumerate(lines):  # several energising times deliver a quantity inside a fall
+    for row, line in enumerate(lines):  # a quantity inside a fall has several energising times
         for fall in find_falls(line):
             inside = (quantity >= fall.low) & (quantity <= fall.high) & (inverse.state[row] == CellState.REACHED)
             inverse.state[row, inside] = CellState.SEVERAL
@@ -123,9 +123,9 @@ def _branches(
 ) -> dict[Cell, int]:
     """Choose the bracket of each cell by the rule.
 
-    NEIGHBOURS: times of cells with one bracket spread into the other cells, whose expected time is the mean of
-    their neighbours over rail pressure and quantity. Chosen is the bracket nearest to the
-    expected time, among those after the time of the next smaller quantity.
+    NEIGHBOURS: the expected time of a cell with several brackets is the mean of its neighbours over rail pressure and
+    quantity, starting from cells with one bracket. The rule takes the bracket nearest to the expected time, among
+    brackets after the time of the next smaller quantity.
     """
     if several is not Several.NEIGHBOURS:
         return {cell: 0 if several is Several.SHORTEST else len(around) - 1 for cell, around in brackets.items()}
@@ -199,7 +199,7 @@ def _share(cells: _Cells, first: bool) -> Floats:
 
 
 def _narrow(cells: _Cells, time: Floats, miss: Floats) -> _Cells:
-    """Shrink the brackets: the simulated time becomes the first end, the end that it replaces the third point."""
+    """Shrink the brackets: the simulated time becomes the first end, and the replaced end the third point."""
     same = (miss < 0.0) == (cells.miss[0] < 0.0)
 
     def shift(new: Floats, old: Floats) -> Floats:

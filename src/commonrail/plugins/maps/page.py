@@ -169,7 +169,7 @@ def _costs_table(maps: Mapping[str, InjectionMap]) -> Table:
             ("rail pressure, MPa", lambda r: megapascal(r[1].rail_pressure) if r[1].largest else ""),
             ("at", lambda r: quantity(r[1].at, "m3" if r[1].inverse else "s") if r[1].largest else ""),
         ],
-        "Over all cells, after the step less before it; of energising times by simulation at both.",
+        "Over all cells: quantity after the step minus quantity before it; simulated at both energising times.",
         3,
     )
 
@@ -351,7 +351,7 @@ def _band_sentences(m: InjectionMap) -> list[str]:
 def _band_about(m: InjectionMap, row: int, step: tuple[int, int], largest: float) -> tuple[Band, ...]:
     """Area of the widest band around the curve of a rail pressure, up to the largest quantity shown [m³].
 
-    `step` holds the number of the pressure and the number of curves.
+    `step`: number of the pressure, and number of curves.
     """
     if m.bands is None:
         return ()
@@ -458,7 +458,7 @@ def _tiles(m: InjectionMap, compared: Comparison | None) -> list[Tile]:
         ),
         Tile(
             "with longer energising",
-            f"falls at {count_noun(falls, 'place')}" if falls else "always grows",
+            f"falls at {count_noun(falls, 'place')}" if falls else "never falls",
             f"by more than {to_fixed(FALL, 2, MM3)} mm³",
             CARE if falls else GOOD,
         ),

@@ -23,8 +23,8 @@ from commonrail.engine.threads import usable_threads
 from commonrail.engine.time_step import DEFAULT_STEP, check_step
 from commonrail.physics.injector import Injector
 
-# Time simulated after the end of energising, plus a share of the energising. A simulation ends early once its needle
-# has closed; one whose needle is still open is repeated with the longest horizon.
+# Time simulated after the end of energising, plus a share of the energising. A simulation ends early once the needle
+# has closed. If the needle is still open, the simulation is repeated with the longest horizon.
 AFTER = (2e-3, 0.5)  # [s], [1]
 LONGEST_AFTER = 12e-3  # [s]
 
@@ -48,7 +48,7 @@ class Conditions(NamedTuple):
 # Simulation of many operating points that share their pressures and energisings.
 
 AT_A_TIME = 2048  # points of a batch: Ctrl-C takes effect between batches
-ENOUGH = 4  # batches for each thread, from which on threads simulate whole batches
+ENOUGH = 4  # fewest batches per thread for each batch to run in one thread
 
 
 def simulate_many(
@@ -97,7 +97,7 @@ def prepare_shared(injector: Injector, points: Sequence[OperatingPoint], dt: flo
     for point in points:
         pressure = point.rail_pressure, point.cylinder_pressure, point.return_pressure
         energising = point.energisings, point.horizon, point.start
-        # points that add pressures or an energising are prepared; their number serves both
+        # prepare only points with new pressures or a new energising; their index serves both
         if pressure not in pressures or energising not in energisings:
             pressures.setdefault(pressure, len(distinct))
             energisings.setdefault(energising, len(distinct))

@@ -159,7 +159,7 @@ OPERATING = {
 SHORT = {"temperature": FUEL_TEMPERATURE}
 OF_THE_SECOND = ("energising_time", "dwell")  # variables that do not affect the first of two injections
 
-# Statuses with another cure in a sweep, which has neither horizon nor bounds, see `explain`.
+# Sentences without the usual advice: a sweep has no horizon and no bounds to change, see `explain`.
 _SENTENCES = {
     Status.STILL_INJECTING: (
         f"The needle was still open {to_text(AFTER, 's')} after the last energising, so the quantity is not known."
@@ -352,7 +352,7 @@ def check_values(injector: Injector, variables: Sequence[Variable]) -> None:
         for value in values.tolist():
             if words := not_whole(name, value):
                 raise ConfigurationError(f"{injector.name}: {words}.")
-        if name in quantities:  # a parameter of another kind of injector gets the message of this injector's parameters
+        if name in quantities:  # otherwise `with_values` names the parameters that the injector has
             values = values[~(np.isfinite(values) & quantities[name].domain.admits(values))]
         for value in values[:1].tolist():
             injector.with_values({name: value})

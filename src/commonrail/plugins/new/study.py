@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -98,7 +99,7 @@ _CHECKED = {
     "rate_unit": "unit by the names of the columns",
     "rail_pressure": "by the name of the file or its column",
     "energising_time": "by the name of the file or its column",
-    "shots": "the only current begins to rise by offset after the trigger's edge, to a sample of it",
+    "shots": "the only current starts to rise at the offset after the trigger's edge, within one sample",
 }
 # Weight of a map next to rates. On two benches of 50 points and 120 shots (`studies/walk_bench.py`, seeds 1 and 2) it
 # lowers the rms of the quantities above 3 mm³ from 0.9 and 2.7 % to 0.7 and 0.9 %, and raises the largest error of a
@@ -205,6 +206,9 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
         bench = {key: stated.pressures.get(key) or noted.get(key, UNKNOWN) for key in _BENCH}
         read = [key for key in _BENCH if key in noted and not stated.pressures.get(key)]
         trial = _Trial(model, [bench | block for block in blocks], study)
+        if trial.error:  # the copies of the files go with the folder
+            copied = {str(folder / "data" / path.name): str(path) for path in sources}
+            raise InputError(functools.reduce(lambda text, copy: text.replace(copy, copied[copy]), copied, trial.error))
         free = free_by_name or trial.screen_parameters()
         delay, doubts = trial.delay(), trial.doubt_units(surveys)
         for curve in delay.curves if delay else ():
@@ -285,7 +289,7 @@ def block_of_file(survey: Survey, surveys: Sequence[Survey], model: Injector, st
 
 
 def _drive(survey: Survey, unit: str) -> dict[str, Any]:
-    """Key with the only channel that may be the measured drive, or with the pattern of several.
+    """Key with the only possible channel of the measured drive, or with a name pattern for several channels.
 
     Energising starts at time 0, so a record that begins earlier shows the zero of the sensor.
     """
@@ -357,7 +361,7 @@ class _Trial:
         for i in range(len(blocks)):
             try:
                 self.sets += [(i, data) for data in self._read_block(i)]
-            except CommonrailError as error:  # reading the study reports it too
+            except CommonrailError as error:
                 self.error = final_text(str(error), study.parent)
 
     def _read_block(self, i: int) -> list[DataSet]:
@@ -380,9 +384,9 @@ class _Trial:
         for rank, data_set in enumerate(sets):
             data.append(_thin(data_set, left // (len(sets) - rank)))
             left -= len(data[-1].simulated_points)
-        free = [] if self.error else screen(self.model, self.space, data, self.step)
+        free = screen(self.model, self.space, data, self.step)
         if not free:
-            reason = self.error or "the data do not depend on them, or state no operating points."
+            reason = "the data do not depend on them, or state no operating points."
             note(f"Usual parameters are free within 10 %, because the screening failed: {reason}")
         return free
 
@@ -585,7 +589,7 @@ def _line(key: str, value: Any, is_checked: bool = False) -> str:
     comments = {
         "role": '"fit", or "validation": compared, not fitted',
         "window": 'samples that count, from the start of energising; for a meter: meter = "NAME", [meters.NAME]',
-        "synthetic": "what about the data is not measured",
+        "synthetic": "part of the data that is not measured",
     }
     if is_checked:
         comments[key] = f"CHECK IT: {_CHECKED[key]}"

@@ -65,7 +65,7 @@ def new(
     """Write a small study to start from.
 
     The example curve is synthetic. With --from the study uses your own files: maps, traces or records of shots. They
-    are copied, described as they were understood, and a screening at their points proposes free parameters.
+    are copied, their interpretation is reported, and a screening at their points proposes free parameters.
 
     \b
     Examples:

@@ -89,7 +89,7 @@ def _where(measurement: Measurement) -> str:
 
 
 def plan_lines(plan: MeasurementPlan) -> list[str]:
-    """Sentences on gain and cost, and on what lacks."""
+    """Sentences on gain, cost and missing measurements."""
     lines = [plan_headline(plan)]
     if len(plan.measurements) < plan.settings.points:
         asked = count_noun(plan.settings.points, "measurement")

@@ -1,4 +1,4 @@
-"""Linear model of all candidates about the draws of a fit, with the errors shared by measurements."""
+"""Linear model of all candidates around the draws of a fit, including errors that measurements share."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from commonrail.plugins.certainty.noise_fit import Block, FittedNoise, block_of
 from commonrail.plugins.next.settings import Criterion
 from commonrail.plugins.next.study import Candidate, Problem, locate, plan_data_sets
 
-KEPT = 0.999  # share of a discrepancy's variance that its loads represent
-FIRM = 1e-12  # added to variances of positions, since a combination of them may not vary at all
+KEPT = 0.999  # share of a discrepancy's variance that its components represent
+FIRM = 1e-12  # added to the variances of positions, because a combination of positions may have no variance
 
 
 class Response(NamedTuple):
-    """Candidate as a linear model of the positions of the parameters between their bounds."""
+    """Values of a candidate as a linear function of the parameters, as positions between the bounds."""
 
     candidate: Candidate
     value: float  # mean quantity over the draws [m³], NaN if not defined or most simulations failed
@@ -116,8 +116,8 @@ def build_problem(
 ) -> Problem:
     """Build the design problem about draws (m, d) of a fit.
 
-    Unknowns are the positions, with the covariance of the draws, and the loads of stated discrepancies. Data sets are
-    in the order of the blocks of `likelihood`, whose noise is taken as known.
+    Unknowns are the positions, with the covariance of the draws, and the weights of the stated discrepancies'
+    components. Data sets are in the order of the blocks of `likelihood`, whose noise is taken as known.
 
     `parameters`: columns for criteria D and A; `injector_count`: number of leading parameters that belong to the
     injector, since predictions do not depend on the bench; `predicted`: number of leading responses for criterion V.
@@ -150,7 +150,7 @@ def build_problem(
 
 
 def _predictions(responses: Sequence[Response], loads: Floats, rows: Floats, d: int, injector_count: int) -> Floats:
-    """Rows (k, D) of predictions of the real injector (model and discrepancy), in tolerances.
+    """Rows (k, D) that predict the real injector, model plus discrepancy, in tolerances.
 
     If no candidate is a quantity, the samples of the curves are predicted, in units of their noise.
     """

@@ -128,8 +128,8 @@ def _order_by_gain(problem: Problem, rules: Rules, plan: Sequence[int]) -> list[
 
 
 TRUSTED = 5.0  # degrees of freedom from which an estimated noise scale is used
-WORTH = 0.1  # relative decrease of an error that is worth measuring: the uncertainty of an error from 50 values
-DRAWS, DRAWS_EACH = 100, 5  # draws at which candidates are simulated: at least, and per parameter
+WORTH = 0.1  # least useful relative decrease of an error: the uncertainty of an error from 50 values
+DRAWS, DRAWS_EACH = 100, 5  # draws at which candidates are simulated: least number, and number per parameter
 MOST_TRIED = 16  # places at which other kinds of measurement are tried
 
 
@@ -256,7 +256,7 @@ def next_measurements(
     _check(all_candidates, data)
     n = len(all_candidates)
     other_kinds = [kind for kind in list_fitted_kinds(data) if kind not in {item.kind for item in all_candidates}]
-    stride = n // MOST_TRIED | 1  # odd: reaches all times of a grid
+    stride = n // MOST_TRIED | 1  # odd, to reach all energising times of a grid
     all_candidates += [Candidate(kind, item.point) for kind in other_kinds for item in all_candidates[:n:stride]]
     note("fitting the noise of the data ...")
     certainty = certify(study, best, threads=threads, seed=settings.seed)
@@ -342,7 +342,7 @@ def _take_noise(estimate: Estimate, data: Sequence[DataSet]) -> tuple[list[Fitte
             notes.append(
                 f"{data_set.name} has too few points to estimate its noise: at least one tolerance is assumed."
             )
-        if not block.ordered and has_discrepancy(block):  # its loads also act on planned points
+        if not block.ordered and has_discrepancy(block):  # its components also act on planned points
             noise = replace(noise, courses=np.empty((0, 0)))
         noises.append(noise)
         if not has_discrepancy(block):
@@ -364,7 +364,7 @@ def _rules(candidates: Sequence[Candidate], data: Sequence[DataSet], settings: D
         taken |= too_close(places, measured_places, least).any(axis=1) & (kinds == item.kind)
     costs = np.where(taken, np.inf, np.array([item.cost for item in candidates]))
     _, levels = np.unique(places[:, 0], return_inverse=True)
-    budget = 1e300 if settings.budget is None else settings.budget  # less than the infinite cost of a measured place
+    budget = 1e300 if settings.budget is None else settings.budget  # finite: a measured place has an infinite cost
     return Rules(costs, levels.reshape(-1), settings.pressure_cost, blocked, settings.points, budget)
 
 

@@ -15,7 +15,7 @@ class Criterion(StrEnum):
     """Figure that a plan minimises."""
 
     V = "v"
-    """Mean variance of the predictions: A, with rows of the predictions."""
+    """Mean variance of the predictions: criterion A for the predictions instead of the parameters."""
 
     D = "d"
     """Volume of the region of the parameters: ½ ln det C over their number."""
@@ -54,13 +54,13 @@ class DesignSettings:
         default="20MPa",
         unit="Pa",
         limits=NOT_NEGATIVE,
-        text="Rail pressure within which points are too close, if their times are too.",
+        text="Least difference of rail pressures between points with similar energising times.",
     )
     apart_time: Number = setting(
         words="distance of energising times",
         default="30us",
         unit="s",
         limits=NOT_NEGATIVE,
-        text="Energising time within which points are too close, if their pressures are too; 0 allows repetitions.",
+        text="Least difference of energising times between points with similar pressures; 0 allows repetitions.",
     )
     seed: int = setting(words="seed", default=0, text="Seed of the draws.")

@@ -86,7 +86,7 @@ def usual_axes(data: Sequence[DataSet]) -> tuple[Floats, Floats]:
 
 
 def list_fitted_kinds(data: Sequence[DataSet]) -> list[str]:
-    """List the kinds of measurement that can be planned, in the order of the data; ConfigurationError if none can."""
+    """Kinds of measurement that can be planned, in the order of the data; ConfigurationError if there is no kind."""
     kinds = list(dict.fromkeys(data_set.kind for data_set in data if data_set.kind in KINDS))
     if not kinds:
         fitted = join_words(sorted({data_set.kind for data_set in data}))
@@ -107,7 +107,7 @@ def plan_data_sets(kind: str, points: Sequence[OperatingPoint], like: Sequence[D
         return [_plan_rate(model, point) for point in points]
     if not isinstance(model, QuantityData):
         raise ConfigurationError(
-            f'The study fits no data of the kind "{kind}", which would give noise and meter of a new measurement; plan '
+            f'The study fits no data of the kind "{kind}", from which a measurement takes noise and meter; plan '
             f"for {' or '.join(list_fitted_kinds(like))}."
         )
     zeros = np.zeros(len(points))
@@ -116,7 +116,7 @@ def plan_data_sets(kind: str, points: Sequence[OperatingPoint], like: Sequence[D
 
 
 def _plan_rate(model: RateData, point: OperatingPoint) -> RateData:
-    """Curve with the model's sampling, ending as long after the end of energising."""
+    """Curve with the model's sampling interval and the model's record time after the end of energising."""
     width = float(np.median(np.diff(model.bounds)))
     begin = min(float(model.bounds[0]) - model.point.start, 0.0)
     after = float(model.bounds[-1]) - model.point.end_of_energising
@@ -131,8 +131,8 @@ def _plan_rate(model: RateData, point: OperatingPoint) -> RateData:
 # Criteria of optimal design, as the logarithm of a typical standard deviation.
 #
 # A measurement with whitened derivatives r adds rᵀr to the information H; V = H⁻¹. With rows e of the predictions or
-# parameters of interest, C = e V eᵀ. Errors shared by measurements are further columns of H, r and e with unit prior
-# information, which equals generalised least squares with the full covariance.
+# parameters of interest, C = e V eᵀ. An error shared by measurements is a further column of H, r and e with unit prior
+# information; this equals generalised least squares with the full covariance.
 
 
 class Problem(NamedTuple):

@@ -24,10 +24,10 @@ SHORTEST, LONGEST = 20e-6, 5e-3  # range of the search for energising times [s];
 SINGLE = np.geomspace(80e-6, 3e-3, 40)  # start values, from single injections [s]
 NEAR = 0.02  # half width of the first bracket, as a share; chosen
 MET = 1e-3  # largest miss of a quantity that counts as met, as a share: a tenth of the scatter of shots
-NARROWEST = 10e-9  # bracket within which a missed quantity counts as jumped over [s], as in a map
-TAKEN = 0.5  # share of the step from present energising times to new ones; chosen on 6 parts, as in compensation_trial
+NARROWEST = 10e-9  # width of a bracket below which a missed quantity counts as skipped by a jump [s], as in a map
+TAKEN = 0.5  # share of the change of energising times that is applied; chosen on 6 parts, as in compensation_trial
 SAME_RAIL = 0.05  # largest relative difference of the median rail pressure from log to log; chosen [E]
-ITERATIONS = 20  # a bracket that doubles is as wide as all energising times after ten
+ITERATIONS = 20  # after ten, a bracket that doubles covers all energising times
 
 
 def compensate(
@@ -59,9 +59,9 @@ def compensate(
 
     Notes
     -----
-    Injections are solved in order, since later ones do not change earlier ones: a bracket, and in it Chandrupatla's
-    method (Advances in Engineering Software 28, 1997; `scipy.optimize.elementwise`), all trains in the lanes at once.
-    Dwells are fixed, and later energisings move when an earlier one grows.
+    Injections are solved in order, because later injections do not affect earlier ones. Each is bracketed,
+    then solved by Chandrupatla's method (Advances in Engineering Software 28, 1997; `scipy.optimize.elementwise`), for
+    all trains in parallel. Dwells are fixed: later energisings move when an earlier energising grows.
 
     Raises
     ------

@@ -106,7 +106,7 @@ def _accuracy(
     belief, squares = Belief.before(settings.states), []
     for k in range(SHOTS):
         response = responses[k % len(responses)]
-        # the pressure equals the response at any states: the filter keeps its states
+        # measured and simulated pressure are equal, so the filter keeps its states
         walked = belief.walk(settings.states)
         done = update(walked, settings.states, response.shown, covariance, lambda _, response=response: response, 1)  # type: ignore[misc]
         assert done is not None

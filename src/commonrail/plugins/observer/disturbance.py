@@ -15,8 +15,8 @@ LEAST = 12  # samples of a quiet stretch that are needed for an estimate
 MEAN, TREND = 2e6, 1e9  # standard deviations of the unknown mean [Pa] and slope [Pa/s], wide enough to be free
 HIGHEST = 0.4  # frequency of a wave times the spacing of samples; higher frequencies count as noise
 LOWEST = 2.0  # periods of a wave in a stretch; slower changes belong to the rate
-# A rate of change of the pressure may vary by a share of itself within some stretches although all of them look
-# steady: a pump in step with the injections reverses at the same place of every shot. Chosen [E].
+# The rate of pressure change may vary by this share in some stretches even if all look steady: a pump synchronous with
+# the injections reverses at the same point of every shot. Chosen [E].
 VARYING, LONGEST = 0.3, 10.0
 SLOW = 8.0  # start of one of the searches, in periods of a wave per stretch; the other starts at the periodogram's peak
 IMPOSSIBLE = 1e12  # cost of a matrix that is not a covariance

@@ -26,9 +26,9 @@ from commonrail.readers.columns import PLAIN, Column, FileForm, Table
 from commonrail.readers.tables import open_sheet, take_columns, take_each
 
 SLOWEST = 20e3  # lowest sampling rate of a log, as in the table of accuracies [1/s]
-COMMAND_UNITS = ("V", "A", "1")  # of a channel whose edges are the energisings
-HOLD, HOLDING = 0.75, 0.25  # a current stays below this share of its range, for this share of the time; a switch not
-CUT = 2e-6  # assumed overhang of an energising that the log cuts [s]
+COMMAND_UNITS = ("V", "A", "1")  # units of a channel from whose edges energisings are read
+HOLD, HOLDING = 0.75, 0.25  # a current is below this share of its range during this share of the time, a switch is not
+CUT = 2e-6  # assumed part of a cut energising outside the log [s]
 
 
 class ObservedShot(NamedTuple):
@@ -377,8 +377,8 @@ class LogColumns(NamedTuple):
 class Log(NamedTuple):
     """Log: times (samples,) [s], pressure (samples,) [Pa], energisings (start, duration) [s], and their errors.
 
-    Errors of energisings from a current are the largest of their durations, infinite without an end [s]. Samples
-    (samples,) of further sensors by name; `volume` marks a return flow by volume.
+    Errors of energisings read from a current are largest errors of the duration [s], infinite if the end is missing.
+    `further` has samples (samples,) of other sensors by name; `volume` marks a return flow by volume.
     """
 
     time: Floats
@@ -392,10 +392,9 @@ class Log(NamedTuple):
 def read_log(path: Path, columns: LogColumns) -> Log:
     """Read a log of pressure and command.
 
-    An energising lasts while the command is above the middle of its range, or while a current flows, whose hold may be
-    below that. An energising cut by the log begins or ends beyond it. A file of energisings has the columns start and
-    duration.
-    `InputError` if a file cannot be read, or the command has no edge.
+    An energising lasts while the command is above the middle of its range. For a current it lasts while the current
+    flows, because the hold current may be lower. An energising cut by the log begins or ends outside it. A file of
+    energisings has the columns start and duration. `InputError` if a file cannot be read, or the command has no edge.
     """
     sheet = open_sheet(path, columns.form)
     time = Column(columns.time, "s", columns.time_unit, increasing=True, stating="--time-unit")
@@ -437,7 +436,7 @@ def read_log(path: Path, columns: LogColumns) -> Log:
 
 
 def _read_command(table: Table, time: str, command: str) -> tuple[list[tuple[float, float]], list[float]]:
-    """Energisings of a command, and their largest errors if it is a current, or has the course of one [s]."""
+    """Energisings of a command, and their largest errors [s] if it is a current or has the shape of a current."""
     clock, value = table.columns[time], table.columns[command]
     least, most = float(value.min()), float(value.max())
     on = value > 0.5 * (least + most)

@@ -36,12 +36,12 @@ from commonrail.report.html import render
 
 INJECTIONS = 5  # most in a shot
 SPAN = 6e-3  # most from a shot's first energising to the end of its last [s]
-WORK = 5.0  # steps of a block per sample, for each block and each 10 µs of the sampling interval; chosen
-BEGIN = 20.0  # units of work to begin a lane
+WORK = 5.0  # block steps per sample, per block and 10 µs of the sampling interval; chosen
+BEGIN = 20.0  # units of work to start a lane
 
 
-# Multiples of first deviations at which shots are simulated. Slopes are differences, and rounding grows a hundredfold
-# in every iteration: results would differ within some shots. On a grid C and Python agree.
+# Shots are simulated at states on a grid, in multiples of the initial deviations. Slopes are differences, and rounding
+# grows a hundredfold per iteration: C and Python would differ after some shots. On a grid they agree.
 GRID = 0.05
 # Half the work of 4 at the same accuracy: median quantity error 2.4 % against 2.3 % on 6 injectors with 16 shots each
 # of studies/observer_trial.py (seed 1).
@@ -151,7 +151,7 @@ def online_variables(online: Online) -> list[Variable]:
         ("rail_pressure", "Pa", "pressure that the sensor showed before it"),
         ("injections", "1", "injections of the shot"),
         ("consistency", "1", f"squared innovation over its expectation; beyond {kalman.TRUSTED:g} nothing was learnt"),
-        ("missed", "1", "shots without figures so far: too long, or before the one before was evaluated"),
+        ("missed", "1", "shots without figures so far: too long, or too early after the previous shot"),
         ("failed", "1", "shots so far that could not be simulated"),
         ("alarms", "1", "alarms so far"),
         ("alarm", "1", "state that drifted, counted from 1 in the order of drift; 0 without an alarm at this shot"),
@@ -204,7 +204,7 @@ def observer_texts(online: Online) -> dict[str, str]:
         )
     if injector.wired(names) != injector.wired():
         raise ConfigurationError(
-            f"{injector.name} has a zero for a parameter of a drift state, which scales it; leave the state out."
+            f"{injector.name}: a drift state scales a parameter that is zero; leave the state out."
         )
     if settings.after > settings.gap - 50e-6:
         raise ConfigurationError(

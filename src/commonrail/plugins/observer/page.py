@@ -27,15 +27,15 @@ from commonrail.report.fit.rules import BAD, CARE, GOOD, Tile
 from commonrail.report.presenter import Array, Arrays, Presenter, in_common_unit
 from commonrail.report.result_kind import ResultKind
 
-MOST_COLUMNS = 16  # of the map of drift, wide enough for "−10.3"; some shots are left out
-MOVED, OFTEN = 0.3, 0.1  # a warning needs this change of the quantity by the pressure, in this share; chosen
+MOST_COLUMNS = 16  # of the drift map, wide enough for "−10.3"; some shots are omitted
+MOVED, OFTEN = 0.3, 0.1  # a warning needs this relative change of the quantity in this share of injections; chosen
 FAR = 4.0  # standard deviations before the first shot beyond which a state is doubted; chosen
 LEARNT = 0.8  # share of its first standard deviation below which a state counts as estimated from the pressure; chosen
 CONSISTENT = (0.5, 2.0)  # medians of the consistency for which the stated deviations can be trusted; chosen
 # Coverage of the stated deviations on simulated injectors: studies/observer_trial.py.
 HELD = (
-    "In a trial with a rail sensor on simulated injectors, whose parameters scatter as the first deviations of the "
-    "states, 95 % intervals held 97 % of the quantities."
+    "In a trial with a rail sensor on simulated injectors, whose parameters scatter by the initial deviations of the "
+    "states, 95 % intervals contained 97 % of the quantities."
 )
 FURTHER_WORDS = {"current": ("the coil's current", "--current"), "return": ("the return flow", "--return-flow")}
 SHOWN_UNITS = {"1": (100.0, "%"), "Pa": (MPA, "MPa"), "s": (MICROSECOND, "µs")}  # of states in figures
@@ -78,8 +78,8 @@ def observer_lines(summary: ObservationSummary) -> list[str]:
     injections, observed = summary.every_injection, summary.observed
     if observed and not any(injection.quantity_open_loop > 0.0 for injection in observed):
         return [
-            f"By the model alone the {count_noun(len(injections), 'energising')} of the log do not inject, and "
-            "the pressure moves no quantity; check energising times, command and pressure."
+            f"The model does not inject at the {count_noun(len(injections), 'energising')} of the log, so the pressure "
+            "cannot correct a quantity; check energising times, command and pressure."
         ]
     lines = [f"{count_noun(len(summary.shots), 'shot')} with {count_noun(len(injections), 'injection')}"]
     if observed:
@@ -152,7 +152,7 @@ def warning_lines(summary: ObservationSummary) -> list[str]:
     moved = _shift_by_pressure(summary.observed)
     conditions = {
         f"{quantity(low, 'Pa', 3)} to {quantity(high, 'Pa', 3)} is usual before a shot.": not low <= rest <= high,
-        f"{strange} of {len(shots)} shots contradict the model: use no quantity.": 2 * strange > len(shots),
+        f"{strange} of {len(shots)} shots contradict the model: do not use the quantities.": 2 * strange > len(shots),
         f"More than 10 % of the quantities differ from the model by over {100.0 * MOVED:g} %.": bool(
             np.sum(moved > MOVED) > OFTEN * len(moved)
         ),
@@ -284,8 +284,8 @@ def _compensation(trains: tuple[TrainTimes, ...]) -> Figure:
                 lines.append(Series(f"{to_fixed(rail, 0, MPA)} MPa, {words}", look, x, y, BOTH, k))
         panels.append(Panel(f"injection {i + 1}, % off", tuple(lines), zero_line=True, has_legend=i == 0))
     caption = (
-        "Deviation from the target quantities by the model with its states: with the energising times of single "
-        "injections by the model without them, and with compensated ones."
+        "Deviation from the target quantities, simulated with the estimated states: energising times of single "
+        "injections without the states, and compensated energising times."
     )
     return Figure("Compensation", caption, "dwell, ms", tuple(panels))
 
@@ -306,7 +306,7 @@ def _compensation_table(trains: tuple[TrainTimes, ...]) -> Table:
         ("without, mm³", lambda train: volumes(train.plain_quantities)),
         ("met", lambda train: "yes" if train.met else f"no: {volumes(train.quantities)} mm³"),
     ]
-    note = "Energising times by the states after the last shot; without: times of single injections by the model alone."
+    note = "Energising times by the states after the last shot; without: times of single injections without the states."
     return table_from_columns("Compensated energising times", trains, columns, note, inputs=("wanted, mm³",))
 
 

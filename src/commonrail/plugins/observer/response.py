@@ -1,4 +1,4 @@
-"""Simulate one shot at the drift states and with small changes of each: pressure, quantities, opening, closing."""
+"""Simulate a shot at the drift states and with a small change of each: pressure, quantities, opening, closing."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from commonrail.plugins.observer import study
 from commonrail.plugins.observer.further import PATHS, coil_current, read_meter, select_current_samples
 from commonrail.plugins.observer.study import ObserverSettings, ShotRecord
 
-# Steps of the temperature at which the fuel is computed, which takes as long as a shot; linear in between [K].
+# Temperature steps of the fuel properties [K], linear in between; computing them takes as long as a shot.
 WARMTH = 5.0
-STEP = 0.1  # difference of a state, in its standard deviation before the first shot
-LATER, LOWER = 1e-6, 0.1e6  # differences of the delay [s] and of the pressure at rest [Pa]
+STEP = 0.1  # difference of a state, in initial standard deviations
+LATER, LOWER = 1e-6, 0.1e6  # differences of the delay [s] and of the initial pressure [Pa]
 OPEN = 0.02  # share of an injection's largest rate at which it opens and closes, where the slope is steep
-BODY = 0.25  # share exceeded in between: a bounce of the needle stays below
+BODY = 0.25  # share that an injection exceeds; a bounce of the needle stays below it
 RATE_STEP = 10e-6  # over which a rate is averaged [s]
 LATEST = 0.5e-3  # longest opening delay [s]
 
@@ -96,14 +96,14 @@ class Simulator:
         more = [path for name in settings.further for path in PATHS[name]]
         self._rows = {path: paths.index(path) for path in (study.SENSORS[settings.sensor], "nozzle.injected", *more)}
         self.simulations = 0
-        self.refused: ConfigurationError | None = None  # fault of the first shot that no state could cure
+        self.refused: ConfigurationError | None = None  # error of the first shot that cannot be simulated at any state
 
     def at(self, shot: ShotRecord, rest: float, x: Floats) -> Response | None:
         """Response at states `x` (states,), None if the simulation fails; `rest`: reading at rest [Pa]."""
         grid_states = self._at_grid(x)
         try:
             response = self._at(shot, rest, grid_states)
-        except ConfigurationError:  # the fuel does not cover the pressure of such states or such a shot
+        except ConfigurationError:  # the fuel is not defined at the pressure of these states or this shot
             return None
         if response is None or not np.isfinite(response.shown).all():
             return None
@@ -270,14 +270,14 @@ def mean_rate(time: Floats, injected: Floats) -> Floats:
 
 
 def warm_steps(injector: Injector) -> Floats:
-    """Changes of the fuel temperature (steps,) [K] for which the fuel is computed; it covers the next kelvin too."""
+    """Changes of the fuel temperature (steps,) [K] at which the fuel is defined, also at 1 K above."""
     here, steps = injector.values[FUEL_TEMPERATURE], WARMTH * np.arange(-40, 41)
     both = injector.fuel.is_defined_at(here + steps) & injector.fuel.is_defined_at(here + steps + 1.0)
     return np.asarray(steps[both])
 
 
 def find_cuts(time: Floats, injected: Floats, pulses: tuple[Energising, ...]) -> list[int]:
-    """Indices that separate the injections of the energisings: the smallest rate as the next one begins."""
+    """Indices that separate the injections: the smallest rate at the beginning of the next energising."""
     rate = np.diff(injected)
     cuts = [0]
     for pulse in pulses[1:]:
@@ -289,8 +289,8 @@ def find_cuts(time: Floats, injected: Floats, pulses: tuple[Energising, ...]) ->
 def find_figures(time: Floats, injected: Floats, cuts: list[int]) -> Floats:
     """Injected mass [kg], opening and closing [s] between the cuts, (3, injections).
 
-    An injection opens and closes where its rate passes `OPEN` of its largest rate next to where it exceeds `BODY`.
-    `time`, `injected` (samples,): [s], [kg].
+    An injection opens and closes at the crossings of `OPEN` of its largest rate next to the part above `BODY`. `time`,
+    `injected` (samples,): [s], [kg].
     """
     rate = np.diff(injected)
     figures = np.full((3, len(cuts) - 1), np.nan)

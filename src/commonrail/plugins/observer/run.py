@@ -38,9 +38,9 @@ UNEVEN = 0.01  # largest deviation of a sampling interval from the median one
 MEMORY = 0.1e-3  # correlation time of the model's pressure error: about a period of the waves in a line [s]
 SHORTEST = 1e-6  # least energising time: the step of the simulations; no injector answers a shorter one [s]
 FLOOR = 1e3  # standard deviation that keeps the covariance definite [Pa]
-# Largest mean square of a further sensor's innovation: for many samples as for a shot, for one 3 standard deviations.
+# Largest mean square innovation of another sensor: with many samples the limit of a shot, with one 3 deviations.
 FITTING = {"current": TRUSTED, "return": 9.0}
-FREE = 1.0  # first deviation of an unknown meter gain
+FREE = 1.0  # initial deviation of an unknown meter gain
 
 
 class Progress(NamedTuple):
@@ -250,7 +250,7 @@ class _Run:
                     observed = _correct(observed._replace(consistency=done.consistency, alarm=alarm), done)
                     horizon.add(k, measured, done, before)
                 observed_shots.append(observed)
-                if alarm is not None:  # estimate the changed state from its first deviation again
+                if alarm is not None:  # restart the changed state from its initial deviation
                     changed = np.array([(state.name == alarm.state) * state.deviation**2 for state in states])
                     horizon.change(alarm.ago, changed)
                     belief, self.alone = belief.spread(changed), self.alone.spread(changed)
@@ -281,7 +281,7 @@ class _Run:
         )
 
     def _observe(self, shot: ShotRecord, belief: Belief) -> tuple[ObservedShot, Measured, Update | None]:
-        """Observe a shot: open-loop figures with the counting sensors; measurements; update."""
+        """Observe a shot: open-loop figures with the sensors in use, measurements, and update."""
         at = self.simulator.average(shot.time, shot.time)
         at = np.where(np.abs(at) < 1e-6 * (at[1] - at[0]), 0.0, at)  # removes rounding of a sample at the start
         samples = self.simulator.average(shot.pressure, shot.time)
@@ -312,7 +312,7 @@ class _Run:
     def _find_agreeing(
         self, shot: ShotRecord, at: Floats, rows: dict[str, Floats], first: Response, x: Floats
     ) -> dict[str, bool]:
-        """True for each further sensor that agrees with the pressures so far; this shot updates `alone` too.
+        """True for each further sensor that agrees with the pressures so far; the shot also updates `alone`.
 
         In `alone` the return meter's gain is free: its readings estimate the gain, which must be plausible.
         `first`: response at states `x`, from which it is linear.

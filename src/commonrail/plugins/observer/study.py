@@ -39,12 +39,12 @@ from commonrail.plugins.observer.disturbance import Disturbance
 
 GAIN, OFFSET = "sensor gain", "sensor offset"
 DELAY = "sensor delay"
-# Largest first deviation of a state by unit, and the reason. Chosen [E].
+# Largest initial deviation of a state by unit, and the reason. Chosen [E].
 WIDEST = {
     "1": (1.0, "a value several times as large is another part's"),
-    "K": (100.0, "no fuel is known over so many temperatures"),
+    "K": (100.0, "no fuel properties cover such a range"),
     "Pa": (20e6, "a sensor so far off is defect"),
-    "s": (1e-3, "the sensor would show a shot after it"),
+    "s": (1e-3, "the signal would come after the shot"),
 }
 
 
@@ -97,12 +97,12 @@ class DriftState(NamedTuple):
 
 
 # Deviations, walks, scatters and limits are engineering estimates [E]; the deviations are close to the tolerances of
-# cases/tolerance. Sensor states cover its gain and the rail's volume, its zero, and 5 µs of delay.
-# The nine from feed pipe length on are not estimated for their own sake: without them other states absorbed their
-# effect on the pressure, above all the fuel temperature that of the pipe's length, and quantities had a lasting error.
-# With 23 parameters and the states themselves three blocks of lanes are full. The last four belong to further sensors.
-# The return meter's gain covers 1 % of its own and 3 % of model error in the return quantity: at the true states
-# of studies/observer_trial.py the model lacked 3.4 % for each injector, and 0.8 % from shot to shot.
+# cases/tolerance. Sensor states cover its gain and the rail's volume, its zero, and 5 µs of delay. The nine states from
+# feed pipe length on prevent bias: without them, other states absorbed their effect on the pressure (mainly the fuel
+# temperature for the pipe length), and quantities had a lasting error. 23 parameters and the states themselves fill
+# three blocks of lanes. The last four states belong to further sensors. The deviation of the return meter's gain covers
+# 1 % of the meter and 3 % of model error in the return quantity: at the true states of studies/observer_trial.py the
+# model was 3.4 % low per injector, and 0.8 % from shot to shot.
 STATES = (
     DriftState("nozzle flow", "nozzle.hole_diameter", 0.5, 0.05, 1e-3, 5e-3, 0.03),
     DriftState("valve preload", "valve.spring_preload", 1.0, 0.04, 1e-3, 3e-3, 0.05),
@@ -337,7 +337,7 @@ def check_model(injector: Injector, further: tuple[str, ...] = ()) -> None:
 
 
 def resolve_states(injector: Injector, settings: ObserverSettings) -> tuple[DriftState, ...]:
-    """States whose parameter this injector reads, and which is not zero if it is scaled.
+    """States whose parameter the injector reads; a scaled parameter must not be zero.
 
     States of missing further sensors are left out.
     """
@@ -395,7 +395,7 @@ def cut_log(
     settings: ObserverSettings,
     further: Mapping[str, Floats] = MappingProxyType({}),
 ) -> list[ShotRecord]:
-    """Cut the whole shots out of a log, half a sample earlier; a note counts incomplete ones.
+    """Cut complete shots out of a log, half a sample earlier; a note states the number of incomplete shots.
 
     `time` (samples,): evenly spaced [s]; `pressure` (samples,): [Pa]; `energisings`: in order, in the time of the log;
     `further`: samples (samples,) of further sensors by name, in the units of `FURTHER`.

@@ -1,4 +1,4 @@
-"""Live chart of a calibration's report: a dragged point of the parameters has the main chart simulated again."""
+"""Live chart of a calibration's report: it is simulated again when the reader drags a parameter's value."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from commonrail.report.figure import LOOKS, colour_of
 from commonrail.report.fit.record import by_kind
 from commonrail.report.html import render
 
-LARGEST = 200_000  # of the numbers of the data [letters]; J of further data is not shown
+LARGEST = 200_000  # characters of the encoded data; J of further data is not shown
 
 
 @lasting(ALL_ENTRIES)
 def live_chart(record: Record, folder: Path) -> Markup:
-    """Scripts and numbers with which a report's page ends; empty where its main chart cannot simulate.
+    """Scripts and numbers at the end of a report's page; empty if its main chart cannot simulate.
 
-    That is so without the compiler of the module, for data other than injection curves and maps of the injected
-    quantity, and for an injector that a page refuses.
+    The chart needs the compiler of the module, injection curves or maps of the injected quantity, and an injector that
+    pages support.
     """
     main = next((d for _, records in by_kind(record["data"]) for d in records), None)
     if main is None:
@@ -82,6 +82,6 @@ def _numbers(subject: Subject, main: Record) -> dict[str, Any]:
 
 
 def _colours(main: Record) -> Sequence[str]:
-    """Colours of the rail pressures of a map, from the lowest on; none of a curve."""
+    """Colours of the rail pressures of a map, lowest first; empty for a curve."""
     count = len({row["rail_pressure"] for row in main.get("rows", ()) if not row.get("dead_time")})
     return [colour_of(JUDGED, i, count) for i in range(count)]

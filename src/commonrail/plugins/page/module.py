@@ -15,7 +15,7 @@ from commonrail.plugins.export.entry_points import sizes
 from commonrail.plugins.export.object_files import compiler_for, emit, find_target, make_source, run_compiler
 
 TARGET = "wasm32"
-MOST_STEPS, MOST_ROWS, MOST_SLOTS = 60_000, 20_000, 16_384  # of one simulation: its memory is in the module
+MOST_STEPS, MOST_ROWS, MOST_SLOTS = 60_000, 20_000, 16_384  # limits of a simulation, whose memory is part of the module
 _SHIM = Path(__file__).with_name("page.c")
 _FEATURES = "-mcpu=generic+simd128+bulk_memory+nontrapping_fptoint+sign_ext"
 _LINK = ("-Wl,--no-entry", "-Wl,--strip-all", "-Wl,-z,stack-size=65536")
@@ -32,7 +32,7 @@ def wasm_module(variant: Variant) -> bytes:
 
 
 def _file_name(variant: Variant) -> str:
-    """Name that holds all but the physics, for which the folder is named."""
+    """File name from all inputs except the physics, which name the folder."""
     digest = hashlib.sha256(repr((make_source(variant).digest, _defines(variant), _zig())).encode())
     for source in (Path(object_files.__file__), _SHIM, Path(__file__)):
         digest.update(source.read_bytes())

@@ -50,7 +50,7 @@ from commonrail.report.simulation import DASHES as CHANNEL_DASHES
 from commonrail.report.simulation import ORDER
 
 TAIL = 2.5e-3  # simulated after the end of the last energising, unless needle and valve rest before [s]
-RESTING = 3.0 * plan.RESTING  # an end is found after such a rest [s]: it sees needle and valve alone
+RESTING = 3.0 * plan.RESTING  # time of rest at which a simulation ends [s]: only needle and valve are checked
 SAMPLE = 3e-6  # between the channels that are kept [s]
 KELVIN = 1.0  # between the nodes of the fuel's temperature
 CYLINDERS = 41  # nodes of the density over the cylinder's pressure
@@ -62,8 +62,8 @@ MAP_PRESSURES, MAP_TIMES, LONGEST = 5, 12, 1.5e-3
 def content(subject: Subject, first: OperatingPoint, version: str) -> dict[str, Any]:
     """Mapping that the page's script reads; arrays are base64 of little-endian doubles.
 
-    `first` is the operating point of a page without data; of one with maps alone it is the measured point that lies
-    nearest to this one. `version` is that of the program.
+    `first`: operating point of a page without data; a page with maps only uses the measured point nearest to it.
+    `version`: version of the program.
     """
     injector = subject.injector
     first = _first_measured(subject, first)
@@ -128,7 +128,7 @@ def bench_numbers(subject: Subject, sliders: tuple[Slider, ...], first: Operatin
 
 
 def _first_measured(subject: Subject, first: OperatingPoint) -> OperatingPoint:
-    """Measured point of a map that lies nearest to a point, by ratios of pressure and time; the point without maps."""
+    """Measured map point nearest to a point, by ratios of pressure and time; the point itself without maps."""
     judged = [p for d in subject.maps for p, dead in zip(d.points, d.dead_time, strict=True) if not dead]
     if subject.data or not judged:
         return first
@@ -142,7 +142,7 @@ def _first_measured(subject: Subject, first: OperatingPoint) -> OperatingPoint:
 
 
 def _nodes(injector: Injector) -> tuple[list[float], int]:
-    """Temperatures [K] of the slider, the injector's own among them, and its place."""
+    """Temperatures [K] of the slider, including the injector's temperature, and the index of the latter."""
     low, high = injector.fuel.temperature_range
     temperature = injector.values[FUEL_TEMPERATURE]
     below, above = int((temperature - low) / KELVIN), int((high - temperature) / KELVIN)
@@ -164,7 +164,7 @@ def _slider(injector: Injector, s: Slider) -> dict[str, Any]:
 
 
 def _constraints(space: Space) -> list[dict[str, Any]]:
-    """Linear constraints of a run between parameters of the injector: shares by name, and the least sum [SI]."""
+    """Linear constraints of a run on injector parameters: coefficients by name, and least sum [SI]."""
     floor = space.rows.floor(space.lower, space.upper)
     constraints = []
     for row, least, label in zip(space.rows.matrix, floor, space.rows.labels, strict=True):
@@ -183,7 +183,7 @@ def _columns(injector: Injector, subject: Subject, sliders: Iterable[Slider]) ->
 
 
 def _ring(subject: Subject, sliders: tuple[Slider, ...], first: OperatingPoint) -> int:
-    """Slots of a ring of waves that suffice for every place of the sliders."""
+    """Slots of the wave ring buffer that suffice for all slider positions."""
     injector = subject.injector
     longest_ways = {s.name: max(s.high, injector.values[s.name]) for s in sliders if s.name.endswith(".length")}
     longer = replace(injector, values={**injector.values, **longest_ways})
@@ -210,9 +210,9 @@ def curve_numbers(d: RateData, simulator: Simulator, nodes: Sequence[float]) -> 
 
 
 def map_numbers(d: QuantityData, simulator: Simulator, nodes: Sequence[float]) -> dict[str, Any]:
-    """Rows of a map, each with the points that are simulated for it: itself, or three about a dead time.
+    """Rows of a map, each with its simulated points: the point itself, or three points around a dead time.
 
-    Densities [kg/m³] that make volumes of masses are given once for each cylinder pressure.
+    Densities [kg/m³] that convert masses to volumes are given once per cylinder pressure.
     """
     stated = np.broadcast_to(d.mass_density, d.quantity.shape).tolist()
     densities: dict[tuple[float, float], int] = {}
@@ -253,7 +253,7 @@ def map_numbers(d: QuantityData, simulator: Simulator, nodes: Sequence[float]) -
 def _densities_of(
     mass_density: float, meter: Meter | None, pressure: float, injector: Injector, nodes: Sequence[float]
 ) -> list[float]:
-    """Densities [kg/m³] that make volumes of masses, one for each temperature [K] of `nodes`, or one for all.
+    """Densities [kg/m³] that convert masses to volumes, one for each temperature [K] of `nodes`, or one for all.
 
     `mass_density` is stated by the data [kg/m³], or NaN; `pressure` is the cylinder pressure [Pa].
     """
@@ -268,7 +268,7 @@ def _densities_of(
 
 
 def _course(course: float | Trace | None, point: OperatingPoint, dt: float) -> str | None:
-    """Means over the steps of a trace, up to its end or the point's; afterwards the last one holds."""
+    """Means of a trace over the time steps, up to the end of the trace or point; later, the last mean holds."""
     if not isinstance(course, Trace):
         return None
     end = max(course.time[-1] - point.start, point.duration)
@@ -289,7 +289,7 @@ def _point(point: OperatingPoint) -> dict[str, Any]:
 
 
 def _presets(subject: Subject, point: OperatingPoint, data: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """First state of the page, and others to choose; one without values or point keeps the present ones."""
+    """Initial state of the page and alternatives; a preset without values or point keeps the present ones."""
     present = "calibrated" if subject.start else "values of the file"
     at = {"point": data[0]["point"], "data": 0} if data else {"point": _point(point)}
     presets: list[dict[str, Any]] = [{"name": present, "values": {}, **at}]
@@ -344,7 +344,7 @@ def _meter(d: RateData, dt: float) -> dict[str, Any] | None:
 
 
 def _filter(meter: Meter, cutoff: float, steps: int, dt: float) -> dict[str, Any] | None:
-    """Response to a step's unit signal, from its first step that counts; None without a filter."""
+    """Response to a unit signal of one time step, from its first significant step; None without a filter."""
     if np.isinf(cutoff):
         return None
     impulse = np.zeros(2 * steps - 1)
@@ -361,7 +361,7 @@ FIRST_POINT = OperatingPoint(100e6, 700e-6)  # of a page whose subject has no da
 
 @lasting(ALL_ENTRIES)
 def page_html(subject: Subject, point: OperatingPoint = FIRST_POINT) -> str:
-    """Page of a subject, one HTML document that loads nothing; `point` is the first one where the subject has no data.
+    """Page of a subject, one self-contained HTML document; `point`: initial operating point if there are no data.
 
     ConfigurationError if the module cannot be made, as in `wasm_module`, or the fuel does not cover the point.
     """
@@ -427,7 +427,7 @@ def page_of_run(folder: Path) -> str:
     return page_html(read_subject(str(folder)))
 
 
-# Drawings of the page, whose curves the script draws; and the looks of these.
+# Drawings of the page, and the styles of the curves that the script draws.
 
 _TIME, _ENERGISING = "time, µs", "energising time, µs"
 _PANELS = {
@@ -485,7 +485,7 @@ def _drawings(subject: Subject) -> dict[str, tuple[str, Markup]]:
 
 
 def embed_json(numbers: dict[str, Any]) -> Markup:
-    """JSON that no text in it can end as a script."""
+    """JSON for embedding in a script, which no text in it can terminate."""
     return Markup(json.dumps(numbers, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"))
 
 

@@ -1,4 +1,4 @@
-"""Subject of a page: an injector, and of a run its data, its free parameters and the fits near its best one."""
+"""Subject of a page: an injector; for a run also its data, its free parameters and fits near the best fit."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ from commonrail.runs.folder import DRAWS, RESULT, read_draws, read_fit, read_res
 # Fan of a page: several fits that explain the data almost as well as the best one, or parts that scatter.
 
 MEMBERS = 16
-TRIED = 128  # directions, of which the bounds and orders of a study may stop many at once
+TRIED = 128  # random directions; bounds and orders of a study may block many
 WORSE = 0.05  # share by which the objective of a member may exceed that of the best fit
-SCATTER = 0.05  # of the parameters of a model of which nothing was fitted
+SCATTER = 0.05  # relative scatter of the parameters of a model that was not fitted
 SEED = 1
-HALVINGS = 12  # of the distance at which the objective is to be met
-FLOOR = 1e-3  # smallest share of the largest curvature: beyond it a direction is as good as free
+HALVINGS = 12  # bisection steps for the distance at which the objective reaches the level
+FLOOR = 1e-3  # smallest slope relative to the largest; directions with smaller slopes count as free
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Fan:
 
 
 def scatter_parts(names: tuple[str, ...], values: Floats, injector: Injector) -> Fan | None:
-    """Parts whose parameters scatter about their values (names,) [SI], at random; None if that leaves their domains."""
+    """Parts with random parameters around values (names,) [SI]; None if a parameter leaves its domain."""
     if not names:
         return None
     random = np.random.default_rng(SEED)
@@ -87,14 +87,14 @@ def near_fits(run: Path, study: Study, best: Mapping[str, float], threads: int |
     if members is None:
         return None
     note = (
-        f"Fan: {len(members)} fits whose objective on the fitted data is at most {WORSE:.0%} above that of the best "
-        f"fit, the farthest in {TRIED} random directions of equal curvature (seed {SEED})."
+        f"Fan: {len(members)} fits, the farthest of {TRIED} in random directions of equal curvature (seed {SEED}); "
+        f"their objective on the fitted data exceeds the objective of the best fit by at most {WORSE:.0%}."
     )
     return _of_injector(Fan(f"fits within {WORSE:.0%}", note, names, members))
 
 
 def _of_injector(fan: Fan) -> Fan | None:
-    """The same fan without the quantities of meters, which no simulated flow depends on."""
+    """The fan without parameters of meters, which do not affect simulated flows."""
     of_injector = [i for i, name in enumerate(fan.names) if not is_of_meter(name)]
     if not of_injector:
         return None
@@ -102,7 +102,7 @@ def _of_injector(fan: Fan) -> Fan | None:
 
 
 def _on_level(study: Study, best: Floats, threads: int | None) -> Floats | None:
-    """Fits (members, d) [SI] at or just below the level of the objective, None where the best cannot be simulated."""
+    """Fits (members, d) [SI] at or just below the level of the objective; None if the best fit cannot be simulated."""
     objective, space = plain_objective(study, threads), study.space
     level = (1.0 + WORSE) * float(objective.costs(best[None]).costs[0])
     place = around(space, best)
@@ -122,7 +122,7 @@ def _on_level(study: Study, best: Floats, threads: int | None) -> Floats | None:
 
 
 def _directions(slopes: Floats, random: np.random.Generator) -> Floats:
-    """Random directions (tried, d) of equal curvature of the squares, the largest component of each being 1."""
+    """Random directions (tried, d) of equal curvature of the sum of squares; their largest component is 1."""
     _, sizes, axes = np.linalg.svd(slopes, full_matrices=False)
     sizes = np.maximum(sizes, FLOOR * sizes[0])
     drawn = random.standard_normal((TRIED, len(sizes)))
@@ -157,13 +157,13 @@ class Slider:
 
 @dataclass(frozen=True)
 class Subject:
-    """Content of a page before it is put into numbers.
+    """Content of a page before it is encoded.
 
-    The injector has the calibrated values of a run, whose free parameters are the first sliders and have the `start`
-    values [SI]; `start` is empty for a model. `time_step` is in s. `synthetic` says what is not measured, `fan` are
-    fits near the best one; a run's `space` has the linear constraints that its sliders keep. `data` are a run's
-    injection curves, `maps` its quantity maps without those of the quantity that returns. `effects`
-    of parameters on the fitted data order the sliders, where the run has them.
+    The injector of a run has the calibrated values. The run's free parameters are the first sliders; `start` holds
+    their start values [SI] and is empty for a model. `time_step` is in s. `synthetic` states which data are not
+    measured, `fan` has fits near the best fit. The sliders of a run satisfy the linear constraints of `space`. `data`
+    are a run's injection curves, `maps` its maps of injected quantities. If the run has `effects` of parameters on the
+    fitted data, they order the sliders.
     """
 
     title: str
@@ -191,12 +191,12 @@ def read_subject(
     with_fan: bool = True,
     changed: Callable[[Injector], Injector] = lambda injector: injector,
 ) -> Subject:
-    """Subject that the command line names: a run folder, an injector's file or a name of the catalogue.
+    """Subject named on the command line: a run folder, an injector file or a name of the catalogue.
 
-    `more` are dotted names of further parameters for sliders, `threads` simulate the fits near the best one, which a
-    run has `with_fan`; `changed` gives the injector of a page without data other values. InputError if it cannot be
-    read, or there is no such parameter; ConfigurationError if the injector follows a measured voltage or current, and
-    there are no data that hold it.
+    `more`: dotted names of further parameters for sliders; `with_fan`: add fits near the best fit of a run, simulated
+    with `threads`; `changed`: change of the injector on a page without data. InputError if the subject cannot be read,
+    or a parameter does not exist; ConfigurationError if the injector follows a measured voltage or current that no data
+    contain.
     """
     run = Path(text)
     if run.is_dir() and (run / RESULT).is_file():
@@ -289,22 +289,22 @@ def _with_more(injector: Injector, sliders: tuple[Slider, ...], more: tuple[str,
 
 # Ends of the sliders, narrowed where the time step would be unstable in a corner of them.
 
-ONE = np.empty((1, 0))  # the candidate that is the injector as it is
+ONE = np.empty((1, 0))  # one candidate: the unchanged injector
 RAIL = (25e6, 200e6)  # ends of the sliders as far as the fuel's range reaches [Pa]
 CYLINDER, RETURN = (0.1e6, 20e6), (0.05e6, 3e6)
 ENERGISING, DWELL = (50e-6, 3e-3), (20e-6, 4e-3)  # [s]
-LONG = 1.5e-3  # energising after which the needle has risen as far as it will [s]
-LIFTED = 1.25  # margin on the largest lift, which takes room from the control chamber
-SHRUNK = 24  # halvings of the share of the sliders' ranges for which the time step is stable
+LONG = 1.5e-3  # energising time with the largest needle lift [s]
+LIFTED = 1.25  # margin on the largest lift, which reduces the volume of the control chamber
+SHRUNK = 24  # bisection steps for the share of the sliders' ranges with a stable time step
 
 
 def variant_of(subject: Subject) -> Variant:
-    """Wiring that a page simulates, with the laws that a moved slider may need."""
+    """Variant of the model on a page, with the laws that moved sliders may need."""
     return subject.injector.wired([s.name for s in subject.sliders])
 
 
 def limits_of(subject: Subject, point: OperatingPoint) -> dict[str, tuple[float, float]]:
-    """Ends of the sliders of an operating point [SI]; they hold the data's points and the first one's."""
+    """Ends of the sliders of the operating point [SI]; the ranges contain `point` and the points of the data."""
     low, high = subject.injector.fuel.pressure_range
     points = [point, *subject.points]
     rails, cylinders, returns = np.array([p.initial_pressures() for p in points]).T
@@ -313,14 +313,14 @@ def limits_of(subject: Subject, point: OperatingPoint) -> dict[str, tuple[float,
         return max(min(usual[0], used.min()), low), min(max(usual[1], used.max()), high)
 
     limits = {"rail": ends(RAIL, rails), "cylinder": ends(CYLINDER, cylinders), "low": ends(RETURN, returns)}
-    below = 0.9 * limits["rail"][0]  # no other pressure reaches the rail's
+    below = 0.9 * limits["rail"][0]  # all other pressures are below the rail pressure
     for name in ("cylinder", "low"):
         limits[name] = limits[name][0], min(limits[name][1], below)
     return {name: (float(a), float(b)) for name, (a, b) in limits.items()} | {"energising": ENERGISING, "dwell": DWELL}
 
 
 def stable_sliders(subject: Subject, rail: float) -> tuple[tuple[Slider, ...], float]:
-    """Sliders within whose ranges the time step is stable in every corner, and the share of the ranges that is left."""
+    """Sliders with ranges narrowed until the time step is stable in every corner, and the share that remains."""
     injector, variant = subject.injector, variant_of(subject)
     medium, lift = medium_of(injector, rail), LIFTED * _largest_lift(subject, rail)
 
@@ -349,7 +349,7 @@ def stable_sliders(subject: Subject, rail: float) -> tuple[tuple[Slider, ...], f
 
 
 def _largest_lift(subject: Subject, rail: float) -> float:
-    """Largest lift [m] of the injector as it is, at the highest rail pressure."""
+    """Largest lift [m] of the unchanged injector at the highest rail pressure."""
     points = (
         [d.point for d in subject.data] if subject.injector.variant.drive.is_trace else [OperatingPoint(rail, LONG)]
     )

@@ -1,4 +1,4 @@
-"""The declared truth of the virtual test bench: the numbers hidden from a fit, with mark and source."""
+"""Declared truth of the virtual test bench: numbers that a fit does not know, with mark and source."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Sensor:
     resolution: float = 0.0
 
     def shown(self, signal: Floats, interval: float, rng: np.random.Generator, rest: float = 0.0) -> Floats:
-        """Shown signal (n,) of means or values at an interval [s], which were `rest` before."""
+        """Signal (n,) as displayed, of means or values at an interval [s]; before, they were `rest`."""
         for _ in range(PASSES):
             signal = first_order(signal, 2.0 * math.pi * self.bandwidth * interval, rest)
         noisy = signal + self.noise * rng.standard_normal(len(signal))
@@ -63,7 +63,7 @@ def _none(unit: str, meaning: str) -> Q:
     return Q(unit, meaning, Domain.NON_NEGATIVE, 0.0)
 
 
-# What a truth's tables hold besides values of the injector and friction: unit, meaning, and default, the ideal.
+# Quantities of a truth besides the injector and friction: unit, meaning, and default, which is ideal.
 QUANTITIES: dict[str, dict[str, Q]] = {
     "rate_meter": {"bandwidth": _BANDWIDTH, "noise": _none("m3/s", _NOISE), "resolution": _none("m3/s", _STEP)},
     "rail_sensor": {"bandwidth": _BANDWIDTH, "noise": _none("Pa", _NOISE), "resolution": _none("Pa", _STEP)},
@@ -234,7 +234,7 @@ SAMPLES, INTERVAL = 520, 3e-6  # Sec. 5: 520 samples; their spacing [s] is ours
 
 @dataclass(frozen=True)
 class Bench:
-    """A hidden truth that is measured, the injector as drawn that is fitted to it, and the time step of the fit.
+    """Hidden truth that is measured, injector by its drawing, which is fitted, and time step of the fit.
 
     Attributes
     ----------
@@ -264,8 +264,8 @@ class Bench:
 class Curve(NamedTuple):
     """One injection curve of the bench, at the rail pressure asked for [Pa]; arrays have 520 samples.
 
-    `rate` are means over the samples [m³/s] as the rate meter shows them, which end at `time` [s]; `rail` is the
-    pressure at the injector's inlet [Pa] as its sensor shows it at `trace_time` [s].
+    `rate`: means over samples that end at `time` [s], as shown by the rate meter [m³/s]; `rail`: pressure at the
+    injector's inlet at `trace_time` [s], as shown by the sensor [Pa].
     """
 
     rail_pressure: float

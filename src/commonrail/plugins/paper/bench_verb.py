@@ -20,7 +20,7 @@ def virtual_bench(
     folder: Annotated[Path | None, Argument(metavar="DIR", help="Folder for the case.")] = None,
     *,
     truth: Annotated[
-        str, Option(metavar="TRUTH", help="Truth of the virtual test bench: a name of its list, or a TOML file.")
+        str, Option(metavar="TRUTH", help="Truth of the virtual test bench: a listed name, or a TOML file.")
     ] = TRUTH,
     seed: Annotated[int, Option(min=0, help="Seed of scatter and noise.")] = 1,
     list_: Annotated[bool, Option("--list", help="List the truths that ship with commonrail.")] = False,

@@ -27,12 +27,12 @@ ClaimVerdict = str
 
 
 class Claim(NamedTuple):
-    """One claim: the paper's sentence in our words and where it stands, what is measured, and what came out.
+    """One claim: the paper's sentence in our words, its place in the paper, the measure, and the outcome.
 
-    `verdict` is "holds", "does not hold" or "cannot be told"; it is true in `true_in` seeds `of` all, and `interval` is
-    the 95 % interval of that share (Clopper and Pearson). `comment` is what else a reader must know, such as that the
-    bench builds it in. `chance` is the share of random feasible stiffnesses that satisfy the claim without any search;
-    None where it is not of them.
+    `verdict` is "holds", "does not hold" or "cannot be told"; the claim is true in `true_in` of `of` seeds, and
+    `interval` is the 95 % interval of this share (Clopper and Pearson). `comment` adds what a reader must know, for
+    example that the claim is built into the bench. `chance` is the share of random feasible stiffnesses that satisfy
+    the claim without any search; None if the claim is not about stiffnesses.
     """
 
     id: str
@@ -64,10 +64,10 @@ def judged(
     valid: ArrayLike = True,
     chance: float | None = None,
 ) -> Claim:
-    """Claim from what is true in each seed; those that are not `valid` have no number and are left out.
+    """Claim from its truth in each seed; seeds that are not `valid` have no number and are omitted.
 
-    It holds if the 95 % interval of the share lies above one half, and does not if it lies below; `verdict` stands in
-    its place. Its texts are those of that name, filled with `words`; its identifier has the suffix.
+    A claim holds if the 95 % interval of the share lies above one half, and does not hold if the interval lies below;
+    `verdict` overrides this. The texts of `name` are filled with `words`; `suffix` is appended to the identifier.
     """
     from scipy.stats import binomtest  # slow to import
 
@@ -94,7 +94,7 @@ def _change(value: float) -> str:
 
 # Claims on the search: how fast it converges, and with which settings.
 
-RAPID = 0.5  # of the generations: convergence is rapid if 90 % of the gain is reached before
+RAPID = 0.5  # share of the generations: convergence is rapid if 90 % of the gain is reached earlier
 SIGNIFICANT = 0.05
 
 
@@ -166,10 +166,10 @@ def _stiffer(f: Figures) -> Claim:
 
 
 class _Group(NamedTuple):
-    """Stiffnesses (places) that the paper compares with theory in one word, and the change at which the word ends.
+    """Stiffnesses (places) that the paper compares with theory by one word, and the limit of change for the word.
 
-    The limits are the paper's own figures: a word reaches as far as the largest change in Table 1 that it is used of,
-    and begins where the next weaker word ends.
+    The limits are the paper's own figures: the upper limit of a word is the largest change in Table 1 that it
+    describes; its lower limit is the upper limit of the next weaker word.
     """
 
     name: str
@@ -178,7 +178,7 @@ class _Group(NamedTuple):
     limit: float
 
     def true(self, change: Floats) -> Bools:
-        """True where changes (..., 7) satisfy the claim."""
+        """True if changes (..., 7) satisfy the claim."""
         size = np.abs(change[..., self.places])
         return np.asarray(np.all((size > self.limit) == self.beyond, axis=-1))
 
@@ -208,7 +208,7 @@ def _stiffness(f: Figures, group: _Group) -> Claim:
     )
 
 
-SMALL_CLEARANCE = (0, 3, 5)  # cylinders of k1, k4 and k6, where the default truth has most friction
+SMALL_CLEARANCE = (0, 3, 5)  # k1, k4 and k6: cylinders with the most friction in the default truth
 
 
 def _clearance(f: Figures) -> Claim:
@@ -309,7 +309,7 @@ def _smooth(f: Figures, rigid: _Model) -> Claim:
 def _edge(
     f: Figures, model: _Model, claim: str, which: str, sign: float, names: Sequence[str] = tuple(study.RAIL_PRESSURES)
 ) -> Claim:
-    """Opening late, or closing early, by a model's edges less the experiment's (seeds, data) [us]."""
+    """Claim of late opening or early closing: edges of a model minus edges of the experiment (seeds, data) [us]."""
     each = np.array([f.edge_errors(name, model.label, which) for name in names]).T * 1e6
     medians = (f"{to_signed(spread(e).median, 1)} µs at {n}" for e, n in zip(each.T, names, strict=True))
     return judged(
@@ -323,10 +323,10 @@ def _edge(
 
 
 def _by_phase(claim: str, j: Floats, lowest: str) -> Claim:
-    """Parts of J (seeds, phases), or of a gain in it, in rise, middle and descent: one is the lowest."""
+    """Claim that one phase (rise, middle or descent) has the lowest part of J (seeds, phases), or of a gain in J."""
     figure = " / ".join(f"{spread(phase).median:.0f}".replace("-", "−") for phase in j[:, 1:].T)
     is_lowest = np.argmin(j[:, 1:], axis=1) == PHASES.index(lowest) - 1
-    true = is_lowest & np.isfinite(j[:, 1:]).all(axis=1)  # argmin takes a phase that is not a number
+    true = is_lowest & np.isfinite(j[:, 1:]).all(axis=1)  # argmin returns the position of a NaN
     return judged(claim, f"rise / middle / descent: {figure} (medians)", true)
 
 

@@ -18,7 +18,7 @@ from commonrail.plugins.paper.run import LABELS, Repetition, StiffnessCertainty
 
 # Measures of curves and searches: edges, phases, convergence, quartiles. Pure functions of arrays.
 
-EDGE_SHARE = 0.1  # of the experiment's greatest rate: an injection has begun, or not yet ended, above it
+EDGE_SHARE = 0.1  # share of the experiment's largest rate that marks opening and closing
 PHASE_LENGTH = 0.4e-3  # Sec. 5 speaks of 0–0.4 ms, the middle, and the descent up to 1.2 ms
 PHASES = ("before opening", "0–0.4 ms", "0.4–0.8 ms", "0.8 ms to the end")
 WINDOW = 1.2e-3  # Sec. 5 leaves out what comes later; it does not say whether t counts from opening or from energising
@@ -114,7 +114,7 @@ def j_by_window(rate: Floats, measured: Floats, bounds: Floats, opening: float) 
 
 
 def oscillation(rate: Floats) -> float:
-    """Rise and fall [mm³/ms] of a curve (n,) [m³/s] besides one rise to its greatest rate and one fall from there."""
+    """Total rise and fall [mm³/ms] of a curve (n,) [m³/s] beyond one rise to its maximum and one fall from it."""
     once = 2.0 * np.max(rate) - rate[0] - rate[-1]
     return float(np.sum(np.abs(np.diff(rate))) - once) * MM3_PER_MS
 
@@ -129,20 +129,20 @@ def ninety_percent(history: Sequence[cr.fit.Generation]) -> float:
 
 K6 = "plunger_needle.k6"
 NEAR_MAXIMUM = 0.8  # of a range
-RANDOM_POINTS = 4000  # a share among them has a standard error of 0.8 % at most
+RANDOM_POINTS = 4000  # a share of them has a standard error of 0.8 % at most
 
 
 class Figures:
     """Figures over n seeds; every array begins with the seeds.
 
     `j` are J (n,) [mm³/ms] and `phases` its parts (n, phases) by data and label; phases count from the experiment's
-    opening. `windows` (n, windows, 2) are J and number of samples within `WINDOWS`, and `oscillation` (n,) [mm³/ms] is
-    that of the simulated rate. `theoretical` is the theoretical stiffness (7,) [N/m], `change` (n, 7) the optimised one
-    over it, less one, `random_change` (`RANDOM_POINTS`, 7) that of random feasible ones: what no search has chosen.
-    `table3` are J (n, 3) at 160, 120 and 80 MPa by configuration, `mean_j` (n,) their means and `validation_j` (n,)
-    those of the unseen pressures. `ninety` (n,) are generations at which 90 % of the gain is reached, `k6_high` (n,)
-    shares of all members of the search whose k6 lies in the upper fifth of its range, and `k6_high_at_random` is that
-    of random points.
+    opening. `windows` (n, windows, 2) are J and number of samples within `WINDOWS`, and `oscillation` (n,) [mm³/ms]
+    belongs to the simulated rate. `theoretical` is the theoretical stiffness (7,) [N/m]; `change` (n, 7) is the
+    relative change of the optimised stiffness from it, `random_change` (`RANDOM_POINTS`, 7) the change of random
+    feasible stiffnesses without a search. `table3` are J (n, 3) at 160, 120 and 80 MPa by configuration, `mean_j` (n,)
+    their means and `validation_j` (n,) the means over the unseen pressures. `ninety` (n,) are generations at which 90 %
+    of the gain is reached, `k6_high` (n,) shares of all members of the search whose k6 lies in the upper fifth of its
+    range, and `k6_high_at_random` is this share of random points.
     """
 
     def __init__(self, repetitions: tuple[Repetition, ...]) -> None:
@@ -167,7 +167,7 @@ class Figures:
         self.k6_high_at_random = float(np.mean(random[:, i] >= high))
 
     def _by_data_and_label(self, make: Callable[[Repetition, int, str], Any]) -> dict[str, dict[str, Floats]]:
-        """Array over the seeds of what is made of a repetition, the number of a curve, and a label."""
+        """Array over the seeds of `make(repetition, number of the curve, label)`, by data and label."""
         return {
             name: {label: np.array([make(r, i, label) for r in self.repetitions]) for label in LABELS}
             for i, name in enumerate(study.RAIL_PRESSURES)

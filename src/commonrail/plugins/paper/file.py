@@ -52,7 +52,7 @@ def _curves(repetitions: Iterable[Repetition]) -> Iterator[Curve]:
 
 
 def read_reproduction(folder: Path) -> tuple[dict[str, Any], Traces]:
-    """reproduce.json, and by seed and data set the arrays "time_s" and rates [m³/s] by column; NaN for an empty cell.
+    """Read reproduce.json, and for each seed and data set "time_s" and rates [m³/s] by column; NaN for an empty cell.
 
     InputError if the folder was not left by ``commonrail lab reproduce``, or its files are broken.
     """
@@ -394,8 +394,8 @@ def _configuration(f: Figures, c: Configuration) -> ConfigurationResult:
 
 
 _READINGS = {
-    Configuration(70, 50): "the paper's choice, read as its table is: (Gmax, Npop)",
-    Configuration(50, 70): "the paper's choice read the other way, as its remark that Npop = 70 would have it",
+    Configuration(70, 50): "the paper's choice in the order of its table: (Gmax, Npop)",
+    Configuration(50, 70): "the paper's choice in the other order, as in its remark that Npop = 70",
 }
 
 

@@ -61,14 +61,14 @@ def table1(summary: ReproductionSummary) -> Table:
         ("our change, %", lambda k: _signed_percent(k.change.median)),
         ("standard error", lambda k: to_fixed(k.standard_error, 1, PER_MICRON)),
         (
-            "what the curve at 160 MPa says, in seeds",
+            "verdict by the curve at 160 MPa, in seeds",
             lambda k: "; ".join(f"{verdict}: {count}" for verdict, count in k.verdicts.items()),
         ),
     ]
     note = (
-        "Verdicts, standard errors (median over the seeds) and 95 % intervals are those that a run would report: "
-        "about the most likely values near ours. Beside the bench's true stiffness stands in how many seeds "
-        "the interval holds it; a law that the model lacks, such as the meter's delay, is not in an interval."
+        "Verdicts, standard errors (median over the seeds) and 95 % intervals are as in a run's report, at the "
+        "most likely values near ours. Next to the bench's true stiffness: number of seeds whose interval contains it. "
+        "Intervals do not cover laws that the model lacks, such as the meter's delay."
     )
     return table_from_columns("Table 1: stiffness, N/µm", summary.table1, columns, note)
 
@@ -126,9 +126,7 @@ def rigid_table(summary: ReproductionSummary) -> Table:
         ("searched", lambda p: f"{in_field_unit(p.search.lower, p)} to {in_field_unit(p.search.upper, p)}"),
         ("fitted: median (quartiles)", lambda p: _spread(p.search.best.spread, 3, field_unit(p.unit).factor)),
     ]
-    note = (
-        "Fitted at 160 MPa, as k1…k7 are, because the paper does not say how its rigid body was set up; its J is above."
-    )
+    note = "Fitted at 160 MPa like k1…k7, because the paper does not state the rigid body's parameters; its J is above."
     return table_from_columns("The rigid body that is fitted", summary.rigid_fit, columns, note)
 
 
@@ -166,7 +164,7 @@ def _data_and_model(summary: ReproductionSummary) -> list[Column]:
 
 
 def treatments_table(summary: ReproductionSummary) -> Table:
-    """Treatments of infeasible trials: share of the slots simulated, and J reached."""
+    """Treatments of infeasible trials: share of simulated trials, and least J."""
     columns: list[Column] = [
         ("treatment", lambda t: t.text),
         ("slots", lambda t: f"{t.slots:,}"),
@@ -174,8 +172,8 @@ def treatments_table(summary: ReproductionSummary) -> Table:
         ("least J, mm³/ms", lambda t: _spread(t.spread, 4)),
     ]
     note = (
-        "The paper does not say how trials that break (14) to (16) were treated. Here (70, 50) at 160 MPa; median "
-        "(quartiles) over the seeds; without a number where a search found no feasible member."
+        "The paper does not say how trials that violate (14) to (16) were treated. Here (70, 50) at 160 MPa: median "
+        "(quartiles) over the seeds; no number if a search found no feasible member."
     )
     return table_from_columns("Treatments of the constraints", summary.treatments, columns, note)
 
@@ -189,7 +187,7 @@ def overfitting_table(summary: ReproductionSummary) -> Table:
         ("fitted to this curve", lambda row: _spread(row[1].fitted_there, 4)),
         ("gain kept, %", lambda row: _spread(row[1].gain_kept, 3, 100.0)),
     ]
-    note = "The gain is that over the theoretical model; kept is the share that the fit at 160 MPa brings."
+    note = "Gain over the theoretical model; gain kept: share of it that the fit at 160 MPa reaches."
     title = "What one pressure teaches about the others: J, mm³/ms"
     return table_from_columns(title, summary.overfitting.items(), columns, note)
 
@@ -240,7 +238,7 @@ PLATE_FOLDER, PLATES = "figures", ("fig4", "fig5", "fig6")  # for print, each as
 def reproduction_html(record: Record, traces: Traces, folder: str = "RUN", plates: bool = True) -> str:
     """Page of a reproduction from its record and its curves by seed and data set.
 
-    `folder` is its name for the command lines in the page, and `plates` is whether figures for print are next to it.
+    `folder`: name of the folder for command lines in the page; `plates`: figures for print are next to the page.
     """
     summary = from_record(ReproductionSummary, record)
     figures = [charts.convergence(summary), charts.search_boxes(summary), *charts.rates(summary, traces)]
@@ -318,9 +316,9 @@ def meaning(summary: ReproductionSummary) -> list[str]:
     sentences = []
     if drawn and fitted:
         sentences.append(
-            f"The order of the models, optimised before theoretical before rigid body, came out in {_seeds(drawn)} "
-            f"seeds at {names}, and in {_seeds(fitted)} where the rigid body is fitted too; on the unseen curves the "
-            f"fit keeps {_describe_gains_kept(summary)} of the gain that is possible."
+            f"The optimised model beats the theoretical model, which beats the rigid body, in {_seeds(drawn)} "
+            f"seeds at {names}, and in {_seeds(fitted)} if the rigid body is fitted too; on the unseen curves the "
+            f"fit keeps {_describe_gains_kept(summary)} of the possible gain."
         )
     verdicts = [k.verdicts for k in summary.table1]
     determined, judged = sum(v.get("determined", 0) for v in verdicts), sum(sum(v.values()) for v in verdicts)
@@ -341,8 +339,8 @@ def _behind_k7(summary: ReproductionSummary) -> list[str]:
     texts = [significant(k, 3, PER_MICRON) for k in (without, with_known_meter, truth)]
     is_nearer = abs(with_known_meter - truth) < abs(without - truth)
     return [
-        f"Without the rate meter in the model k7 comes to {texts[0]} N/µm, with it to {texts[1]}, and the truth is "
-        f"{texts[2]}{': the delay of the meter sits in k7' if is_nearer else ''}."
+        f"Without the rate meter in the model k7 is {texts[0]} N/µm, with the meter {texts[1]}; the truth is "
+        f"{texts[2]}{': k7 absorbs the delay of the meter' if is_nearer else ''}."
     ]
 
 
@@ -368,7 +366,7 @@ _LEVELS = {"holds": GOOD, "does not hold": BAD, "cannot be told": CARE}
 
 
 def verdicts(summary: ReproductionSummary) -> str:
-    """Number of the paper's claims that hold, in one sentence; with too few seeds, the seeds in which each is true."""
+    """Sentence with the number of the paper's claims that hold, or with too few seeds, that are true in each seed."""
     claims = summary.claims
     if len(summary.seeds) < FEWEST:
         always = sum(claim.true_in == claim.of > 0 for claim in claims)

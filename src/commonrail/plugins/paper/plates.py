@@ -16,13 +16,13 @@ from commonrail.report.plot import draw_panel
 MM = 1.0 / 25.4  # inch
 COLUMN, PAGE = 84.0, 174.0  # widths of print [mm]
 
-THIN = 0.5  # points of a line's width by pixels of the pages
+THIN = 0.5  # line width in points per pixel of the pages
 _STYLE: Any = {  # matplotlib's own type for it lists every key there is
     "font.size": 8.0,
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same letters everywhere
     "axes.linewidth": 0.6,
     "axes.grid": True,
-    "text.parse_math": False,  # a label is a name, whatever signs it has
+    "text.parse_math": False,  # labels are plain names, even with a dollar sign
     "grid.color": "#e3e7eb",
     "grid.linewidth": 0.5,
     "legend.frameon": False,

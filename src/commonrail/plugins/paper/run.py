@@ -16,7 +16,7 @@ from commonrail.plugins.paper.study import Configuration
 
 # One repetition of the paper's study: one synthetic measurement and every search on it.
 
-# Models that are set beside the experiment.
+# Models that are compared with the experiment.
 LABELS = {
     "rigid": "rigid body",
     "rigid_fitted": "rigid body, stop and control volume fitted",
@@ -25,7 +25,7 @@ LABELS = {
     "optimised": "optimised",
 }
 
-# Meters that a fit sees the simulation through.
+# Meter models that a fit applies to the simulation.
 METERED = {"known": "the bench's low-passes, known", "delay": "a delay, fitted"}
 
 
@@ -59,12 +59,12 @@ class Repetition:
 
     `space` and `rigid_space` have the bounds and ordering of k1…k7, and the bounds of the rigid body's stop and control
     volume. `rates` (3, samples) are simulated rates of injection [m³/s] by label of `LABELS`; NaN if the simulation
-    failed. `best` is the search (70, 50) at 160 MPa; `table3` has each search at 160 MPa and the J (3,) of its best at
-    all pressures. `own_curve_searches` has a search (70, 50) on each validation curve; `rigid` is the rigid body
-    fitted at 160 MPa. `random_j` (3, members) is J of random feasible stiffness: of the best search's first
-    population. `identified` is the certainty of each stiffness by the curve at 160 MPa, by name; empty if no
-    simulation succeeded. `metered` has by label of `METERED` the search (70, 50) at 160 MPa
-    with a meter, and the J (3,) of its best.
+    failed. `best` is the search with (70, 50) generations and members at 160 MPa; `table3` has each search at 160 MPa
+    with J (3,) of its best candidate at all pressures. `own_curve_searches` has a search (70, 50) on each validation
+    curve; `rigid` is the rigid body fitted at 160 MPa. `random_j` (3, members) is J of random feasible stiffnesses, the
+    first population of `best`. `identified` is the certainty of each stiffness from the curve at 160 MPa, by name;
+    empty if no simulation succeeded. `metered` has, by label of `METERED`, the search (70, 50) at 160 MPa with a meter,
+    and J (3,) of its best candidate.
     """
 
     seed: int
@@ -103,8 +103,8 @@ def generations_of_one() -> int:
 def repeat(bench: cr.lab.Bench, seed: int, after: Callable[[], None]) -> Repetition:
     """Measure and search, on one thread, because repetitions run side by side.
 
-    The seed is that of the measurement's scatter and noise, and of every search. `after` is called after every
-    generation; what it raises ends the repetition. SimulationError if the truth cannot be simulated.
+    The seed determines the measurement's scatter and noise, and every search. `after` is called after every generation;
+    what it raises ends the repetition. SimulationError if the truth cannot be simulated.
     """
     data = measure(bench, seed)
     fit = data[0]
@@ -145,7 +145,7 @@ def repeat(bench: cr.lab.Bench, seed: int, after: Callable[[], None]) -> Repetit
 def _with_meters(
     bench: cr.lab.Bench, data: Sequence[cr.RateData], seed: int, after: Callable[[], None]
 ) -> Iterator[tuple[str, tuple[Found, Floats]]]:
-    """Searches that see the simulation through the bench's own low-passes, and through a delay that is fitted too."""
+    """Searches with a meter model: the bench's own low-passes, or a delay that is also fitted."""
     flexible, _ = _models(bench)
     free = flexible._replace(space=cr.fit.Space([*flexible.space.parameters, paper.DELAY], [paper.ORDER]))
     true_meter = bench.truth.rate_meter.as_meter(paper.METER)
@@ -172,7 +172,7 @@ def measure(bench: cr.lab.Bench, seed: int) -> tuple[cr.RateData, ...]:
 def search(
     bench: cr.lab.Bench, data: cr.RateData, settings: cr.fit.EvolutionSettings, seed: int | tuple[int, ...]
 ) -> Found:
-    """Fit k1…k7 to one curve; the seed is that of the search."""
+    """Fit k1…k7 to one curve; `seed`: seed of the search."""
     return _models(bench)[0].search(data, settings, seed, lambda: None)
 
 
@@ -208,9 +208,9 @@ class _Model(NamedTuple):
         return Found(best.x, best.cost, optimiser.counts, tuple(history), np.array(members), injections)
 
     def certainty(self, data: cr.RateData, search: Found, seed: int) -> dict[str, StiffnessCertainty]:
-        """Interval, standard error and verdict of each free parameter by one curve, by the function of a run's report.
+        """Interval, standard error and verdict of each free parameter from one curve, computed as for a run's report.
 
-        `search` is the end of the search on that curve, `seed` that of the measurement.
+        `search`: result of the search on that curve; `seed`: seed of the measurement.
         """
         method = cr.fit.Method(paper.BEST.settings)
         study = cr.Study(data.name, self.injector, (data,), self.space, method, seed, self.time_step)
@@ -249,9 +249,9 @@ class Reproduction:
     ----------
     bench : Bench
     repetitions : tuple of Repetition
-        In ascending order of position in the seeds asked for; those that were stopped are not among them.
+        In the order of the requested seeds, without interrupted repetitions.
     asked : int
-        Repetitions asked for.
+        Number of requested repetitions.
     seconds : float
     """
 
@@ -282,7 +282,7 @@ def reproduce(
     ----------
     bench : Bench
     seeds, threads, progress
-        As for `for_seeds`, which also says what else is raised.
+        As for `for_seeds`, which lists further exceptions.
 
     Raises
     ------

@@ -38,13 +38,13 @@ def for_seeds(
 ) -> tuple[_Found, ...]:
     """Run a search once for each seed, and return what was found in the order of the seeds.
 
-    Ctrl-C ends in order: searches that are complete are kept, those that are missing were stopped.
+    After Ctrl-C, complete searches are returned; the missing searches were stopped.
 
     Parameters
     ----------
     search : function of (seed, after)
-        Runs on one thread and calls ``after()`` after every generation, which ends it by KeyboardInterrupt when the
-        user stops or another search has failed.
+        Runs on one thread and calls ``after()`` after every generation. ``after`` raises KeyboardInterrupt if the user
+        has stopped or another search has failed.
     seeds : sequence of int
         Distinct.
     generations : int
@@ -67,7 +67,7 @@ def for_seeds(
     function(progress, "progress")
     seeds = [integer(seed, "seed") for seed in sequence(seeds, "seeds", "[1, 2, 3]")]
     if not seeds or len(set(seeds)) < len(seeds):
-        raise ConfigurationError("The seeds must be at least one, each once.")
+        raise ConfigurationError("Give at least one seed, and each seed once.")
     start = time.perf_counter()
     with hold_interrupts() as stop, ThreadPoolExecutor(threads or usable_threads()) as pool:
         counter = _Counter(stop)

@@ -16,8 +16,8 @@ from commonrail.cli.guard import INTERRUPTED
 from commonrail.cli.options import Json, Threads, free_run_folder
 from commonrail.plugins.paper import TRUTH
 
-# Nine is the smallest number of seeds that tells a claim from chance though one of them deviates: the 95 % interval of
-# 8 of 9 begins at 52 %, that of 7 of 8 at 47 %, and 6 of 6 (54 %) allows none.
+# Nine is the smallest number of seeds that can confirm a claim although one seed deviates: the 95 % interval of 8 of 9
+# begins at 52 %, the interval of 7 of 8 at 47 %. With 6 of 6 (54 %) no seed may deviate.
 SEEDS, QUICK_SEEDS = 20, 9
 
 
@@ -29,10 +29,12 @@ def reproduce(
     ] = None,
     quick: Annotated[
         bool,
-        Option("--quick", help=f"Use {QUICK_SEEDS} repetitions: enough for claims on which all or all but one agree."),
+        Option(
+            "--quick", help=f"Use {QUICK_SEEDS} repetitions: enough for claims that at most one of them contradicts."
+        ),
     ] = False,
     truth: Annotated[
-        str, Option(metavar="TRUTH", help="Truth of the virtual test bench: a name of its list, or a TOML file.")
+        str, Option(metavar="TRUTH", help="Truth of the virtual test bench: a listed name, or a TOML file.")
     ] = TRUTH,
     out: Annotated[Path | None, Option(metavar="RUN", help="New run folder. [default: runs/reproduce-<n>]")] = None,
     threads: Threads = None,
@@ -85,9 +87,9 @@ TIME_STEP = 1e-6
 def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, quick: bool) -> Outcome:
     """Repeat the paper's study with seeds 1 to `count` into a new or empty folder, with its progress on stderr.
 
-    `truth` is its name or its file; None for `threads` are all processors; `quick` is noted in the record. InputError
-    if the truth cannot be read, or the folder is not empty or cannot be written; SimulationError if the truth cannot be
-    simulated, and the empty folder is removed.
+    `truth`: name or file; `threads`: None for all processors; `quick`: noted in the record. InputError if the truth
+    cannot be read, or the folder is not empty or not writable. SimulationError if the truth cannot be simulated; the
+    empty folder is then removed.
     """
     from commonrail.base.hooks import hold_interrupts
     from commonrail.plugins.paper.bench import Bench
@@ -105,7 +107,7 @@ def run_reproduction(truth: str, count: int, folder: Path, threads: int | None, 
 
     declared = load_truth(truth)
     bench = Bench(declared, load_injector(declared.injector), TIME_STEP)
-    with hold_interrupts():  # once the repetitions have ended, they are written whatever keys are pressed
+    with hold_interrupts():  # Ctrl-C does not prevent writing after the last repetition
         with new_folder(folder) as place:
             with Bar(f"{count} repetitions of the paper's study on the virtual test bench (synthetic)") as bar:
                 outcome = reproduce(bench, range(1, count + 1), threads=threads, progress=lambda p: bar.show(stage(p)))

@@ -35,8 +35,8 @@ from commonrail.readers.location import Place, locate_errors
 from commonrail.readers.toml import Unit
 
 # Residual for one half band. Makers aim at the nominal quantity, so values near it are likelier than values at the
-# limits. JCGM 100:2008 (GUM), 4.3.9, takes a triangular distribution for this, whose standard deviation is the half
-# band over √6: a quantity at its limit is 2.4 of them off.
+# limits. JCGM 100:2008 (GUM), 4.3.9, uses a triangular distribution, whose standard deviation is the half band over √6:
+# a quantity at its limit is off by 2.4 standard deviations.
 RESIDUAL = math.sqrt(6.0)
 SPECIFIED = Noise(sigma=1.0)  # the standard deviation is stated, not estimated from a few residuals
 
@@ -259,7 +259,7 @@ class PlanScore(Score):
 
 
 def _part(data: PlanData, i: int) -> QuantityData:
-    """Map of one point that simulates the quantity of a test."""
+    """Quantity map of a single point, which simulates the quantity of a test."""
     test, density = data.tests[i], np.broadcast_to(data.mass_density, len(data.tests))
     points, middle = data.points[i : i + 1], data.measured[i : i + 1]
     dead_time = np.zeros(1, bool)

@@ -35,7 +35,7 @@ LEVELS = {"pass": GOOD, "fail": BAD, "open": CARE}
 WIDEST = 4.0  # half bands beyond which a marker is drawn at the edge of the picture; chosen
 _NOTE = (
     f"Distances from the nominal quantity in half bands, ±1 at the limits: {SIGNS[SMALL]} inside, {SIGNS[LARGE]} "
-    "outside. In their rms a test with one limit counts only its excess."
+    "outside. In the rms, a test with one limit counts only its excess."
 )
 
 
@@ -132,7 +132,7 @@ def plan_figure(plan: PlanRecord, models: Models) -> Figure:
         values = [row.models[k].value if k in row.models else None for k in models]
         values += [] if row.bench is None else [row.bench.value]
         names.append(f"{test_name(row)}: {' · '.join(to_fixed(value, 2, MM3) for value in values)}")
-    # a quantity with an upper limit alone begins at nothing
+    # without a lower limit the bar begins at a quantity of zero
     start = tuple(-1.0 if row.lower is not None else 0.0 if row.nominal is None else -reach for row in rows)
     end = tuple(reach if row.upper is None else 1.0 for row in rows)
     return Figure(

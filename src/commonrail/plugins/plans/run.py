@@ -97,7 +97,7 @@ _WRONG_UNITS = tuple(power * density for power in (1e3, 1e-3) for density in (1.
 
 
 def _unit_hint(plan: TestPlan, score: PlanScore, pressures: tuple[Quantity, Quantity], simulator: Simulator) -> str:
-    """Sentence on a wrong unit that would bring most deliveries inside, if none is; empty if there is no such unit."""
+    """Hint at a wrong unit if no delivery is inside and another unit would bring most inside; else empty."""
     at = [i for i, test in enumerate(plan.tests) if test.measure is Measure.DELIVERY]
     tests, values = [score.data.tests[i] for i in at], score.values[at]
 
@@ -136,8 +136,8 @@ def plan(
     plan : TestPlan or path
         A path is read by `load_plan`.
     stroke_rate : float or str, optional
-        Strokes [1/s], or text such as ``"1000 1/min"``, for tests that state none: between two strokes the guides leak
-        into the return at rail pressure.
+        Strokes [1/s], or text such as ``"1000 1/min"``, for tests that do not state it: between two strokes the guides
+        leak into the return at rail pressure.
     cylinder_pressure, return_pressure : float or str
         [Pa], or texts with units; default: an injector bench, 0.5 and 0.1 MPa.
     time_step : float or str

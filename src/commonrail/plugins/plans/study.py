@@ -87,7 +87,7 @@ class PlanTest:
     rail_pressure: Number = setting(unit="Pa", limits=RAIL_PRESSURES)
     energisings: Setting[tuple[Energising, ...], Sequence[tuple[Quantity, Quantity]]] = setting(
         read=lambda value, _: read_pulses(value),
-        text="One or two; with duration zero the leakage of the closed injector.",
+        text="One or two; a duration of zero: leakage of the closed injector.",
     )
     nominal: OptionalNumber = setting(words="nominal quantity", unit="m3", default=None, text="Per stroke [m³ or kg].")
     lower: OptionalNumber = setting(words="lower quantity", unit="m3", default=None, text="Lower limit, if any.")
@@ -164,7 +164,7 @@ class PlanTest:
 
 @dataclass(frozen=True)
 class TestPlan:
-    """Test plan: name, tests, unit of the quantities (m3 or kg), and the synthetic mark of its file."""
+    """Test plan: name, tests, unit of the quantities (m3 or kg), and note on synthetic data in its file."""
 
     name: str
     tests: tuple[PlanTest, ...]
@@ -300,7 +300,7 @@ def load_plan(path: str | PathLike[str], form: FileForm = PLAIN) -> TestPlan:
     for name, unit in units.items():
         if unit != next(iter(units.values())):
             at = Place(str(path), f'column "{name}"')
-            raise at.error(f'volumes and masses are mixed, "{next(iter(units))}" has the others; state one of them')
+            raise at.error(f'volumes and masses are mixed, see column "{next(iter(units))}"; state only one of them')
     for name in table.columns:
         _warn_of_unusual(table, name)
     tests = tuple(_test(table, row) for row in range(len(table.rows)))

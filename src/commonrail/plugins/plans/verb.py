@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from commonrail.plugins.plans.study import TestPlan
 
 StrokeRate = Annotated[
-    str | None, Option(help="Stroke rate of tests that state none, e.g. 1000/min; a return needs it. [default: none]")
+    str | None, Option(help="Stroke rate of tests that do not state it, e.g. 1000/min; for returns. [default: none]")
 ]
 Page = Callable[[Any, str], str]  # from a result and the command that repeats it
 Report = Annotated[Path | None, Option(metavar="FILE.html", help="Report on one page.")]
@@ -41,7 +41,7 @@ Report = Annotated[Path | None, Option(metavar="FILE.html", help="Report on one 
 
 @dataclass(frozen=True)
 class BenchOptions:
-    """Part, tests and bench of a command line, shared by all verbs that judge by a test plan."""
+    """Command-line options for part, tests and bench, shared by all verbs that use a test plan."""
 
     model: Annotated[str, Argument(metavar="PART", help="Catalogue name, part number, injector file or run folder.")]
     tests: Annotated[Path, Argument(metavar="TESTS.csv", help="Test plan; a column bench holds the results of a part.")]
@@ -109,7 +109,7 @@ def _read_part(text: str) -> NamedModel:
     ):
         matches = find_part(text)
         if not any(match.kind == "exact" for match in matches):
-            reason = " ".join(match.reason for match in matches) or "No type of the catalogue is of this kind of part."
+            reason = " ".join(match.reason for match in matches) or "The catalogue has no type for this kind of part."
             raise InputError(f"{text}: {reason}")
         note(matches[0].reason)
         text = matches[0].injector
@@ -120,9 +120,9 @@ def _read_part(text: str) -> NamedModel:
 def plan(bench: BenchOptions, *, stroke_rate: StrokeRate = None, report: Report = None) -> None:
     """Judge a model, and a part on the bench, by a test plan.
 
-    Every test is simulated. Its quantity is inside or outside the band, at a distance from the nominal quantity in half
-    bands. Results in the column bench are judged in the same way: the part passes or fails. Default pressures are
-    those of an injector bench, 0.5 MPa behind the nozzle and 0.1 MPa in the return.
+    Every test is simulated. Its quantity is inside or outside the band; its distance from the nominal quantity is given
+    in half bands. Results in the column bench are judged in the same way: the part passes or fails. Default pressures
+    are those of an injector bench, 0.5 MPa behind the nozzle and 0.1 MPa in the return.
 
     \b
     Examples:

@@ -1,4 +1,4 @@
-"""Band in which measured values are expected, and how many of those that were measured it holds."""
+"""Band in which measured values are expected, and number of measured values inside it."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from commonrail.data.records import point_record
 
 Edges = tuple[Floats, Floats]
 
-DIGITS = 5  # of the edges of courses in result.json
+DIGITS = 5  # significant digits of the edges of curves in result.json
 REPLICATES = 4  # values of the scatter for each draw of the parameters
-LEAST_SOUND = 0.5  # share of the draws that must give a value for it to have edges
+LEAST_SOUND = 0.5  # share of the draws that must be finite for a value to have edges
 
 
 class Band(NamedTuple):
@@ -27,7 +27,7 @@ class Band(NamedTuple):
     values: Floats  # (n,), predictions in the unit of the data; NaN where a simulation failed
     edges: Mapping[float, tuple[Floats, Floats]]  # lower and upper edges by level
     measured: bool  # the data set has measured values, not operating points alone
-    alone: Mapping[float, tuple[Floats, Floats]]  # edges by what the parameters may be alone
+    alone: Mapping[float, tuple[Floats, Floats]]  # edges from parameter uncertainty only
 
     @property
     def counted(self) -> Bools:
@@ -46,9 +46,9 @@ class Band(NamedTuple):
         return int(np.count_nonzero(inside & self.counted))
 
     def half_width(self, level: float) -> float:
-        """Median half width over the predicted value, where that is positive; NaN if nowhere.
+        """Median half width over the predicted value, for positive predictions; NaN if there are none.
 
-        Of a course in time it is over the largest predicted value.
+        For a curve over time, the half width is divided by the largest predicted value.
         """
         low, high = self.edges[level]
         which = self.counted & (self.values > 0.0)
@@ -58,7 +58,7 @@ class Band(NamedTuple):
         return float(np.median(0.5 * (high - low)[which] / scale))
 
     def columns(self, levels: Sequence[float]) -> dict[str, Floats]:
-        """Place, prediction, edges and measured value (n,) of each value [SI]; NaN where there is none."""
+        """Place, prediction, edges and measured value (n,) of each value [SI]; NaN if missing."""
         data, size = self.data, len(self.values)
         points = data.points if data.bounds is None else [data.points[0]] * size
         nothing = np.full(size, np.nan)
@@ -67,7 +67,7 @@ class Band(NamedTuple):
             "energising_time": np.array([point.pulses[0].duration if point.pulses else 0.0 for point in points]),
             "start": nothing if data.bounds is None else np.asarray(data.bounds[:-1]),
             "end": nothing if data.bounds is None else np.asarray(data.bounds[1:]),
-            "predicted": np.where(data.judged, self.values, nothing),  # a dead time is no quantity
+            "predicted": np.where(data.judged, self.values, nothing),  # a dead time is not a quantity
         }
         for level in levels:
             sides = zip(("lower", "upper"), self.edges[level], strict=True)
@@ -128,7 +128,7 @@ def band_from_draws(drawn: Floats, deviations: Floats, freedom: float, levels: S
     `deviations` (n,), `freedom`: standard deviations of the scatter, and its degrees of freedom. A value that fails for
     half of the draws or more has no edges.
     """
-    # a draw that fails at one operating point still tells of the others
+    # a draw that fails at one operating point is still used at the others
     sound = (np.isfinite(drawn).mean(axis=0) > LEAST_SOUND) & np.isfinite(deviations)
     wide: Floats = np.ascontiguousarray(drawn[:, sound].T)
     if deviations[sound].any():
@@ -154,8 +154,8 @@ def _quantiles(rows: Floats, shares: Sequence[float]) -> Floats:
 def _scattered(drawn: Floats, deviations: Floats, freedom: float, rng: np.random.Generator) -> Floats:
     """Predictions (n, replicates · m) of drawn parameters (n, m) with scatter.
 
-    All values share the scatter, since edges are of each value alone: what is left of chance moves them together.
-    Normal scatters are equally likely ones, so that few replicates will do.
+    All values share the scatter samples: each value has its own edges, and sampling error then shifts all edges
+    together. Normal samples are quantiles of equal probability, so few replicates suffice.
     """
     many = drawn.shape[1]
     size = REPLICATES * many

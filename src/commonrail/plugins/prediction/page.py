@@ -1,4 +1,4 @@
-"""Predictions with bands: tables, and what notebooks show."""
+"""Predictions with bands: tables, and displays in notebooks."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def coverage_table(record: Record) -> Table:
     ]
     note = f"Bands: {record['estimator']}."
     if any(data["role"] == "fit" for data in record["data"]):
-        note += " Fitted values are seen by the fit: only the others test its bands."
+        note += " The fit used the fitted values: only the other values test its bands."
     rows = [(data, band) for data in record["data"] for band in data["bands"]]
     return table_from_columns("Measured values inside the bands", rows, columns, note, 2)
 
@@ -102,7 +102,7 @@ def _figure(band: Band, level: float) -> Figure | None:
         low, high = (points(unit.factor * edge[rows]) for edge in band.edges[level])
         if len(groups) == 1 or band.measured:
             bands.append(Area("best", colour_group, low, high, *step))
-        else:  # bands that overlap cannot be told from one another: lines for their edges, and their widths below
+        else:  # overlapping bands are indistinguishable: draw lines for their edges, and their widths below
             series += [Series("", "start", colour_group, edge, LINES, *step) for edge in (low, high)]
             half_widths = 0.5 * (band.edges[level][1] - band.edges[level][0])[rows]
             values = band.values[rows]
@@ -150,7 +150,7 @@ def _tables(prediction: Prediction) -> list[Table]:
 
 
 def _arrays(prediction: Prediction) -> Arrays:
-    """Predicted values with the edges of their bands; a column names the unit where it is not that of all."""
+    """Predicted values with the edges of their bands; a column names the units if they differ."""
     bands, axis = prediction.bands, ("value",)
     units = [band.data.unit for band in bands]
     counts = [len(band.values) for band in bands]

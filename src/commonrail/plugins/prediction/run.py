@@ -1,9 +1,8 @@
 """Predictions of a fit with bands, by draws of its parameters.
 
-A band holds what the parameters may be, and the scatter of measured values about the best prediction: the residual
-level of the fit, with the discrepancy of the model. Where at least `scatter.LEAST` values of a map are fitted, all of
-it is scaled by what the fit predicts of each value that is held out; with fewer, a stated tolerance is the least
-scatter.
+A band combines parameter uncertainty and the scatter of measured values about the best prediction: the residual level
+of the fit, with the discrepancy of the model. If at least `scatter.LEAST` values of a map are fitted, the scatter is
+scaled by predictions of values that are left out in turn; with fewer values, a stated tolerance is the least scatter.
 """
 
 from __future__ import annotations
@@ -38,10 +37,10 @@ from commonrail.plugins.prediction.scatter import Scatter, curve_scatter, scatte
 
 LEVELS = (0.5, 0.9)
 LEVEL = 0.9  # of the bands that a result keeps
-DRAWS = 200  # simulated draws: the 5 % quantile of so many scatters by a seventh of the half width of a 90 % band
-SAME = 1e-9  # relative distance beyond the fitted range that is rounding
-# Width of a band beyond the fitted energising times over that within. Virtual benches of cri2-16, 230 to 285 us where
-# 300 to 1000 us are fitted: 90 % bands held 60 to 92 %, at the worst point 1.95 times too narrow (normal distribution).
+DRAWS = 200  # simulated draws; their 5 % quantile scatters by a seventh of the half width of a 90 % band
+SAME = 1e-9  # relative distance beyond the fitted range that counts as rounding
+# Factor on the width of a band beyond the fitted energising times. Virtual benches of cri2-16, 230 to 285 us where 300
+# to 1000 us are fitted: 90 % bands held 60 to 92 %, at the worst point 1.95 times too narrow (normal distribution).
 BEYOND = 2.0
 PREDICTED = "prediction"  # name of the operating points that were asked for
 
@@ -109,10 +108,10 @@ def predict(
     best : mapping of str to float
         Values [SI] of the fit, as `Calibration.best`; predictions are made with them.
     points : sequence of OperatingPoint
-        Of which quantities per stroke are predicted; none for the data of the study, fitted and validated.
+        Points for which quantities per stroke are predicted; empty: all fitted and validation data of the study.
     draws : (m, d), optional
         Parameters [SI] drawn from the posterior, in the order of the study's, such as `Certainty.points`; by default
-        they are drawn anew.
+        new draws.
     levels : sequence of float
         Shares of the measured values that bands are to hold.
     threads : int, optional
@@ -145,7 +144,7 @@ def predict(
 def predict_rate(
     study: Study, best: Mapping[str, float], point: OperatingPoint, bounds: Floats, *, level: float = LEVEL
 ) -> Band:
-    """Predict the rate of injection [m³/s] at an operating point as no meter changes it, with the band of a level.
+    """Predict the rate of injection [m³/s] at an operating point, without a meter, with the band of a level.
 
     `best` as for `predict`; `bounds` (n + 1,): of the samples [s]. Errors are those of `predict`; a study that fits no
     injection curve is refused.

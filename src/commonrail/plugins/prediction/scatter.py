@@ -15,22 +15,22 @@ from commonrail.plugins.certainty.estimate import Estimate
 from commonrail.plugins.certainty.likelihood import prior_slopes_at
 from commonrail.plugins.certainty.noise_fit import sample_count, scale_of
 
-LEAST = 8  # values held out, from which their scatter is believed
-HELD = 1e-6  # of the variance of a residual, below which the fit follows the value whatever it is
-TAILS = {Law.STUDENT: 4.0, Law.LAPLACE: 3.0}  # degrees of freedom of t whose quantiles are those of the law
+LEAST = 8  # fewest left-out values for an estimate of the scatter
+HELD = 1e-6  # share of a residual's variance, below which the fit reproduces any value
+TAILS = {Law.STUDENT: 4.0, Law.LAPLACE: 3.0}  # degrees of freedom of t with the quantiles of the law
 
 
 class Scatter(NamedTuple):
     """Scatter of measured values about the best prediction: noise and discrepancy of the model."""
 
     factor: float  # in stated tolerances, or a standard deviation in the unit of the values
-    freedom: float  # degrees of freedom of the factor; infinite where it is stated
-    # factor on the whole standard deviation of a prediction, parameters included: root mean square of the values that
-    # were held out, each over the deviation predicted for it. 1 where too few could be held out
+    freedom: float  # degrees of freedom of the factor; infinite if it is stated
+    # factor on the standard deviation of a prediction, parameters included: root mean square of the errors of left-out
+    # values, each over its predicted deviation; 1 if there are too few values
     calibration: float = 1.0
-    left_out: int = 0  # number of those values
-    least: float = 1.0  # share of the factor at a rate of zero; less than 1 where the noise grows with the rate
-    slope: float = 0.0  # rise over that for one SI unit of the rate
+    left_out: int = 0  # number of left-out values
+    least: float = 1.0  # share of the factor at a rate of zero; less than 1 if the noise grows with the rate
+    slope: float = 0.0  # relative increase per SI unit of the rate
     share: float = 0.0  # discrepancy of the model and scatter of whole curves, as a share of the values
 
     def deviations(self, data: DataSet, values: Floats) -> Floats:
@@ -42,17 +42,17 @@ class Scatter(NamedTuple):
 
 
 class LeftOut(NamedTuple):
-    """Prediction errors of values that are held out one at a time, over their predicted standard deviations."""
+    """Prediction errors of values that are left out one at a time, over their predicted standard deviations."""
 
     errors: Floats  # (m,)
     freedom: float  # degrees of freedom of their mean square (Satterthwaite): they are correlated
 
 
 def left_out(estimate: Estimate, rows: IndexArray) -> LeftOut:
-    """Values at rows (m,) of the residuals held out one at a time, by the linear model about the estimate.
+    """Leave out each value at rows (m,) of the residuals in turn, by the linear model around the estimate.
 
-    With the influence H of the fit, common courses of the values among what is fitted, the error of the value i that is
-    held out is u_i/(1 − H_ii), and its predicted variance 1/(1 − H_ii).
+    H is the influence of the fit, including the weights of the courses. A left-out value i has the error
+    u_i/(1 − H_ii) and the predicted variance 1/(1 − H_ii).
     """
     d, fitted = len(estimate.unit), estimate.likelihood
     likelihood = fitted.with_noises([replace(noise, courses=np.empty((0, 0))) for noise in fitted.noises])
@@ -79,10 +79,10 @@ def left_out(estimate: Estimate, rows: IndexArray) -> LeftOut:
 
 
 def scatter_of(estimate: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
-    """Scatter of each kind of data: of the fitted set that scatters most, judged by the values held out.
+    """Scatter of each kind of data: scatter of the fitted set that scatters most, calibrated on left-out values.
 
-    With too few values to hold out, the scatter is no smaller than stated tolerances, and residuals that exceed a
-    stated noise, or the noise of repeated shots, count in its place: the model's own error is in them.
+    With too few values to leave out, the scatter is at least the stated tolerance. Residuals larger than a stated
+    noise, or than the noise of repeated shots, then replace the noise, because they contain the model's error.
 
     `fitted`: in the order of the blocks.
     """
@@ -101,7 +101,7 @@ def scatter_of(estimate: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatt
     estimate = replace(estimate, likelihood=likelihood.with_noises(noises))
     by_noise: dict[str, Scatter] = {}
     by_level: dict[str, Scatter] = {}
-    tails: dict[str, float] = {}  # errors are weighted as their law asks: their mean square is of its scale
+    tails: dict[str, float] = {}  # by kind; the weights of a law make the mean square of errors match its scale
     for i, data in enumerate(fitted):
         tails[data.kind] = min(TAILS.get(noises[i].law, np.inf), tails.get(data.kind, np.inf))
         for largest, scatter in zip((by_noise, by_level), _of_set(estimate, i, data), strict=True):
@@ -116,7 +116,7 @@ def scatter_of(estimate: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatt
 
 
 def curve_scatter(estimate: Estimate, fitted: Sequence[DataSet]) -> dict[str, Scatter]:
-    """Scatter of each fitted curve by its name: its own, which for a mean of many strokes is that of the mean.
+    """Scatter of each fitted curve by its name; for a mean of many strokes, scatter of the mean.
 
     `fitted`: in the order of the blocks.
     """
@@ -125,7 +125,7 @@ def curve_scatter(estimate: Estimate, fitted: Sequence[DataSet]) -> dict[str, Sc
 
 
 def _of_set(estimate: Estimate, index: int, data: DataSet) -> tuple[Scatter, Scatter]:
-    """Scatter of a data set by its noise, and the larger one of its residuals where these exceed a known noise."""
+    """Scatter of a data set by its noise, and by its residuals if they exceed a known noise."""
     block, noise = estimate.likelihood.pairs[index]
     extra = block.noise.discrepancy if block.noise.length else 0.0
     tail = TAILS.get(noise.law, np.inf)

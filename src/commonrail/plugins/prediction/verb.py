@@ -1,4 +1,4 @@
-"""commonrail predict: what a calibrated model predicts, with bands that measured values should lie in."""
+"""commonrail predict: predictions of a calibrated model, with bands for measured values."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ def predict(
 
     At operating points, or at all data of the study; bands of 50 % and 90 %.
 
-    A band holds what the parameters may be, and how far measured values lie from the best prediction: the tolerance
-    of a map, or the residual level of the fit where that is larger. Without operating points the measured values
-    inside the bands are counted, those of the validation apart.
+    A band combines parameter uncertainty and the scatter of measured values about the best prediction: the tolerance of
+    a map, or the residual level of the fit if it is larger. Without operating points the measured values inside the
+    bands are counted, separately for validation data.
 
     \b
     Examples:
@@ -90,7 +90,7 @@ def predict(
 def _points(
     study: Study, options: tuple[str | None, str | None, Path | None], pressures: tuple[str | None, str | None]
 ) -> list[OperatingPoint]:
-    """Operating points that are asked for; none for the data of the study."""
+    """Requested operating points; empty for the data of the study."""
     from commonrail.engine.operating_point import OperatingPoint
     from commonrail.plugins.prediction.file import read_points
 

@@ -55,8 +55,8 @@ def one_at_a_time(centre: Floats) -> Floats:
 
 
 AT_A_TIME = 100  # resamples whose weights are in memory
-FEWEST = 2  # effects of a parameter, below which it gets no estimate
-CONSTANT = 1e-12  # standard deviation relative to the size of an output, below which it counts as constant
+FEWEST = 2  # fewest effects of a parameter for an estimate
+CONSTANT = 1e-12  # relative standard deviation below which an output counts as constant
 
 
 class Estimate(NamedTuple):

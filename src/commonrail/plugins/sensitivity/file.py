@@ -33,7 +33,7 @@ class Range(NamedTuple):
 
 
 class Failed(NamedTuple):
-    """Simulations without an output: number, share, number by reason, and the end of a range with most of them."""
+    """Simulations without an output: number, share, number by reason, and the range end with most of them."""
 
     number: int
     share: float

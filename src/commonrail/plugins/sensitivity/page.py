@@ -149,7 +149,7 @@ def _table(result: Sensitivity, output: OutputSensitivity) -> Table:
 
 
 def _interval(interval: Interval, scale: float) -> str:
-    """Value with its interval; shares, whose scale is 100, in tenths of a percent without a sign at zero."""
+    """Value with its interval; shares (scale 100) in tenths of a percent, without a sign at zero."""
     value, low, high = (
         f"{round(scale * x, 1) + 0.0:.1f}" if scale == 100.0 else significant(scale * x, 3) for x in interval
     )

@@ -259,7 +259,7 @@ def _refuse_failed(settings: SensitivitySettings, output: Output, failed: Failed
 
 
 def _ends(values: Floats, codes: Codes) -> tuple[list[float | None], str]:
-    """Outputs of `one_at_a_time`, None if a simulation failed or equals the reference, and the reasons."""
+    """Outputs of `one_at_a_time`, None if a simulation or the reference failed, and the reasons of failures."""
     missing = " ".join(sorted({reason(int(code)) for code in codes[1:] if code != OK}))
     if codes[0] != OK:
         return [None] * len(codes), reason(int(codes[0]))

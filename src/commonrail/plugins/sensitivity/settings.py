@@ -35,7 +35,7 @@ class SensitivitySettings:
         words="number of samples",
         default=0,
         limits=Limits(0, 2**20),
-        text="Base points (a power of two) or trajectories, 4 or more; 0 for 1024 or 50.",
+        text="Base points (a power of two) or trajectories, 4 or more. 0: 1024 base points or 50 trajectories.",
     )
     on_failure: Choice[OnFailure] = setting(
         words="policy for failures",
@@ -46,7 +46,7 @@ class SensitivitySettings:
         words="largest share of failures",
         default="10%",
         limits=Limits(0.0, 0.9),
-        text="Share above which an output gets no indices.",
+        text="Share of failed simulations above which an output gets no indices.",
     )
     seed: int = setting(default=1, text="Seed of design and bootstrap.")
     time_step: OptionalNumber = setting(

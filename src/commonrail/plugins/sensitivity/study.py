@@ -133,7 +133,7 @@ class Features:
 
     @property
     def model(self) -> Model:
-        """Features of the first point, then of the next; an extra simulation of a feature counts too."""
+        """Features of each point in turn; the number of simulations includes extra simulations of features."""
         outputs = (Output(f.name, f.unit, f.meaning, point_text(p)) for p in self.points for f in self.features)
         return Model(tuple(outputs), len(self.points) * self._ordinary + len(self._own), self.evaluate)
 
@@ -159,7 +159,7 @@ class Features:
         return Evaluated(np.stack(results, axis=1), np.stack(codes, axis=1))
 
     def _of_its_own(self, key: tuple[str, int], values: Floats) -> Batch:
-        """Batch of the extra simulation of a feature, by its name and the number of the point."""
+        """Extra simulation of a feature; `key`: name of the feature and index of the point."""
         point, misfit = self._own[key]
         return self._batch([point], values, self._own_prepared[key], misfit)
 

@@ -41,7 +41,7 @@ def sensitivity(
     source: Annotated[
         str,
         Argument(
-            help="Injector file, name of the catalogue, with @VARIANT another variant; or study file, or run folder of "
+            help="Injector file or catalogue name (@VARIANT selects another variant), study file, or run folder of "
             "`calibrate`."
         ),
     ],

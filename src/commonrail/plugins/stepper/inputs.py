@@ -17,7 +17,7 @@ COLUMNS = {"rail_pressure": 0, "cylinder_pressure": 1, "return_pressure": 2, "vo
 UNITS = {"voltage": "V", "current": "A"}  # the others are pressures [Pa]
 _PRESSURES = tuple(COLUMNS)[:3]
 _TRACED = {Drive.VOLTAGE: "voltage", Drive.CURRENT: "current"}
-_NEVER = -1.0  # on the clocks of an energising that has not begun or not ended [s]
+_NEVER = -1.0  # clock value of an energising that has not begun or not ended [s]
 
 
 @dataclass

@@ -23,7 +23,7 @@ from commonrail.plugins.stepper.inputs import COLUMNS
 # that follow from the density in a volume. The density is a state next to the mass, because the walls move.
 _SUMS = ("nozzle.injected", "cumulative_flows.returned", "cumulative_flows.supplied", "drive.conducting")
 _OF_DENSITY = ("pressure", "stiffness")
-# Differences by the end of a name: absolute [SI], and relative to the value.
+# Step of a difference by the last part of a name: absolute [SI], and relative to the value.
 _STEPS = {
     "mass": (0.0, 1e-5),
     "density": (0.0, 1e-5),
@@ -52,11 +52,11 @@ class Operation(NamedTuple):
     loop: Loop
     memory: Floats  # (numbers,)
     ring: int  # slots of a ring of waves
-    steps: int  # taken so far
+    steps: int  # simulated so far
     inputs: Floats  # (steps of a sample, 6)
     march: Callable[[Floats, Floats], None]  # function (memory, inputs)
     channels: Callable[[Floats, Floats], Mapping[str, float]]  # function (memory, inputs of the last step), by name
-    # of the injector
+    # coefficients and variant of the injector
     coefficients: Any
     variant: Variant
 
@@ -71,16 +71,16 @@ class LinearModel:
         x(k+1) = A x(k) + B u(k), y(k) = C x(k) + D u(k); y(k) belongs to the sample that u(k) drives.
     errors : dict of str to matrix
         Estimated error of each matrix "a", "b", "c", "d": a third of the change when all differences double, and half
-        the jump of the slope at the state. Of a reduced model "impulse" (outputs, inputs): largest deviation of
-        the response to a unit impulse from the full model.
+        the jump of the slope at the state. A reduced model has "impulse" (outputs, inputs): largest deviation of the
+        unit impulse response from the full model.
     states, inputs, outputs : tuple of str
         Names of rows and columns. Waves in the pipes are states ``waves.down[-3]``: sent three steps ago.
     sample : float
         [s].
     kinks : tuple of str
-        States and inputs whose difference bends a state or an output by more than 1 % of the largest move that any
-        difference causes: a seat, a stop or a vapour pressure is there, and the linear model holds on one side
-        only. Unimportant ones are not listed; `errors` include their jump.
+        States and inputs with a kink: the slope of a state or an output jumps by more than 1 % of the largest change
+        that any difference causes, for example at a seat, a stop or the vapour pressure. The linear model then holds on
+        one side only. Smaller kinks are not listed; `errors` include their jump.
     """
 
     a: Floats
@@ -184,7 +184,8 @@ def linearise(o: Operation, dt: float, inputs: tuple[str, ...], outputs: tuple[s
             up, down, high, low = (course(k * coordinate.step, coordinate, is_input) for k in (1.0, -1.0, 2.0, -2.0))
             near, far = (up - down) / (2.0 * coordinate.step), (high - low) / (4.0 * coordinate.step)
             curvature = up - 2.0 * middle + down  # change of slope times the difference
-            # Without a kink it is four times as large over twice the difference; central differences are not affected.
+            # Without a kink the curvature is four times as large over twice the difference. Kinks do not affect central
+            # slopes.
             jump = np.abs(4.0 * curvature - (high - 2.0 * middle + low)) / (2.0 * coordinate.step)
             columns.append((4.0 * near - far) / 3.0)
             errors.append(np.abs(near - far) / 3.0 + 0.5 * jump)
@@ -216,7 +217,7 @@ def _kinks(coordinates: list[_Coordinate], slopes: Floats, curvatures: Floats) -
 
 
 def _states(o: Operation, steps: int) -> list[_Coordinate]:
-    """Coordinates of the state after some steps: rows, and the slots of the rings that have not arrived yet."""
+    """Coordinates of the state after some steps: rows, and slots of the rings with waves that have not arrived."""
     first, coordinates = o.loop.rows.state, []
     ideal = o.variant.boundary is Boundary.IDEAL
     for i, path in enumerate(o.loop.state):
@@ -228,7 +229,7 @@ def _states(o: Operation, steps: int) -> list[_Coordinate]:
         start = o.loop.rows.end + wave * o.ring
         delay = int(o.memory[o.loop.rows.delay_steps + wave])
         for ago in range(1, delay + 2):
-            # a wave older than the delay has left its slot: the last step has moved it
+            # the last step has moved a wave older than the delay out of its slot
             at = start + ((steps - ago) & (o.ring - 1)) if ago <= delay else o.loop.rows.arriving + wave
             coordinates.append(_Coordinate(f"waves.{name}[-{ago}]", at, _difference("waves", 0.0)))
     return coordinates
@@ -247,7 +248,7 @@ def _perturb_density(memory: Floats, o: Operation, of: _Coordinate, value: float
     """Write a number; with the density in a volume also the values that follow from it."""
     memory[of.at] = value
     if of.name.endswith(".density"):
-        volume = contents(o.coefficients.fuel, value, 1.0)  # as if one cubic metre held it
+        volume = contents(o.coefficients.fuel, value, 1.0)  # for a volume of one cubic metre
         for field in _OF_DENSITY:
             row = o.loop.state.index(f"{of.name.removesuffix('density')}{field}")
             memory[o.loop.rows.state + row] = getattr(volume, field)

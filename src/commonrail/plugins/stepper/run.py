@@ -201,12 +201,13 @@ class Stepper:
         Raises
         ------
         ConfigurationError
-            If it is of another type, of a stepper with another memory, or was not returned by `save`, such as NaN.
+            If the state has another type, belongs to a different stepper, or was not returned by `save`, for example
+            with NaN.
         """
         instance(state, SavedState, "state")
         if np.shape(state.memory) != self._memory.shape:
             raise ConfigurationError(
-                "The state is of a stepper with another wiring, pipe or time step; make one of the same to restore it."
+                "The state belongs to a stepper with another model variant, pipe or time step; use an equal stepper."
             )
         memory = np.asarray(state.memory)
         sound = memory.dtype == np.float64 and isinstance(state.overrides, Overrides) and isinstance(state.steps, int)

@@ -99,8 +99,8 @@ class PartSimulator:
 # dimensions this is the first-order Sobol' index. The shares and the rest (interactions, and steps that a cubic cannot
 # follow) sum to 1, also for correlated dimensions.
 
-DEGREE = 3  # of a dimension's polynomial
-GROUPS = 16  # of parts, each left out in turn for the intervals
+DEGREE = 3  # of the polynomial per dimension
+GROUPS = 16  # groups of parts that the jackknife leaves out in turn
 WIDE = np.array([0.025, 0.975])  # shares of the parts at which the scaled dimension is -1 and 1
 
 
@@ -109,7 +109,7 @@ class Shares(NamedTuple):
 
     For each dimension (d,): the share with its interval (jackknife over groups of parts); `swing`, the change of the
     quantity from the 2.5 % to the 97.5 % quantile of this dimension alone [m³]; `halved`, the standard deviation of the
-    quantity if this dimension scattered half as much [m³]. `rest` is the variance of no single dimension.
+    quantity if this dimension scattered half as much [m³]. `rest` is the share that is not due to a single dimension.
     """
 
     value: Floats
@@ -121,7 +121,7 @@ class Shares(NamedTuple):
 
 
 class VarianceShares:
-    """Sums that give the shares, collected block by block about `centre` (points,) [m³] against rounding."""
+    """Sums for the shares, collected block by block; `centre` (points,) [m³] is subtracted to reduce rounding."""
 
     def __init__(self, tolerances: Tolerances, centre: Floats) -> None:
         ends = np.stack([dimension.distribution.at(WIDE) for dimension in tolerances.dimensions])

@@ -31,7 +31,7 @@ from commonrail.engine.time_step import DEFAULT_STEP
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.readers.toml import UNSTATED
 
-# Distributions of a dimension over parts, as values at shares of the parts.
+# Distributions of a dimension over parts, by their quantiles.
 
 
 class Distribution(ABC):

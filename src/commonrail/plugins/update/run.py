@@ -186,7 +186,7 @@ def update(
 def _judge_new_data(
     study: Study, addition: Addition, best: Mapping[str, float], draws: Floats | None, threads: int | None
 ) -> tuple[NewData, ...]:
-    """Judge new data sets by a run whose calibrated values are the start values of the study."""
+    """Compare new data sets with the earlier run, whose calibrated values are the start values of the study."""
     fitted = [data for data in of_role(study.data, Role.FIT) if not addition.holds(data.name)]
     new, bands = [data for data in study.data if addition.holds(data.name)], dict[str, Band]()
     unseen = [data.changed(role=Role.VALIDATION) for data in new if data.kind in {other.kind for other in fitted}]

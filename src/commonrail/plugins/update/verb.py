@@ -19,7 +19,7 @@ from commonrail.plugins.new import verb as new
 @verb
 def update(
     run: Annotated[Path, Argument(metavar="RUN", help="Folder of commonrail calibrate or update.")],
-    more: Annotated[tuple[Path, ...], Argument(metavar="FILE", help="Further new files, as after --with.")] = (),
+    more: Annotated[tuple[Path, ...], Argument(metavar="FILE", help="Additional new data files, as with --with.")] = (),
     *,
     with_: Annotated[
         tuple[Path, ...], Option("--with", metavar="FILE", help="New data file to fit, see inspect; repeatable.")

@@ -142,7 +142,7 @@ def _turbulent(effective: float, drop: float, density: float, offset: float) -> 
 
 
 def trace_states(injector: Injector, point: OperatingPoint, dt: float) -> dict[str, Floats]:
-    """Trace the state, leaving waves and "time" [s] after every step of `dt` [s]: by dotted name, each (steps + 1,)."""
+    """Trace states, outgoing waves and "time" [s] after each step of `dt` [s]: arrays (steps + 1,) by dotted name."""
     prepared = plan.prepare(injector, [point], dt)
     _, trace = lanes.run(plan.make_job(prepared, prepared.row[None], False), injector.wired(), traced=True)
     rows = dict(zip(lanes.trace_paths(injector.variant), trace[0, :, :, 0].T.copy(), strict=True))
@@ -268,7 +268,7 @@ def joukowsky(injector: Injector) -> list[Check]:
             100.0 * residual,
             0.1,
             "%",
-            f"pipe of 1.5 m, drop of {largest * 1e-6:.1f} MPa; limit: fuel polynomials and means over a step",
+            f"pipe of 1.5 m, drop of {largest * 1e-6:.1f} MPa; limited by fuel polynomials and means over a step",
         ),
         check(
             "Joukowsky: the rail's echo arrives after 2 L/a",
@@ -287,7 +287,7 @@ def pipe_period(injector: Injector) -> list[Check]:
     length = 0.3
     checks = []
     for volume, name in ((150e-9, "with a volume of 150 mm3"), (3e-9, "with 3 mm3, almost 4 L/a")):
-        # almost no shoulder area: the chain's compliance would otherwise add 0.1 % to the pipe's
+        # almost no shoulder area: the chain's compliance would otherwise add 0.1 % to the compliance of the pipe
         slim = {
             "plunger_needle.guide_diameter": 2.72e-3,
             "plunger_needle.stem_diameter": 2.71e-3,
@@ -313,7 +313,7 @@ def pipe_period(injector: Injector) -> list[Check]:
                 0.1,
                 "%",
                 f"{1e6 / expected:.2f} us, {2 * math.pi * expected / per_angle / (0.5 * math.pi):.3f} of 4 L/a in "
-                "angle; limit: interpolated delays",
+                "angle; limited by interpolated delays",
             )
         )
     return checks
@@ -357,7 +357,7 @@ def _steady(injector: Injector, values: dict[str, float], name: str) -> list[Che
     chamber = float(np.mean(rows["control_chamber.fuel.pressure"][late]))
     nozzle_flow, _ = nozzle_by_hand(case, lift)
     drain_flow, drain_pressure = drain_by_hand(case, valve_lift)
-    detail = f"needle {lift * 1e6:.0f} um open; limit: the chain still rings a little, fuel polynomials"
+    detail = f"needle {lift * 1e6:.0f} um open; limited by ringing of the chain and fuel polynomials"
     ratios = {
         "steady flow of seat and nozzle": injected / nozzle_flow,
         "steady flow of Z-hole, A-hole and valve": returned / drain_flow,
@@ -374,7 +374,7 @@ def mass_balance(injector: Injector) -> list[Check]:
         for pressure in (40e6, 100e6, 180e6):
             pulses = (Energising(0.0, 300e-6), Energising(1.2e-3, 500e-6))
             worst = max(worst, abs(simulate(wired, OperatingPoint(pressure, pulses)).balance))
-    detail = "40, 100, 180 MPa, two injections, ideal rail and rail volume; limit: rounding of 4000 steps, with room"
+    detail = "40, 100, 180 MPa, two injections, ideal rail and rail volume; limit: rounding of 4000 steps with margin"
     return [check("balance of mass", worst, 1e-9, "1", detail)]
 
 

@@ -191,7 +191,7 @@ def _volume_check(group: str, limit: VolumeLimit, members: Sequence[tuple[Task, 
     detail = (
         f"share of {limit.text}, median {np.median(shares):.2g} %, {len(shares)} simulations, of which {some} inject; "
         f"here {1e9 * abs(worst.gap):.2g} of {1e9 * worst.volume:.4g} mm³ at {1e-6 * pressure:.0f} MPa, {drive} drive, "
-        f"where 1 % of a hole's diameter moves {worst.sensitivity:.0f} %"
+        f"where a 1 % larger hole diameter changes it by {worst.sensitivity:.0f} %"
     )
     of = "volume" if limit.share == 1.0 else f"volume of {100.0 * limit.share:g} % of them"
     return check(f"{group}: {of}", float(shares[k]), 100.0, "% of its limit", detail)
@@ -201,7 +201,7 @@ def _batches(tasks: Sequence[Task], compared: Sequence[Compared]) -> Check:
     gaps = np.array([1e9 * abs(comparison.batch) for comparison in compared])
     k = int(np.argmax(gaps))
     detail = (
-        f"injected volume, early stop, {len(gaps)} simulations, worst: {tasks[k].group}; limit: flow from the SAC "
-        "after needle and valve have come to rest"
+        f"injected volume, early stop, {len(gaps)} simulations, worst: {tasks[k].group}; difference: flow from the "
+        "sac after needle and valve have come to rest"
     )
     return check("simulate_batch against simulate", gaps[k], BATCH, "mm3", detail)

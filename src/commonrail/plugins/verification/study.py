@@ -29,7 +29,7 @@ ENERGISING = 700e-6  # [s], as in the paper
 HORIZON = 1.9e-3  # by then the needle has closed at all pressures [s]
 SHORT_TIMES = (150e-6, 180e-6, 200.5e-6, 250e-6, 320e-6)  # energising times [s]
 DWELLS = (50e-6, 300e-6)  # from the end of a pilot to the start of the main injection [s]
-LONG_DWELLS = (600e-6, 900e-6, 1200e-6)  # waves of the return line come back to the valve in them [s]
+LONG_DWELLS = (600e-6, 900e-6, 1200e-6)  # waves of the return line return to the valve meanwhile [s]
 PILOT, MAIN = 250e-6, 500e-6  # energising times of pilot and main injection [s]
 DIRECT_AT = (20e6,)  # for direct-acting injectors, which have lower rail pressures [Pa]
 DIRECT_PILOT, DIRECT_MAIN = 400e-6, 600e-6  # direct-acting injectors open later [s]
@@ -58,7 +58,7 @@ class RateLimits(NamedTuple):
 
 
 class VolumeLimit(NamedTuple):
-    """Limit of the volume: the larger of a share [1] and a quantity [m³]; `share` of the members must keep it [1]."""
+    """Limit of the volume error: the larger of a share [1] and a quantity [m³]. `share` [1] of members must meet it."""
 
     relative: float
     absolute: float
@@ -78,16 +78,17 @@ class VolumeLimit(NamedTuple):
 # For a step of 1 us. A rigid mass hits its seat at full speed; no chain softens the impact.
 MAINS, RIGID = RateLimits(), RateLimits().times(2.0)
 PAIR, ANY = (VolumeLimit(0.003, 1e-11),), (VolumeLimit(0.005, 1e-11),)
-# The needle of a short injection may fall back on its seat and open again. Its volume then changes by tens of percent
-# for 1 % of a hole, and so does the error of the step. Most keep the first limit, all keep the second.
+# In a short injection, the needle may return to its seat and open again. A change of a hole by 1 % then changes the
+# volume by tens of percent, and the error of the step grows alike. 90 % of the members must meet the first limit, all
+# must meet the second.
 SHORT = (VolumeLimit(0.003, 1e-11, 0.9), VolumeLimit(0.01, 3e-11))
 
 
 class Task(NamedTuple):
     """One comparison of the engines.
 
-    `group` names the checks, and its members have equal limits; `single`: group of the same run in single precision, or
-    empty; `method`: of the reference.
+    `group`: name of the checks, whose members have equal limits; `single`: group of the same run in single precision,
+    or empty; `method`: integration method of the reference.
     """
 
     group: str
@@ -115,7 +116,7 @@ def comparisons(injector: Injector, quick: bool = False, catalogue: Sequence[Inj
 
 
 def _stiffnesses(injector: Injector, quick: bool) -> list[Task]:
-    """Use LSODA, the second method of the reference; single precision shares the run of double precision."""
+    """Stiffnesses with LSODA, the second reference method; single precision uses the same reference run."""
     sets: dict[str, dict[str, float]] = {"injector as given": {}, "paper's optimal stiffness": PAPER_OPTIMUM}
     pressures, at = (TWO, "80 and 160 MPa") if quick else (PRESSURES, "40 to 180 MPa")
     return [
@@ -200,16 +201,16 @@ def _long_dwells(injector: Injector) -> list[Task]:
 
 
 def _random_injectors(injector: Injector) -> list[Task]:
-    """First draws that lie in their domains, are closed at rest, and open."""
+    """Random injectors: the first draws that lie in their domains, are closed at rest, and inject."""
     names = [name for name, value in injector.values.items() if value != 0.0 and not name.startswith(IDLE)]
     low, high = np.log((1.0 - AROUND, 1.0 + AROUND))
     factors = np.exp(np.random.default_rng(SEED).uniform(low, high, (DRAWS, len(names))))
-    factors[:, np.isin(names, COUNTS)] = 1.0  # holes are whole
+    factors[:, np.isin(names, COUNTS)] = 1.0  # the number of holes is an integer
     nominal = np.array([injector.values[name] for name in names])
     point = OperatingPoint(RANDOM_AT, ENERGISING, horizon=RANDOM_HORIZON)
     batch = simulate_batch(injector, [point], names, factors * nominal)
     refused = np.isin(batch.status[:, 0], (Status.OUTSIDE_DOMAIN, Status.NOT_CLOSED_AT_START))
-    drawn = factors[~refused & ~(batch.injected_volume[:, 0] < SOME)][:INJECTORS]  # other failures stay in
+    drawn = factors[~refused & ~(batch.injected_volume[:, 0] < SOME)][:INJECTORS]  # draws with other failures are kept
     group = f"{len(drawn)} random injectors, every parameter but counts within ± {100 * AROUND:.0f} %"
     return [Task(group, _scale_values(injector, names, row), point, ANY) for row in drawn]
 

@@ -54,16 +54,15 @@ class CurveView(View):
         return data
 
     def merit(self, data: Sequence[Record], label: str = JUDGED) -> Merit:
-        """Σ |error| over Σ |rate|."""
-        shares = [number(d["J_relative"].get(label)) for d in data]
-        worst, of, others = worst_of(data, shares, lambda share: f"{to_fixed(share, 1, 100.0)} %")
-        best, start = (to_fixed(number(worst["J_relative"].get(key)), 1, 100.0) for key in (label, "start"))
+        """Σ |error| over Σ |rate|, less the noise of the samples."""
+        worst, of, others = worst_of(data, [_error(d, label) for d in data], lambda e: f"{to_fixed(e, 1, 100.0)} %")
+        best, start = (to_fixed(_error(worst, key), 1, 100.0) for key in (label, "start"))
         return Merit(f"{best} %", f"of the rate, {of}{start_words(start, '%')}", others)
 
     def fit_error(self, data: Record) -> FitError | None:
-        """Σ |error| over Σ |rate|, less the share of the samples' noise in squares, as independent errors add."""
-        share = number(data.get("J_relative", {}).get(JUDGED))
-        return None if share is None else FitError(max(share**2 - data.get("noise_relative", 0.0) ** 2, 0.0) ** 0.5)
+        """Σ |error| over Σ |rate|, less the noise of the samples."""
+        error = _error(data, JUDGED)
+        return None if error is None else FitError(error)
 
     def quantity_merit(self, data: Sequence[Record]) -> Merit | None:
         """Error of the injected volume."""
@@ -173,6 +172,12 @@ def _measured_column(data: Sequence[Record], unit: str) -> Part:
     origins = {origin_word(d) for d in data}
     origin = origins.pop() if len(origins) == 1 else "data"
     return column(f"{origin}{unit}", lambda d: to_fixed(d["volume"][MEASURED], 2, MM3))
+
+
+def _error(data: Record, label: str) -> float | None:
+    """Σ |error| over Σ |rate|, less the share of the samples' noise in squares, as independent errors add."""
+    share = number(data.get("J_relative", {}).get(label))
+    return None if share is None else max(share**2 - data.get("noise_relative", 0.0) ** 2, 0.0) ** 0.5
 
 
 def _volume_error(data: Record, label: str) -> float | None:

@@ -26,16 +26,16 @@ Models = Mapping[str, Shown]  # by label, in order
 
 
 class Plotted(NamedTuple):
-    """Content of figures besides a record: models, and courses in time by data set."""
+    """Content of figures in addition to a record: models, and time series by data set."""
 
     models: Models
     traces: Traces
 
 
 class Merit(NamedTuple):
-    """Figure of merit on the first page of a report: the figure with its unit, its words, and the figures of others.
+    """Figure of merit on the first page of a report: the figure with its unit, and a description.
 
-    Of several data sets the figure is the worst; `others` has it of each.
+    For several data sets, `figure` is the worst; `others` lists the figure of each.
     """
 
     figure: str
@@ -44,7 +44,7 @@ class Merit(NamedTuple):
 
 
 class FitError(NamedTuple):
-    """Error of a calibrated model on data: a share of the measured values, or `in_tolerances`; a study's tolerance."""
+    """Error of a calibrated model on data, relative to the measured values or `in_tolerances` of the study."""
 
     size: float
     in_tolerances: bool = False
@@ -143,7 +143,7 @@ def errors_by_label(
 def worst_of(
     data: Sequence[Record], errors: Sequence[float | None], text: Callable[[float | None], str]
 ) -> tuple[Record, str, str]:
-    """Data set with the largest error, or without one; words that name it; the errors of all, if there are several."""
+    """Data set with the largest or a missing error, words that name it, and the errors of all if there are several."""
     sizes = [float("inf") if error is None else abs(error) for error in errors]
     worst = data[sizes.index(max(sizes))]
     if len(data) == 1:
@@ -167,5 +167,5 @@ def scale_values(rows: Sequence[Record], key: str, scale: float) -> Points:
 
 
 def present(series: Sequence[Series]) -> tuple[Series, ...]:
-    """Without models that have no number at all: the legend would promise a curve."""
+    """Series without models that have no finite value, whose legend entry would have no curve."""
     return tuple(s for s in series if any(y is not None for y in s.y))

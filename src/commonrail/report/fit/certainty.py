@@ -11,7 +11,7 @@ from commonrail.base.text import MISSING, count_noun, in_print, quantity, quanti
 from commonrail.calibration.record import CertainParameter, CertaintyRecord, NoiseRecord, ParameterRecord
 
 DIGITS = 5
-MOST_PERCENT = 1000.0  # of a value, above which half an interval or a move is not given as a number
+MOST_PERCENT = 1000.0  # of a value; a larger half interval or move is not given as a number
 OPEN = "not bounded by the data"  # interval
 
 
@@ -69,8 +69,8 @@ def _parameters(certainty: CertaintyRecord, records: dict[str, ParameterRecord])
 def interval_text(p: CertainParameter, record: ParameterRecord, digits: int = DIGITS) -> str:
     """Interval of a parameter as far as it lies within the bounds.
 
-    An end beyond a bound says that the data do not bound the parameter on that side: a stiffness has no negative values
-    that could be given for it. `record` is the parameter of the study.
+    An end beyond a bound is not given: the data do not limit the parameter on that side, and a stiffness, for example,
+    cannot be negative. `record` is the parameter of the study.
     """
     if p.lower is None or p.upper is None:
         return MISSING
@@ -83,7 +83,7 @@ def interval_text(p: CertainParameter, record: ParameterRecord, digits: int = DI
 
 
 def interval_digits(p: CertainParameter) -> int:
-    """Significant digits that show the width of the interval of a parameter with two; 1 without an interval."""
+    """Significant digits of a value that show the width of its interval with two digits; 1 without an interval."""
     if p.lower is None or p.upper is None:
         return 1
     size, width = max(abs(p.lower), abs(p.upper)), p.upper - p.lower
@@ -105,12 +105,12 @@ def certainty_lines(certainty: CertaintyRecord | None) -> list[str]:
     if certainty.starts > 1:
         lines.append(f"{certainty.agreeing} of {certainty.starts} starts end within 0.5 of the largest 2 ln L.")
     if certainty.draws_refused:
-        lines.append(f"The intervals are those of the curvature too, because {certainty.draws_refused}.")
+        lines.append(f"The intervals also use the curvature of the likelihood, because {certainty.draws_refused}.")
     if certainty.withdrawn:
         lines.append(f"No parameter is confirmed, because {certainty.withdrawn}.")
     if certainty.discrepancy:  # an error of the model that no parameter mends
         share = significant(100.0 * certainty.discrepancy, 1)
-        words = "in a way that no free parameter mends; intervals and bands hold it"
+        words = "in a way that no free parameter can correct; intervals and bands include this"
         lines.append(f"The model is off by about {share} % of the values {words}.")
     lines += [
         f"The residuals of {n.name} grow with the rate; their standard deviation was taken as {_deviation(n)}."
@@ -123,7 +123,7 @@ def certainty_lines(certainty: CertaintyRecord | None) -> list[str]:
 
 
 def _deviation(n: NoiseRecord) -> str:
-    """Standard deviation of a value, with the share of the rate that it grows by."""
+    """Standard deviation of a value, with its growth in percent of the rate."""
     grown = f" + {significant(100.0 * n.relative, 3)} % of the rate" if n.relative else ""
     return f"{significant(n.sigma, 3)} {in_print(n.unit)}{grown}"
 

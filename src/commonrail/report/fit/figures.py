@@ -37,9 +37,9 @@ def convergence_figure(generations: Sequence[GenerationRecord]) -> Figure:
     return Figure("Convergence", note, "generation", (Panel("objective", series, logarithmic=spread),))
 
 
-# Heat maps of the errors of measured quantity maps: all of it in percent, and the small quantities in mm³.
+# Heat maps of the errors of measured quantity maps: all quantities in percent, small quantities in mm³.
 
-COLUMNS = 22  # of energising times; more share a column
+COLUMNS = 22  # most columns; further energising times share a column
 LARGEST_PERCENT, LARGEST_MM3 = 20.0, 1.0  # beyond them the colour stays the same
 
 
@@ -88,7 +88,7 @@ def _maps(data: Record) -> list[HeatMap]:
 def _heat(
     points: Sequence[_Point], errors: Sequence[float], title: str, scale: tuple[str, int, float], data: Record
 ) -> HeatMap:
-    """Heat map of the errors at some points in a unit, with its decimals and the error of the last colour."""
+    """Heat map of the errors at points; `scale`: unit, decimals, and error beyond which the colour stays the same."""
     unit, decimals, most = scale
     rails = sorted({point.rail for point in points})
     columns, names = _columns([point.time for point in points])

@@ -22,7 +22,7 @@ _MARKS = {"F": "fitted", "M": "measured", "C": "from the ECU", "E": "estimate"}
 
 
 def meter_lines(record: CalibrationRecord) -> list[str]:
-    """One sentence for each meter through which the simulated curves and quantities are seen; often none."""
+    """One sentence for each meter through which simulated curves and quantities pass; often empty."""
     lines = []
     for meter in record.meters:
         parts = [
@@ -71,7 +71,7 @@ def of_role(data: Sequence[Record], role: str) -> list[Record]:
 
 # Command lines that repeat a calibration or use its result.
 
-MORE = "--generations 50"  # option of `resume` where more of a search is advised
+MORE = "--generations 50"  # option of `resume` in the advice to continue a search
 
 
 class Advice(NamedTuple):
@@ -82,7 +82,7 @@ class Advice(NamedTuple):
 
     @classmethod
     def of(cls, run: str, file: str = STUDY) -> Advice:
-        """Advice on the run in a folder, with the study of `study_of_run`; `file` is the name of its copy there."""
+        """Advice on the run in a folder; `file`: name of the copy of the study in this folder."""
         return cls(run, final_text(study_of_run(run, file), Path(run)))
 
     def calibrate(self, *, widen: bool = False, free: str = "") -> str:

@@ -15,7 +15,7 @@ TITLES = {
     BAD: "Not usable",
 }
 SHARES = (0.03, 0.10)  # largest error of a good and of a usable fit, as a share of the measured values
-TOLERANCES = (1.0, 3.0)  # the same of data that are judged in their tolerances
+TOLERANCES = (1.0, 3.0)  # largest error of a good and of a usable fit, in tolerances of the data
 
 
 class Kind(IntEnum):
@@ -25,7 +25,7 @@ class Kind(IntEnum):
     TEST = 1  # a statistical test that found something
     ERROR = 2  # on a data set, fitted or not
     SEARCH = 3  # unfinished in a way that matters for the values
-    BOUND = 4  # values that end at one
+    BOUND = 4  # values at a bound
     NOTE = 5  # leaves the title as it is
 
 
@@ -55,14 +55,14 @@ class Point(NamedTuple):
 
 
 def judge(points: Iterable[Point]) -> tuple[str, list[Point]]:
-    """Level of a calibration, which is its worst point's, and the points against it, most important first."""
+    """Level of a calibration, that is, of its worst point, and the points against it, most important first."""
     against = [point for point in points if point.level != GOOD]
     against.sort(key=lambda p: (p.level != BAD, p.kind, p.probability, -(p.error.size if p.error else 0.0)))
     return (against[0].level if against else GOOD), against
 
 
 def level_of(error: FitError) -> str:
-    """Level of an error by itself; a larger tolerance that a study states takes the place of a limit."""
+    """Level of a single error; a larger tolerance in the study replaces a limit."""
     good, usable = (max(limit, error.tolerance) for limit in (TOLERANCES if error.in_tolerances else SHARES))
     return GOOD if error.size <= good else CARE if error.size <= usable else BAD
 
@@ -73,9 +73,9 @@ def worst_level(errors: Iterable[FitError]) -> str:
 
 
 class Tile(NamedTuple):
-    """Figure on the first page: head, figure, of what it is, and the level of the verdict on it, empty for none.
+    """Figure on the first page: head, figure, description, and level of its verdict (empty: no verdict).
 
-    `others` are the figures of other data, shown below the mouse.
+    `others`: figures of other data, shown in a tooltip.
     """
 
     head: str

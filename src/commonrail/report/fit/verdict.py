@@ -335,26 +335,47 @@ def _tests(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
             if _is_of_quantity(test):
                 words = "Check the calibration of the meter, the unit and density of the data, and the nozzle's holes."
                 step = Step(words, turn=FREE)
-            elif not _is_worth_a_fit(record, test.relief):
-                step = LACKING
-            elif free := _suspect(record, test):
+            elif (free := _suspect(record, test)) and _is_worth_a_fit(record, test.relief):
                 words = f"Free {free}, which the data look like, unless you can measure and state it."
                 step = Step(words, advice.calibrate(free=free), FREE)
+            elif free and _is_lacking(record):
+                step = LACKING
             reason = f"{test.sentence[:1].upper()}{test.sentence[1:]}."
             yield Point(Kind.TEST, reason, step, probability=min(chances))
 
 
 LEAST_RELIEF = 0.1  # share of the error that a change of the study must promise, chosen: 10 % become 9 %
 LACKING = Step(
-    "Check units, time zero and operating points of the data, then the type and the drawing of the injector: no single "
-    "value that the study fixes would lower the errors much."
+    "Check units, time zero and operating points of the data, then the type and the drawing of the injector: no change "
+    "of the study that the tests suggest would lower the errors much."
 )
 
 
-def _is_worth_a_fit(record: CalibrationRecord, relief: float) -> bool:
-    """Return whether a change of a study is expected to lower its errors, unless they are good already."""
+def _is_worth_a_fit(record: CalibrationRecord, relief: float | None) -> bool:
+    """Return whether a change of a study promises to lower its errors, unless they are good already.
+
+    Without a relief, in a record of an older version, it does.
+    """
     errors = (view_of(d["kind"]).fit_error(d) for d in of_role(record.data, "fit"))
-    return relief >= LEAST_RELIEF or worst_level(filter(None, errors)) in ("", GOOD)
+    return relief is None or relief >= LEAST_RELIEF or worst_level(filter(None, errors)) in ("", GOOD)
+
+
+def _is_lacking(record: CalibrationRecord) -> bool:
+    """Return whether wider bounds or free suspects were examined, and none is worth a fit."""
+    if not record.certainty:
+        return False
+    reliefs = [
+        test.relief
+        for test in record.certainty.tests
+        if test.detected and not _is_of_quantity(test) and _suspect(record, test)
+    ]
+    reliefs += [record.certainty.widening] if _movable(record) else []
+    return bool(reliefs) and not any(_is_worth_a_fit(record, relief) for relief in reliefs)
+
+
+def _movable(record: CalibrationRecord) -> list[str]:
+    """Parameters that have met a bound that can be moved."""
+    return [p.name for p in record.parameters if p.at_bound and can_widen(p._asdict())]
 
 
 def _is_of_quantity(test: LackOfFitRecord) -> bool:
@@ -363,7 +384,7 @@ def _is_of_quantity(test: LackOfFitRecord) -> bool:
     A meter whose gain is free makes every quantity of the model uncertain by it: freeing it is no cure.
     """
     key = parts_of(test.name)[1] if is_of_meter(test.name) else test.suspect
-    return key in ("gain", "offset")
+    return key in ("gain", "offset", "quantity_offset")
 
 
 _OF_METER = {"delay": "delay", "bandwidth": "cutoff"}  # suspects of a data set
@@ -388,9 +409,7 @@ def _suspect(record: CalibrationRecord, test: LackOfFitRecord) -> str:
 def _errors(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
     """Errors on each data set, fitted or not."""
     step = Step("Check units, time zero and operating points of the data, then the bounds of the parameters.")
-    certainty = record.certainty
-    reliefs = [certainty.widening, *(t.relief for t in certainty.tests if t.detected)] if certainty else [1.0]
-    step = step if any(_is_worth_a_fit(record, relief) for relief in reliefs) else LACKING
+    step = LACKING if _is_lacking(record) else step
     for data in record.data:
         if (error := view_of(data["kind"]).fit_error(data)) is not None:
             name = f"{data['name']}{'' if data['role'] == 'fit' else ', which was not fitted,'}"
@@ -422,7 +441,11 @@ def _ending(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
         step = Step("Continue the search.", advice.of_run("resume", MORE), ON)
         step = step if record.convergence.cut_short else _full(advice, record)
         kind = Kind.SEARCH if _is_unfinished(record) else Kind.NOTE
-        yield Point(kind, f"The search has not converged: {search_words(record.convergence)}.", step)
+        words = search_words(record.convergence)
+        reason = f"The search has not converged: {words}."
+        if kind is Kind.NOTE:
+            reason = f"The most likely values are found, although the search by itself has not converged: {words}."
+        yield Point(kind, reason, step)
     errors = (view_of(d["kind"]).fit_error(d) for d in of_role(record.data, "fit"))
     if start is not None and not best < start and worst_level(filter(None, errors)) != GOOD:
         step = Step("Check bounds and data: the start values fit as well as anything that was tried.")
@@ -484,13 +507,18 @@ def _is_lost(data: Record) -> bool:
 def _parameters(record: CalibrationRecord, advice: Advice) -> Iterator[Point]:
     parameters = record.parameters
     if bounded := [p.name for p in parameters if p.at_bound]:
-        text = "These bounds are the ends of what is possible or built: check the drawing, and free what acts alike."
+        text = f"Check the drawing: {_some(bounded)} ended at the limits of what is possible or built."
         step = Step(text, turn=WIDEN)
-        movable = [p.name for p in parameters if p.at_bound and can_widen(p._asdict())]
-        certainty = record.certainty
-        if movable and (certainty is None or _is_worth_a_fit(record, certainty.widening)):
-            text = f"Widen the bounds of {_some(movable)} if the parts allow it."
-            step = Step(text, advice.calibrate(widen=True), WIDEN)
+        if movable := _movable(record):
+            is_worth = _is_worth_a_fit(record, record.certainty.widening if record.certainty else None)
+            wider = Step(
+                f"Widen the bounds of {_some(movable)} if the parts allow it.", advice.calibrate(widen=True), WIDEN
+            )
+            step = (
+                wider
+                if is_worth
+                else Step("Check the drawing: wider bounds would not lower the errors much.", turn=WIDEN)
+            )
         yield Point(Kind.BOUND, f"At a bound: {_some(bounded)}.", step)
     loose = [p.name for p in parameters if p.verdict and p.verdict != DETERMINED]
     if loose:
