@@ -68,9 +68,9 @@ def test_both_cases_are_summed_up(tmp_path: Path) -> None:
 
 def test_missing_bench_data_are_made_once(fake: Path, tmp_path: Path) -> None:
     data = fake / "paper" / "data" / "seed-1.csv"
-    assert "virtual test bench" in run("--out", tmp_path / "demo").err
+    assert "test bench" in run("--out", tmp_path / "demo").err
     assert data.is_file()
-    assert "virtual test bench" not in run("--out", tmp_path / "demo").err
+    assert "test bench" not in run("--out", tmp_path / "demo").err
 
 
 @pytest.mark.usefixtures("fake")
@@ -91,14 +91,14 @@ def test_a_folder_that_is_no_demo_is_left_alone(tmp_path: Path) -> None:
     (out / "paper" / "work.txt").touch()
     done = run("--out", out)
     assert done.status == 2
-    assert "not a folder of the demo" in done.sentence
+    assert "the demo" in done.sentence
     assert (out / "paper" / "work.txt").exists()
 
 
 @pytest.mark.usefixtures("fake")
 def test_a_file_in_the_way_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    assert "not a folder of the demo" in run("--out", tmp_path / "file").sentence
+    assert "the demo" in run("--out", tmp_path / "file").sentence
 
 
 @pytest.mark.usefixtures("fake")

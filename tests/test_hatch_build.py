@@ -181,7 +181,7 @@ def test_without_its_libraries_a_wheel_that_was_asked_for_them_is_not_built(
     failed: subprocess.CompletedProcess[str] = subprocess.CompletedProcess([], 3)
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: failed)
     monkeypatch.setenv(ASKED, "1")
-    with pytest.raises(SystemExit, match="without it the wheel has none"):
+    with pytest.raises(SystemExit, match=r"wheel .*none"):
         build(tree, tmp_path)
     assert list(tmp_path.iterdir()) == []
 

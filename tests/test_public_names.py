@@ -93,7 +93,7 @@ def test_the_reproduction_is_made_of_public_names(file: str) -> None:
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:
-    with pytest.raises(AttributeError, match=r'no simulat \(did you mean "simulate"\?\)'):
+    with pytest.raises(AttributeError, match=r'no simulat .*"simulate"'):
         commonrail.simulat  # noqa: B018
 
 
@@ -107,7 +107,7 @@ def test_an_unknown_name_is_an_attribute_error() -> None:
     ],
 )
 def test_a_name_of_another_place_is_an_attribute_error_that_says_where(module: str, name: str, place: str) -> None:
-    with pytest.raises(AttributeError, match=rf"has no {name}; it is {place}\."):
+    with pytest.raises(AttributeError, match=rf"no {name}; .*{place}\."):
         getattr(import_module(module), name)
 
 

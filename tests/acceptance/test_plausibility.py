@@ -140,7 +140,7 @@ def test_an_energising_of_700_ms_is_refused_at_once(tmp_path: Path) -> None:
     study = spoilt(tmp_path / "case", in_study((ET, 'energising_time = "700 ms"')))
     status, err = run("calibrate", study, "--out", tmp_path / "run")
     assert status == 2
-    assert "must lie between 0 s and 100 ms, and 0.7 s was read" in err
+    assert re.search(r"0 s and 100 ms, .*0\.7 s", err)
 
 
 @pytest.mark.parametrize("name", NONSENSE)
@@ -152,8 +152,8 @@ def test_strict_makes_it_an_error(name: str, tmp_path: Path) -> None:
     assert status == 2
     assert words in sentence
     after = code in ("gain", "shift")  # only a fit can tell
-    assert ("nothing was run" in sentence) is not after
-    assert ("is written, and has" in sentence) is after
+    assert ("nothing" in sentence) is not after
+    assert ("is written" in sentence) is after
     assert (out / "result.json").is_file() is after
     assert out.exists() is after
 

@@ -66,8 +66,8 @@ def test_a_symbolic_link_is_not_followed(tmp_path: Path) -> None:
 
 def test_a_device_a_pipe_and_a_folder_are_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
-    for path, what in [(Path("/dev/null"), "no plain file"), (tmp_path / "pipe", "no plain"), (tmp_path, "a folder")]:
-        with pytest.raises(OutputError, match=f"{path}: this is {what}"):
+    for path in (Path("/dev/null"), tmp_path / "pipe", tmp_path):
+        with refused(OutputError, "not-a-file", path.name):
             write_text(path, "x")
 
 

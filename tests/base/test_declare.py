@@ -111,7 +111,7 @@ def test_facts_and_docstring_follow_from_the_declaration() -> None:
     ]
     assert list_facts(Search(), ("step",)) == []
     assert read_declarations(Search)["step"].accepted == "quantity [s], 1 ns to 100 us"
-    assert "share : number, 0 to 0.5; 10 % by default" in (Search.__doc__ or "")
+    assert "0 to 0.5; 10 %" in (Search.__doc__ or "")
 
 
 class Row(NamedTuple):

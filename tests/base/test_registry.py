@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -82,8 +83,8 @@ def test_a_part_that_another_one_displaces_is_named(tmp_path: Path) -> None:
         first, second = sorted(entry.distribution for entry in registry.find_unused("verbs"))
         assert (first, second) == ("one-one", "one-two")
         broken = {plugin.distribution: " ".join(plugin.broken) for plugin in find_plugins()}
-        assert '"tpc" of commonrail.readers is not used, because one-one' in broken["one-two"]
-        assert '"simulate" of commonrail.verbs is not used, because commonrail' in broken["one-one"]
+        assert re.search(r'"tpc" .*because one-one', broken["one-two"])
+        assert re.search(r'"simulate" .*because commonrail', broken["one-one"])
 
 
 def test_a_verb_of_a_package_that_fails_is_named_with_its_package(tmp_path: Path) -> None:
@@ -91,7 +92,7 @@ def test_a_verb_of_a_package_that_fails_is_named_with_its_package(tmp_path: Path
     with distribution(tmp_path, {"example_verb": text}, "[commonrail.verbs]\nfail = example_verb:fail\n"):
         done = run_command("fail")
     assert done.status == 2
-    assert "the verb fail of the plug-in example-plugin 1.2 failed (ZeroDivisionError: of mine)" in done.sentence
+    assert re.search(r"verb fail .*example-plugin 1\.2 .*ZeroDivisionError", done.sentence)
     assert "internal fault" not in done.err
 
 

@@ -11,7 +11,7 @@ from commonrail.engine import machine_code
 
 def test_without_libraries_nothing_is_compared(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(machine_code, "objection", lambda: "none came with this package")
-    with pytest.raises(SystemExit, match="no library is used: none came with this package; `make kernels`"):
+    with pytest.raises(SystemExit, match="`make kernels`"):
         libraries.main()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,7 @@ def test_a_place_that_does_not_exist_is_refused_before_anything_is_measured(
     assert verbs.main(["speed", "--out", str(tmp_path / "nowhere" / "bench.json")]) == 2
     done = capsys.readouterr()
     assert done.out == ""
-    assert "there is no folder" in done.err
+    assert "no folder" in done.err
 
 
 def test_optimisers_compares_and_writes_every_step(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -73,4 +74,4 @@ def test_optimisers_compares_and_writes_every_step(tmp_path: Path, capsys: pytes
 
 def test_an_unknown_optimiser_is_refused_in_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     assert verbs.main(["optimisers", "--method", "annealing"]) == 2
-    assert 'there is no optimiser "annealing"; take one of: differential evolution, ' in capsys.readouterr().err
+    assert re.search(r'"annealing"; .*differential evolution, ', capsys.readouterr().err)

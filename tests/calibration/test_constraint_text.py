@@ -62,7 +62,7 @@ def test_a_chain_that_turns_is_rows_but_no_ordering() -> None:
 
 
 def test_unknown_name_offers_the_nearest() -> None:
-    with pytest.raises(InputError, match=r'"plunger_needel\.k2".*did you mean "plunger_needle\.k'):
+    with pytest.raises(InputError, match=r'"plunger_needel\.k2".*"plunger_needle\.k'):
         parse_constraints(["plunger_needel.k2 < a"], NAMES)
 
 
@@ -71,25 +71,25 @@ def test_unknown_name_offers_the_nearest() -> None:
     [
         ("", "has no"),
         ("a + b", "has no"),
-        ("a = b", '"a = b" where a term'),
-        ("a == b", '"a == b" where a term'),
-        ("a < b ; import os", '"b ; import os" where a term'),
-        ("__import__('os') < a", "where a term"),
-        ("a < ", "has nothing where a term"),
-        ("a + < b", "has nothing where a term"),
-        ("a b < 3", '"a b" where a term'),
-        ("a*2 < b", r'"a\*2" where a term'),
-        ("a*b < 3", r'"a\*b" where a term'),
-        ("2*3*a < b", "where a term"),
+        ("a = b", '"a = b" where a'),
+        ("a == b", '"a == b" where a'),
+        ("a < b ; import os", '"b ; import os" where a'),
+        ("__import__('os') < a", "where a"),
+        ("a < ", "has nothing"),
+        ("a + < b", "has nothing"),
+        ("a b < 3", '"a b" where a'),
+        ("a*2 < b", r'"a\*2" where a'),
+        ("a*b < 3", r'"a\*b" where a'),
+        ("2*3*a < b", "where a"),
         ("1e999*a < b", "too large"),
-        ("a < a", "no free parameter"),
-        ("1 < 2", "no free parameter"),
-        ("2a < b", '"2a" where a term'),
-        ("\u0663*a < b", "where a term"),  # a digit, but not one of a number in a study
-        ("(lambda: a)() < b", "where a term"),
-        ("1" * 100_000 + "x < a", "where a term"),
-        ("-" * 100_000 + "a < b", "has nothing where a term"),
-        ("(" * 100_000 + "a < b", "where a term"),
+        ("a < a", "free parameter"),
+        ("1 < 2", "free parameter"),
+        ("2a < b", '"2a" where a'),
+        ("\u0663*a < b", "where a"),  # a digit, but not one of a number in a study
+        ("(lambda: a)() < b", "where a"),
+        ("1" * 100_000 + "x < a", "where a"),
+        ("-" * 100_000 + "a < b", "has nothing"),
+        ("(" * 100_000 + "a < b", "where a"),
     ],
 )
 def test_unreadable_text_is_refused_in_one_sentence(text: str, why: str) -> None:

@@ -45,8 +45,8 @@ def test_a_search_that_ends_with_one_point_is_told_so() -> None:
     """Not that its members failed: a staged search ends with its finalists, of which there may be one."""
     verdict = judge_population(np.array([100.0]), history(0.0), NOISE)
     assert not verdict.converged
-    assert "ended with one point" in verdict.sentence
-    assert "could be simulated" in judge_population(np.array([100.0, np.inf]), history(0.0), NOISE).sentence
+    assert "one point" in verdict.sentence
+    assert "simulated" in judge_population(np.array([100.0, np.inf]), history(0.0), NOISE).sentence
 
 
 def test_three_refinements_within_half_a_unit_agree() -> None:

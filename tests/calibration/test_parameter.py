@@ -54,9 +54,9 @@ def test_percent_bounds_refuse_what_crosses_or_turns_negative(reference: float, 
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ({"lower": 5.0}, "above the upper; exchange them"),
-        ({"lower": 4.0}, "less than the upper"),
-        ({"lower": -1.0}, "must not be negative"),
+        ({"lower": 5.0}, "above the upper"),
+        ({"lower": 4.0}, "less than"),
+        ({"lower": -1.0}, "negative"),
         ({"upper": float("inf")}, "finite"),
         ({"reference": float("nan")}, "finite"),
         ({"scale": "log", "lower": 0.0}, "logarithmic"),
@@ -72,7 +72,7 @@ def test_refusals_name_the_parameter(changes: dict[str, Any], why: str) -> None:
 
 
 def test_a_count_is_not_searched() -> None:
-    with pytest.raises(ConfigurationError, match=r"nozzle\.holes: it counts pieces, and values between whole numbers"):
+    with pytest.raises(ConfigurationError, match=r"nozzle\.holes: .*pieces"):
         Parameter("nozzle.holes", 7.0, 6.0, 8.0, "1", mark="E", source="")
 
 

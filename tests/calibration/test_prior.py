@@ -30,14 +30,14 @@ def test_a_sigma_that_is_none_is_refused(sigma: float) -> None:
 
 
 def test_a_prior_outside_the_bounds_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="prior's value 3 lies outside the bounds"):
+    with pytest.raises(ConfigurationError, match=r"\bprior.* 3 .*bounds"):
         parameter("a", 0.0, 2.0, Prior(3.0, 1.0))
 
 
 def test_a_quantity_of_either_sign_may_have_a_negative_bound() -> None:
     slope = Parameter("nozzle.lift_maximum_slope", 1e-13, -8e-13, 8e-13, "m/Pa", mark="E", source="test")
     assert slope.lower < 0.0
-    with pytest.raises(ConfigurationError, match="must not be negative"):
+    with pytest.raises(ConfigurationError, match=r"valve\.mass.*negative"):
         Parameter("valve.mass", 4e-3, -1e-3, 8e-3, "kg", mark="E", source="test")
 
 

@@ -56,17 +56,17 @@ def test_a_value_that_does_not_vary_is_known() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("valve.spring_preload", "exactly one of"),
-        ("1 < valve.spring_preload < 2", "exactly one of"),
-        ("valve.spring_preload > valve.seat_diameter + 1", "a number, a parameter or a power"),
-        ("valve.spring_preload > 2 *", "has nothing where"),
+        ("valve.spring_preload", "exactly one"),
+        ("1 < valve.spring_preload < 2", "exactly one"),
+        ("valve.spring_preload > valve.seat_diameter + 1", "or a power"),
+        ("valve.spring_preload > 2 *", "has nothing"),
         ("valve.spring_preload > valve.seat_diametre", "no parameter.*valve.seat_diameter"),
-        ("rail_pressure_max > 3", "depends on no free parameter"),
-        ("0 * valve.spring_preload > 3", "not greater than zero"),
-        ("valve.spring_preload / 0 > 3", "not greater than zero"),
+        ("rail_pressure_max > 3", "free parameter"),
+        ("0 * valve.spring_preload > 3", "than zero"),
+        ("valve.spring_preload / 0 > 3", "than zero"),
         ("valve.spring_preload * 10^999 > 3", "too large"),
-        ("valve.spring_preload * 10^10^10 > 3", "a number, a parameter or a power"),
-        ("valve.spring_preload > \u0663", "a number, a parameter or a power"),
+        ("valve.spring_preload * 10^10^10 > 3", "or a power"),
+        ("valve.spring_preload > \u0663", "or a power"),
     ],
 )
 def test_what_cannot_be_read_is_refused(text: str, words: str) -> None:
@@ -75,5 +75,5 @@ def test_what_cannot_be_read_is_refused(text: str, words: str) -> None:
 
 
 def test_no_room_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="no point was found within the bounds"):
+    with pytest.raises(ConfigurationError, match=r"constraints: .*1e9"):
         space("valve.spring_preload >= 1e9 * valve.seat_diameter")

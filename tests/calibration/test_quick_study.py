@@ -42,12 +42,12 @@ def test_one_data_set_needs_no_list_and_constraints_are_texts(given: cr.Study) -
 @pytest.mark.parametrize(
     ("free", "words"),
     [
-        ({"valve.spring_preloat": "5 %"}, r"no parameter valve\.spring_preloat \(did you mean .*valve\.spring_preload"),
-        ({NAME: "60 N"}, r'must be \(lower, upper\) or a share such as "10 %"'),
-        ({NAME: ("95 N", "60 N")}, "lower bound lies above the upper"),
+        ({"valve.spring_preloat": "5 %"}, r"valve\.spring_preloat \(.*valve\.spring_preload"),
+        ({NAME: "60 N"}, r'\(lower, upper\) .*"10 %"'),
+        ({NAME: ("95 N", "60 N")}, "lower bound .*upper"),
         ({NAME: ("60 mm", "95 N")}, "bound of valve.spring_preload"),
         (["a"], "free"),
-        ({}, "name at least one parameter"),
+        ({}, "one parameter"),
     ],
 )
 def test_bounds_that_cannot_be_used_are_refused(given: cr.Study, free: Any, words: str) -> None:

@@ -31,5 +31,5 @@ def test_a_measured_current_is_no_voltage(model: Drive, fits: bool) -> None:
     if fits:
         check_drive(own, study, "a")
     else:
-        with pytest.raises(ConfigurationError, match="driven by a voltage trace"):
+        with pytest.raises(ConfigurationError, match="voltage trace"):
             check_drive(own, study, "a")

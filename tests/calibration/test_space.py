@@ -163,8 +163,8 @@ def test_an_ordering_that_the_bounds_forbid_is_refused(paper_space) -> None:
 @pytest.mark.parametrize(
     ("parameters", "constraints", "why"),
     [
-        ([], (), "at least one"),
-        ([parameter("a", 0, 1), parameter("a", 0, 1)], (), "a given more than once"),
+        ([], (), "least one"),
+        ([parameter("a", 0, 1), parameter("a", 0, 1)], (), "a .*than once"),
         ([parameter("a", 0, 1)], LinearConstraints(np.ones((1, 2)), np.zeros(1)), "2 columns"),
     ],
 )

@@ -65,7 +65,7 @@ def test_screening_comes_first_then_residuals_of_the_starts() -> None:
 
 @pytest.mark.parametrize(("first", "second"), [(("starts", 9), ("members", 8)), (("finalists", 3), ("starts", 2))])
 def test_more_than_there_are_to_choose_from_are_refused(first: tuple[str, int], second: tuple[str, int]) -> None:
-    with pytest.raises(ConfigurationError, match=f"{first[0]} = {first[1]} must not exceed {second[0]} = {second[1]}"):
+    with pytest.raises(ConfigurationError, match=f"{first[0]} = {first[1]} .*{second[0]} = {second[1]}"):
         StagedSettings(**dict((first, second)))
 
 
@@ -91,7 +91,7 @@ def test_ensembles_of_which_nothing_can_be_simulated_end_the_search_without_a_fa
 
 
 def test_ensembles_that_nothing_follows_are_refused() -> None:
-    with pytest.raises(ConfigurationError, match="inversions = 9 must be less than generations = 9"):
+    with pytest.raises(ConfigurationError, match=r"inversions = 9 .*generations = 9"):
         staged.REGISTERED.checks["inversions"](StagedSettings(generations=9, inversions=9), unit_box(2))
 
 

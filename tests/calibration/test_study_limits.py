@@ -30,7 +30,7 @@ def test_samples_are_counted_over_all_data(study_file: Edit, monkeypatch: pytest
     monkeypatch.setattr(loader, "MOST_SAMPLES", count)
     assert load_study(path).data
     monkeypatch.setattr(loader, "MOST_SAMPLES", count - 1)
-    assert f"data[1]: the data have more than {count - 1} samples up to here" in refused(path)
+    assert f"more than {count - 1} samples" in refused(path)
 
 
 def test_samples_of_courses_count_too(study_file: Edit, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -42,12 +42,12 @@ def test_samples_of_courses_count_too(study_file: Edit, monkeypatch: pytest.Monk
     monkeypatch.setattr(loader, "MOST_SAMPLES", count + 4)
     assert load_study(path).data
     monkeypatch.setattr(loader, "MOST_SAMPLES", count + 3)
-    assert "samples up to here" in refused(path)
+    assert f"more than {count + 3} samples" in refused(path)
 
 
 def test_rows_of_a_map_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reading, "MOST_POINTS", 20)
-    assert "21 rows of" in refused(CASE / "study.toml")
+    assert "21 rows" in refused(CASE / "study.toml")
 
 
 def test_relations_are_counted(study_file: Edit) -> None:
@@ -55,17 +55,17 @@ def test_relations_are_counted(study_file: Edit) -> None:
     more = "seed = 1\nconstraints.order = [\n" + f'"{chain}",\n' * 4 + "]"
     path = study_file(("seed = 1", more))
     path.write_text(re.sub(r"(?m)^\[constraints\][^\[]*", "", path.read_text(encoding="utf-8")), encoding="utf-8")
-    assert "constraints: there are 1196 relations, and at most 1000 are read" in refused(path)
+    assert re.search(r"constraints: .*1196 relations, .*1000", refused(path))
 
 
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("members = 100001", "less than or equal to 100000"),
-        ("generations = 1000001", "less than or equal to 1000000"),
-        ("redraws = 1001", "less than or equal to 1000"),
-        ("polish = 10001", "less than or equal to 10000"),
-        ("members = 9223372036854775807", "less than or equal to 100000"),
+        ("members = 100001", "equal to 100000"),
+        ("generations = 1000001", "equal to 1000000"),
+        ("redraws = 1001", "equal to 1000"),
+        ("polish = 10001", "equal to 10000"),
+        ("members = 9223372036854775807", "equal to 100000"),
     ],
 )
 def test_settings_of_the_optimiser_have_an_end(study_file: Edit, line: str, words: str) -> None:
@@ -78,8 +78,8 @@ def test_settings_of_the_optimiser_have_an_end(study_file: Edit, line: str, word
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("x" * 201, "this must be a text of at most 200 characters"),
-        ("two\\nlines", "this must be one line of characters"),
+        ("x" * 201, "200 characters"),
+        ("two\\nlines", "one line"),
     ],
 )
 def test_names_are_short_and_printed(study_file: Edit, name: str, words: str) -> None:
@@ -91,13 +91,13 @@ def test_names_are_short_and_printed(study_file: Edit, name: str, words: str) ->
 
 def test_an_unknown_injector_of_the_catalogue_names_the_study(study_file: Edit) -> None:
     path = study_file(('injector = "injector.toml"', 'injector = "cri2-166"'))
-    assert 'injector: There is no injector "cri2-166" in the catalogue (did you mean "cri2-16"?)' in refused(path)
+    assert re.search(r'injector: .*"cri2-166" .*"cri2-16"', refused(path))
 
 
 def test_a_variant_behind_the_injector_is_refused_with_the_place_where_it_is_stated(study_file: Edit) -> None:
     """`simulate` and `compare` take cri2-16@ideal, so somebody will write it here."""
     path = study_file(('injector = "injector.toml"', 'injector = "cri2-16@ideal"'))
-    assert 'injector: "cri2-16@ideal" names a variant, which is not taken here; state' in refused(path)
+    assert re.search(r'injector: "cri2-16@ideal" .*variant', refused(path))
 
 
 def test_a_drawing_beyond_numbers_names_the_injectors_file(injector_file: Edit) -> None:

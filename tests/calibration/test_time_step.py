@@ -64,13 +64,13 @@ def test_a_stiffer_box_gets_a_shorter_step(tmp_path: Path, text: tuple[str, str]
 def test_a_step_of_ones_own_that_is_too_long_is_told(tmp_path: Path) -> None:
     study = load_study(paper(tmp_path / "case", (STEP, 'time_step = "1.8 us"')))
     (finding,) = (f for f in of_settings(study) if f.code == "time_step")
-    assert "the step of 1.8 µs is too long" in finding.sentence
-    assert "A step of 1.25 us would do." in finding.sentence
+    assert "1.8 µs" in finding.sentence
+    assert "1.25 us" in finding.sentence
     assert not [f for f in of_settings(replace(study, time_step=1.25e-6)) if f.code == "time_step"]
 
 
 def test_a_box_that_no_step_bears_is_refused(tmp_path: Path) -> None:
     study = load_study(paper(tmp_path / "case"))
     massless = study.injector.with_values({"plunger_needle.m1": 1e-15})
-    with pytest.raises(ConfigurationError, match="No time step is short enough"):
+    with pytest.raises(ConfigurationError, match=r"time step .*stiffnesses"):
         step_for_all(massless, study.space)

@@ -68,7 +68,7 @@ def test_a_fault_of_the_program_asks_for_a_report(error: Exception) -> None:
 def test_a_traceback_is_shown_on_demand(monkeypatch: pytest.MonkeyPatch, words: list[str], variable: str) -> None:
     monkeypatch.setenv("COMMONRAIL_TRACEBACK", variable)
     done = end_with(ZeroDivisionError("a"), *words)
-    assert "Traceback (most recent call last)" in done.err
+    assert "Traceback" in done.err
     assert done.err.splitlines()[-1].startswith("commonrail: internal fault")
 
 

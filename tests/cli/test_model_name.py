@@ -55,7 +55,7 @@ def test_a_file_is_taken_as_it_is_called(
 @pytest.mark.parametrize("reader", [read_model_name, load_injector])
 @pytest.mark.parametrize("number", ["0445110343", "0 445 110 343"])
 def test_a_part_number_leads_to_the_injector_whose_file_states_it(reader: Callable[[str], object], number: str) -> None:
-    with pytest.raises(InputError, match=r"did you mean cri2-0, "):
+    with pytest.raises(InputError, match=r"\bcri2-0, "):
         reader(number)
 
 
@@ -79,14 +79,14 @@ def test_a_stated_label_wins_over_one_made_up_before_it() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (f"{NAME}@rigit", r'"rigit" is no variant \(did you mean "rigid"\?\); choose from flexible, rigid, ideal'),
-        (f"{NAME}@rigid,flexible", '"rigid" and "flexible" contradict each other'),
-        (f"{NAME}@", '"" is no variant'),
-        (f"={NAME}", "no label before the equals sign"),
-        ("virtual-lino-2061", r'did you mean "virtual-lino-2016"'),
-        ("a=nowhere.toml", r"nowhere\.toml: there is no such file"),
-        ("a\0b", "there is no such file, run folder or injector"),
-        ("x" * 5000, "there is no such file, run folder or injector"),
+        (f"{NAME}@rigit", r'"rigit" .*"rigid"\?\); .*flexible, rigid, ideal'),
+        (f"{NAME}@rigid,flexible", '"rigid" and "flexible"'),
+        (f"{NAME}@", '"" .*variant'),
+        (f"={NAME}", "no label"),
+        ("virtual-lino-2061", r'mean "virtual-lino-2016"'),
+        ("a=nowhere.toml", r"nowhere\.toml: .*no such"),
+        ("a\0b", "or injector"),
+        ("x" * 5000, "or injector"),
     ],
 )
 def test_what_cannot_be_read_is_one_sentence(text: str, words: str) -> None:
@@ -95,19 +95,19 @@ def test_what_cannot_be_read_is_one_sentence(text: str, words: str) -> None:
 
 
 def test_a_folder_without_a_calibrated_injector_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"no calibrated\.toml there; name a run folder"):
+    with pytest.raises(InputError, match=r"calibrated\.toml .*run folder"):
         read_model_name(str(tmp_path))
     (tmp_path / "injector.toml").touch()
-    with pytest.raises(InputError, match=r"did you mean .*injector\.toml"):
+    with pytest.raises(InputError, match=r"mean .*injector\.toml"):
         read_model_name(str(tmp_path))
 
 
 @pytest.mark.parametrize(
     ("texts", "kind", "words"),
     [
-        ([f"a={NAME}", "a=cri2-16"], InputError, 'two models with the label "a"'),
-        ([f"measured={NAME}"], ConfigurationError, '"measured" cannot be the label'),
-        ([NAME] * 9, ConfigurationError, "Between 1 and 8 models"),
+        ([f"a={NAME}", "a=cri2-16"], InputError, 'label "a"'),
+        ([f"measured={NAME}"], ConfigurationError, '"measured" .*label'),
+        ([NAME] * 9, ConfigurationError, "1 and 8 models"),
     ],
 )
 def test_labels_that_cannot_stand_beside_each_other_are_refused(
@@ -121,11 +121,11 @@ def test_labels_that_cannot_stand_beside_each_other_are_refused(
     ("labels", "words"),
     [
         ([], "not 0"),
-        ([str(i) for i in range(9)], "Between 1 and 8 models can be compared at a time, not 9"),
-        (["measured"], '"measured" cannot be the label'),
-        (["rail_pressure"], '"rail_pressure" cannot be the label'),
-        ([" "], "cannot be the label"),
-        (["a\nb"], "cannot be the label"),
+        ([str(i) for i in range(9)], "1 and 8 models .* 9"),
+        (["measured"], '"measured" .*label'),
+        (["rail_pressure"], '"rail_pressure" .*label'),
+        ([" "], "the label"),
+        (["a\nb"], "the label"),
     ],
 )
 def test_labels_that_cannot_be_carried_are_refused(labels: list[str], words: str) -> None:
@@ -134,7 +134,7 @@ def test_labels_that_cannot_be_carried_are_refused(labels: list[str], words: str
 
 
 def test_a_flexible_body_of_a_direct_acting_injector_is_refused() -> None:
-    with pytest.raises(InputError, match='has a rigid body; omit "flexible"'):
+    with pytest.raises(InputError, match=r'rigid body.*"flexible"'):
         read_model_name("direct-acting-kr@flexible")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -16,9 +17,9 @@ from tests.cli.conftest import Command
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        (["nozzle.holes=2.5"], "--set nozzle.holes counts pieces and must be a whole number, not 2.5."),
-        (["solenoid.air_gaps=1.5"], "must be a whole number, not 1.5"),
-        (["nozzle.holes=7", "valve.mass=5g", "nozzle.holes=8"], "--set nozzle.holes: it is set twice; keep one."),
+        (["nozzle.holes=2.5"], "whole number, not 2.5"),
+        (["solenoid.air_gaps=1.5"], "whole number, not 1.5"),
+        (["nozzle.holes=7", "valve.mass=5g", "nozzle.holes=8"], "--set nozzle.holes: it is set twice"),
     ],
 )
 def test_a_setting_that_makes_no_sense_is_refused(settings: list[str], words: str) -> None:
@@ -41,12 +42,12 @@ def test_several_energisings_have_starts() -> None:
 @pytest.mark.parametrize(
     ("duration", "pulses", "words"),
     [
-        (None, [], "Give --energising-time for one injection, or --energising"),
-        ("700us", ["0us:1us"], "Give --energising-time for one injection, or --energising"),
-        ("700", [], '--energising-time: "700" has no unit'),
-        ("700MPa", [], "--energising-time: .* is a pressure"),
-        (None, ["700us"], "--energising 700us: expected START:DURATION"),
-        (None, ["0:700us"], '--energising 0:700us: "0" has no unit'),
+        (None, [], "--energising-time .*--energising "),
+        ("700us", ["0us:1us"], "--energising-time .*--energising "),
+        ("700", [], '--energising-time: "700" .*unit'),
+        ("700MPa", [], "--energising-time: .*pressure"),
+        (None, ["700us"], "--energising 700us: .*START:DURATION"),
+        (None, ["0:700us"], '--energising 0:700us: "0" .*unit'),
         (None, ["0us:"], "--energising 0us:: "),
     ],
 )
@@ -72,9 +73,9 @@ def test_an_offset_unit_is_a_point_on_its_scale() -> None:
         ("plunger_needle.k1", "expected PATH=VALUE"),
         ("=3", "expected PATH=VALUE"),
         ("plunger_needle.k1=", "expected PATH=VALUE"),
-        ("plunger_needle.kk1=3", 'no such parameter .did you mean "plunger_needle.k1"'),
-        ("plunger_needle.k1=3m", "is a length; a stiffness is expected"),
-        ("plunger_needle.k1=soft", "does not start with a number"),
+        ("plunger_needle.kk1=3", 'mean "plunger_needle.k1"'),
+        ("plunger_needle.k1=3m", "length; a stiffness"),
+        ("plunger_needle.k1=soft", '"soft"'),
     ],
 )
 def test_settings_that_cannot_be_read_say_why(setting: str, words: str) -> None:
@@ -84,12 +85,12 @@ def test_settings_that_cannot_be_read_say_why(setting: str, words: str) -> None:
 
 @pytest.mark.parametrize("value", ["-1", "nan", "inf"])
 def test_a_value_outside_its_domain_is_refused(value: str) -> None:
-    with pytest.raises(ConfigurationError, match=r"plunger_needle\.k1 .*greater than zero"):
+    with pytest.raises(ConfigurationError, match=r"plunger_needle\.k1 .*zero"):
         with_overrides(load_injector("virtual-lino-2016"), [f"plunger_needle.k1={value}"])
 
 
 def test_workers_do_not_go_with_a_cluster_elsewhere() -> None:
-    with pytest.raises(InputError, match="a cluster has its own number of workers"):
+    with pytest.raises(InputError, match=r"--workers: .*--cluster"):
         open_workers(2, "tcp://somewhere:8786")
 
 
@@ -104,11 +105,11 @@ def test_pressures_are_those_of_the_run_and_are_said(
     point = ("--rail-pressure", "160MPa", "--energising-time", "400us", "--json")
     stated = command("simulate", "run", *point, "--cylinder-pressure", "8MPa", "--return-pressure", "0.1MPa")
     found = command("simulate", "run", *point)
-    assert "cylinder pressure 8 MPa and return pressure 100 kPa: those of the first data of run" in found.err
+    assert re.search(r"8 MPa .*100 kPa: .*first data of run", found.err)
     assert found.record["injected_volume"] == stated.record["injected_volume"]
     assert "first data" not in stated.err
     usual = command("simulate", "run/calibrated.toml", *point)
-    assert "cylinder pressure 5 MPa and return pressure 500 kPa: the usual values" in usual.err
+    assert re.search(r"5 MPa .*500 kPa: .*usual", usual.err)
     assert usual.record["operating_point"]["cylinder_pressure"] == 5e6
     lines = ("--quantity", "5mm3", "--energising-time", "300,500us", "--json", "--threads", "1", "--bands", "none")
     record = command("map", "run", "--rail-pressure", "160MPa", *lines).record
@@ -132,7 +133,7 @@ def test_every_verb_that_simulates_a_model_takes_its_values(
     monkeypatch.chdir(study.parent)
     done = command(*words, "--set", "nozzle.hole=7")
     assert done.status == 2
-    assert 'no such parameter (did you mean "nozzle.holes"' in done.sentence
+    assert 'mean "nozzle.holes"' in done.sentence
 
 
 def test_a_model_is_compared_with_other_values(command: Command, study: Path) -> None:
@@ -146,7 +147,7 @@ def test_a_model_is_compared_with_other_values(command: Command, study: Path) ->
 def test_a_value_that_a_study_varies_is_no_setting_of_it(command: Command, study: Path) -> None:
     done = command("sensitivity", study, "--set", "nozzle.discharge_maximum=0.8")
     assert done.status == 2
-    assert "the study frees it" in done.sentence
+    assert "frees it" in done.sentence
 
 
 @pytest.mark.parametrize("end", ["stop", "seat"])

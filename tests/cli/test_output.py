@@ -13,6 +13,7 @@ import pytest
 from commonrail.base.errors import InputError, OutputError
 from commonrail.cli.options import check_distinct, check_file, check_folder, check_report, free_run_folder
 from tests.cli.conftest import Command
+from tests.refused import refused
 
 
 def refuse(*_: object, **__: object) -> None:
@@ -32,28 +33,28 @@ def test_a_good_place_is_left_as_it_was(tmp_path: Path) -> None:
 
 
 def test_a_file_in_no_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"--out: there is no folder .*nowhere"):
+    with pytest.raises(InputError, match=r"--out: .*/nowhere;"):
         check_file(tmp_path / "nowhere" / "x.csv", "--out")
 
 
 def test_a_folder_in_place_of_a_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"--report: .* is a folder"):
+    with pytest.raises(InputError, match=r"--report: .*\bfolder"):
         check_report(tmp_path)
-    with pytest.raises(InputError, match=r"--report: .*a\.txt: a report is an HTML page; name it .*a\.html"):
+    with pytest.raises(InputError, match=r"--report: .*a\.txt: .*a\.html"):
         check_report(tmp_path / "a.txt")
 
 
 def test_a_file_in_place_of_a_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="is a file; name a folder"):
+    with pytest.raises(InputError, match=r"/file .*\bfolder"):
         check_folder(tmp_path / "file" / "new")
 
 
 def test_a_folder_without_permission_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tempfile, "TemporaryFile", refuse)
-    with pytest.raises(OutputError, match=r"x\.csv cannot be written \(Permission denied\)"):
+    with refused(OutputError, "not-writable", "x.csv"):
         check_file(tmp_path / "x.csv", "--out")
-    with pytest.raises(OutputError, match=r"cannot be written \(Permission denied\)"):
+    with refused(OutputError, "not-writable", "new"):
         check_folder(tmp_path / "new")
 
 
@@ -76,7 +77,7 @@ def test_a_full_stdout_ends_with_3() -> None:
         line = [sys.executable, "-m", "commonrail", "catalogue", "injectors"]
         done = subprocess.run(line, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 3
-    assert "standard output cannot be written (No space left on device)" in done.stderr
+    assert "standard output" in done.stderr
 
 
 def test_two_outputs_of_one_place_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -84,7 +85,7 @@ def test_two_outputs_of_one_place_are_refused(tmp_path: Path, monkeypatch: pytes
     monkeypatch.chdir(tmp_path)
     check_distinct(Path("a.csv"), None, tmp_path / "b.csv", None)
     for other in (Path("a.csv"), tmp_path / "a.csv", tmp_path / "." / "a.csv"):
-        with pytest.raises(InputError, match="two outputs of one command"):
+        with pytest.raises(InputError, match=r"a\.csv: two outputs"):
             check_distinct(Path("a.csv"), other)
 
 
@@ -101,5 +102,5 @@ def test_a_verb_writes_no_two_outputs_to_one_place(
     monkeypatch.chdir(tmp_path)
     done = command(line[0], "virtual-lino-2016", *line[1:])
     assert done.status == 2
-    assert "name a file for each" in done.sentence
+    assert "two outputs" in done.sentence
     assert list(tmp_path.iterdir()) == []

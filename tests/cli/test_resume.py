@@ -33,7 +33,7 @@ def test_runs_says_where_there_are_none(command: Command, tmp_path: Path) -> Non
     assert command("runs", tmp_path).out == f"{tmp_path}: no runs in it.\n"
     done = command("runs", tmp_path / "none")
     assert done.status == 2
-    assert "there is no such folder" in done.sentence
+    assert "no such" in done.sentence
 
 
 def test_a_damaged_run_does_not_hide_the_others(command: Command, stopped: Path) -> None:
@@ -84,4 +84,4 @@ def test_a_folder_of_another_verb_names_that_verb(command: Command, tmp_path: Pa
     (tmp_path / "fleet.json").write_text('{"schema": 1, "kind": "fleet"}', encoding="utf-8")
     done = command("resume", tmp_path)
     assert done.status == 2
-    assert "written by `commonrail fleet`" in done.sentence
+    assert "`commonrail fleet`" in done.sentence

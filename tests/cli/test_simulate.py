@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -127,29 +128,29 @@ def test_a_failed_simulation_ends_with_4_and_says_what_to_do(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("simulate", "nothing", *POINT), "nothing: there is no such file, run folder or injector of the catalogue"),
-        (("simulate", "direct-acting-kr@flexible", *POINT), "a direct-acting injector has a rigid body"),
-        ((*SIMULATE, "--set", "rail.volume=20cm3"), 'does not read rail.volume; take a model with rail_boundary = "v'),
+        (("simulate", "nothing", *POINT), "or injector"),
+        (("simulate", "direct-acting-kr@flexible", *POINT), "rigid body"),
+        ((*SIMULATE, "--set", "rail.volume=20cm3"), 'rail_boundary = "v'),
         (("simulate", "nothing.toml", *POINT), "nothing.toml"),
         ((*SIMULATE, "--cylinder-pressure", "5"), "--cylinder-pressure: "),
-        ((*SIMULATE, "--return-pressure", "0MPa"), "The return pressure must lie between"),
-        ((*SIMULATE, "--horizon", "0us"), "The horizon must lie between"),
-        ((*SIMULATE, "--time-step", "1ms"), "The time step must lie between"),
-        ((*SIMULATE, "--energising", "0us:1us"), "Give --energising-time for one injection"),
-        ((*SIMULATE, "--out", "/nowhere/x.csv"), "--out: there is no folder"),
+        ((*SIMULATE, "--return-pressure", "0MPa"), "return pressure"),
+        ((*SIMULATE, "--horizon", "0us"), "The horizon"),
+        ((*SIMULATE, "--time-step", "1ms"), "The time step"),
+        ((*SIMULATE, "--energising", "0us:1us"), "one injection"),
+        ((*SIMULATE, "--out", "/nowhere/x.csv"), "/nowhere;"),
         ((*SIMULATE, "--out", "x.xyz"), ".csv, .foam, .dat"),
         ((*SIMULATE, "--out", "x.foam.txt"), ".csv, .foam, .dat"),
-        ((*SIMULATE, "--report", "."), "--report: . is a folder"),
-        ((*SIMULATE, "--set", "a.b=1"), "has no such parameter"),
+        ((*SIMULATE, "--report", "."), "--report: . "),
+        ((*SIMULATE, "--set", "a.b=1"), "such parameter"),
         # of a direct-acting injector
-        ((*SIMULATE, "--set", "armature.mass=1g"), "`commonrail catalogue parameters` lists those of all injectors."),
+        ((*SIMULATE, "--set", "armature.mass=1g"), "`commonrail catalogue parameters`"),
         (
             (*SIMULATE, "--engine", "reference", "--precision", "f32"),
-            "--precision f32: the reference engine computes in f64 only",
+            "--precision f32: ",
         ),
         (
             (*SIMULATE, "--engine", "reference", "--time-step", "1us"),
-            "--time-step: the reference engine chooses its steps",
+            "--time-step: the reference",
         ),
     ],
 )
@@ -194,10 +195,7 @@ def test_a_set_value_that_no_injector_has_is_told(command: Command) -> None:
     usual = command(*SIMULATE, "--set", "valve.mass=6g")
     assert "is usual" not in usual.err
     odd = command(*SIMULATE, "--set", "valve.mass=6kg")  # 6 g meant
-    assert (
-        "--set valve.mass: the mass of armature and shutter is 6 kg, and 100 mg to 100 g is usual; check its unit."
-        in odd.err
-    )
+    assert re.search(r"--set valve\.mass: .*\b6 kg, .*100 mg to 100 g", odd.err)
 
 
 def test_an_engine_that_is_not_to_be_had_is_refused(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -236,16 +234,16 @@ def test_a_meter_shows_its_rate_beside_the_true_one(command: Command, tmp_path: 
     )
     # nine digits in the file; the delay is twenty steps
     np.testing.assert_allclose(seen[20:], 1.5 * true[:-20], atol=1e-6)
-    assert "rate by meter bench" in plot.read_text(encoding="utf-8")
-    assert "by meter bench" in command(*SIMULATE, *files).out
+    assert "meter bench" in plot.read_text(encoding="utf-8")
+    assert "meter bench" in command(*SIMULATE, *files).out
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--meter", "bench"), "has no meters; name a study or a calibrated.toml with --study"),
-        (("--study", "STUDY"), "name one of its meters with --meter"),
-        (("--study", "STUDY", "--meter", "bank"), 'there is no meter "bank"; it has bench'),
+        (("--meter", "bench"), "no meters"),
+        (("--study", "STUDY"), "with --meter"),
+        (("--study", "STUDY", "--meter", "bank"), 'meter "bank"'),
     ],
 )
 def test_a_meter_that_is_not_there_is_one_sentence(

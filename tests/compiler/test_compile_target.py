@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -77,9 +78,9 @@ def test_differences_are_a_part_of_a_sentence() -> None:
     now = before | {"features": "+avx,-avx2,+avx512f", "numba": "0.63"}
     text = "instruction sets, now without avx2 and with avx512f; numba 0.62, now 0.63"
     assert differences(before, now) == text
-    assert differences(before, before | {"features": "+avx,+avx2"}) == "instruction sets, now listed otherwise"
+    assert differences(before, before | {"features": "+avx,+avx2"}).startswith("instruction sets")
     many = before | {"features": ",".join(f"+{name}" for name in "abcdefgh")}
-    assert differences(before, many) == "instruction sets, now without avx, avx2 and with a, b, c, d, e, f ..."
+    assert re.search(r"without avx, avx2 .*with a, b, c, d, e, f \.\.\.$", differences(before, many))
 
 
 FLAGS = "flags\t\t: fpu sse2 avx2 bmi1 bmi2 f16c fma abm movbe"

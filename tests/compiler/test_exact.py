@@ -40,7 +40,7 @@ def test_a_machine_of_another_kind_is_told_so(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(platform, "machine", lambda: "x86_64")
     assert target.exact_processor().exact
     monkeypatch.setattr(platform, "machine", lambda: "arm64")
-    with pytest.raises(cr.errors.ConfigurationError, match="this machine is of kind arm64; omit same_bits"):
+    with pytest.raises(cr.errors.ConfigurationError, match=r"arm64.*same_bits"):
         target.exact_processor()
 
 
@@ -57,13 +57,13 @@ def test_a_study_ends_with_that_sentence_and_status_2(monkeypatch: pytest.Monkey
         for cache in (describe, machine_code.objection):
             cache.cache_clear()
     assert ended.status == 2
-    assert "this machine is of kind arm64; omit same_bits" in ended.sentence
+    assert re.search(r"arm64.*same_bits", ended.sentence)
 
 
 @pytest.mark.parametrize("engine", ["cuda", "reference"])
 def test_other_engines_do_not_promise_bits(monkeypatch: pytest.MonkeyPatch, engine: str, rigid: cr.Injector) -> None:
     monkeypatch.setattr("commonrail.engine.cuda.missing", lambda: None)
-    with pytest.raises(cr.errors.ConfigurationError, match=f'for the engine "lanes" alone, not for "{engine}"'):
+    with pytest.raises(cr.errors.ConfigurationError, match=f'"lanes".*"{engine}".*same_bits'):
         cr.simulate(rigid, POINT, engine, same_bits=True)
 
 

@@ -78,7 +78,7 @@ def test_a_kernel_with_a_flipped_bit_is_compiled_anew_once_with_a_note(
     kept(tmp_path).write_bytes(content)
     *said, noted = answer()
     assert said == [42.0, 0]
-    assert "is damaged; it is made anew" in noted
+    assert "damaged" in noted
     assert answer() == (42.0, 1, "")
 
 
@@ -226,5 +226,5 @@ def test_a_file_too_large_for_a_kernel_is_not_read(tmp_path: Path, answer: Calla
         file.truncate(60_000_000_000)
     value, hits, notes = answer()
     assert (value, hits) == (42.0, 0)
-    assert "has 60000 MB, and a compiled simulation has at most" in notes
+    assert "60000 MB" in notes
     assert answer() == (42.0, 1, "")

@@ -159,12 +159,12 @@ def free(name: str, lower: float, upper: float) -> Parameter:
     ("data", "parameter", "word"),
     [
         ([a_curve()], free("meter.bench.delay", 0.0, 1e-5), "no meter"),
-        ([a_curve(Meter("bench"))], free("meter.bench.delai", 0.0, 1e-5), "did you mean .meter.bench.delay"),
-        ([a_map(Meter("bench"))], free("meter.bench.delay", 0.0, 1e-5), "depends on its delay"),
-        ([a_curve(Meter("bench"))], free("meter.bench.gain", -1.0, 1.0), "greater than zero"),
+        ([a_curve(Meter("bench"))], free("meter.bench.delai", 0.0, 1e-5), "mean .meter.bench.delay"),
+        ([a_map(Meter("bench"))], free("meter.bench.delay", 0.0, 1e-5), "its delay"),
+        ([a_curve(Meter("bench"))], free("meter.bench.gain", -1.0, 1.0), "gain.*zero"),
         ([a_curve(Meter("bench"))], free("meter.bench.density", 800.0, 900.0), "start value"),
         ([a_curve(Meter("bench", {"temperature": 313.0}))], free("meter.bench.temperature", 300.0, 3000.0), "range"),
-        ([a_curve(Meter("bench")), a_map(Meter("bench", {"gain": 2.0}))], None, "two different names"),
+        ([a_curve(Meter("bench")), a_map(Meter("bench", {"gain": 2.0}))], None, "different names"),
     ],
 )
 def test_meters_that_contradict_the_study_are_refused(
@@ -175,9 +175,9 @@ def test_meters_that_contradict_the_study_are_refused(
 
 
 def test_a_density_of_the_meter_is_refused_for_masses() -> None:
-    with pytest.raises(ConfigurationError, match="measured by mass"):
+    with pytest.raises(ConfigurationError, match=r"\bmass\b.*\bdensity of"):
         a_map(Meter("bench", {"density": 830.0}), mass_density=830.0)
-    with pytest.raises(ConfigurationError, match="measured by mass"):
+    with pytest.raises(ConfigurationError, match=r"\bmass\b.*\btemperature of"):
         replace(a_curve(), mass_density=830.0, meter=Meter("bench", {"temperature": 313.0}))
 
 

@@ -11,6 +11,7 @@ from commonrail.base.errors import ConfigurationError, InputError
 from commonrail.data.noise import Correlation, Law, Noise
 from commonrail.plugins.new.study import write_new
 from tests.map_study import map_study
+from tests.refused import refused
 
 
 def read(folder: Path, noise: str) -> cr.Study:
@@ -46,28 +47,28 @@ def test_a_map_has_its_relative_part_in_the_tolerance(tmp_path: Path) -> None:
     rows = "rail_pressure [MPa],energising_time [us],quantity [mm3]\n80,500,20\n160,700,60\n"
     (tmp_path / "map.csv").write_text(rows, encoding="utf-8")
     (tmp_path / "study.toml").write_text(map_study('noise = { sigma = "1 + 1 %" }'), encoding="utf-8")
-    with pytest.raises(InputError, match='"relative" of the data set'):
+    with refused(InputError, "two-parts data[1].noise.sigma", "study.toml"):
         cr.load_study(tmp_path / "study.toml")
     (tmp_path / "study.toml").write_text(map_study("noise = { sigma = 0.5 }"), encoding="utf-8")
     data = cr.load_study(tmp_path / "study.toml").data[0]
-    with pytest.raises(ConfigurationError, match="which only curves have"):
+    with pytest.raises(ConfigurationError, match=r"relative part.*\bcurves"):
         data.changed(noise=Noise(sigma=1.0, relative=0.01))
 
 
 @pytest.mark.parametrize(
     ("noise", "words"),
     [
-        ('sigma = "0.02 mm3/ms + 1 mm3"', "must be percent of the rate"),
+        ('sigma = "0.02 mm3/ms + 1 mm3"', "be percent"),
         ('sigma = "0.02 MPa + 1 %"', "noise.sigma"),
         ('sigma = "0.02 mm3/ms + -1 %"', "relative part"),
         ('sigma = "0.02 mm3/ms + one %"', "noise.sigma"),
         ('sigma = "0.3 MPa"', "noise.sigma"),
         ('law = "cauchy"', "noise.law"),
         ('uncertain = { dealy = "1 us" }', "delay"),
-        ('uncertain = { delay = "1 MPa" }', "standard deviation of delay"),
-        ('uncertain = { fuel_temperature = "40 degC" }', "state the difference"),
-        ('sigma = "0.3 mm3/ms", shots = "a"', "keep one of them"),
-        ("freedom = 4", "sigma, which is missing"),
+        ('uncertain = { delay = "1 MPa" }', "deviation of delay"),
+        ('uncertain = { fuel_temperature = "40 degC" }', "the difference"),
+        ('sigma = "0.3 mm3/ms", shots = "a"', "sigma.*shots"),
+        ("freedom = 4", "freedom.*sigma"),
     ],
 )
 def test_what_makes_no_sense_is_refused_with_its_place(tmp_path: Path, noise: str, words: str) -> None:
@@ -88,5 +89,5 @@ def test_what_makes_no_sense_is_refused_with_its_place(tmp_path: Path, noise: st
     ],
 )
 def test_numbers_out_of_range_are_refused(settings: dict[str, float]) -> None:
-    with pytest.raises(ConfigurationError, match="of the noise"):
+    with pytest.raises(ConfigurationError, match=rf"\b{[*settings][-1]}\b.* noise"):
         Noise(**settings)  # type: ignore[arg-type]

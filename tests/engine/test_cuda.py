@@ -172,16 +172,14 @@ def test_what_is_missing_is_said(regulated: Injector, monkeypatch: pytest.Monkey
         lambda: simulate(regulated, POINTS[0], engine="cuda"),
         lambda: simulate_batch(regulated, POINTS, engine="cuda"),
     ):
-        with pytest.raises(
-            ConfigurationError, match=r"needs the package numba-cuda; .*pip install 'commonrail\[cuda\]'"
-        ):
+        with pytest.raises(ConfigurationError, match=r"numba-cuda; .*'commonrail\[cuda\]'"):
             call()
 
 
 def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cuda.importlib.util, "find_spec", lambda name: name)
     monkeypatch.setattr(cuda, "_missing_library", lambda: "nvvm")
-    assert "NVIDIA's library nvvm, which was not found" in str(cuda.missing())
+    assert "library nvvm" in str(cuda.missing())
 
 
 def test_a_missing_device_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -190,7 +188,7 @@ def test_a_missing_device_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cuda.importlib.util, "find_spec", lambda name: name)
     monkeypatch.setattr(cuda, "_missing_library", lambda: None)
     monkeypatch.setattr(numba_cuda, "is_available", lambda: False)
-    assert "needs an NVIDIA GPU with its driver, and none was found" in str(cuda.missing())
+    assert "NVIDIA GPU" in str(cuda.missing())
     monkeypatch.setattr(numba_cuda, "is_available", lambda: True)
     assert cuda.missing() is None
 
@@ -203,12 +201,12 @@ def test_a_device_that_fails_is_said(regulated: Injector, monkeypatch: pytest.Mo
 
     monkeypatch.setattr(cuda, "missing", lambda: None)
     monkeypatch.setattr(cuda, "_launch", fail)
-    with pytest.raises(ConfigurationError, match=r'The GPU failed \(.*out of memory\); use the engine "lanes"'):
+    with pytest.raises(ConfigurationError, match=r'GPU .*memory.*"lanes"'):
         simulate_batch(regulated, POINTS, engine="cuda")
 
 
 @pytest.mark.parametrize(
-    ("engine", "sentence"), [("reference", "one injection at a time"), ("gpu", '"lanes", "cuda" or "reference"')]
+    ("engine", "sentence"), [("reference", "one injection"), ("gpu", '"lanes", "cuda" or "reference"')]
 )
 def test_other_engines_are_refused(regulated: Injector, engine: str, sentence: str) -> None:
     with pytest.raises(ConfigurationError, match=sentence):

@@ -94,7 +94,7 @@ def test_a_needle_that_does_not_close_is_told(pwm: Injector) -> None:
 
 
 def test_an_unknown_precision_is_refused(pwm: Injector) -> None:
-    with pytest.raises(ConfigurationError, match='"f64" or "f32", not "f16"'):
+    with pytest.raises(ConfigurationError, match=r'"f64".*"f32".*"f16"'):
         simulate_batch(pwm, POINTS, precision="f16")
     with pytest.raises(ConfigurationError, match="f64 alone"):
         simulate(pwm, POINTS[0], "reference", precision="f32")

@@ -170,10 +170,10 @@ def test_threads_do_not_disturb_each_other(throttled: Injector) -> None:
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({"method": "euler"}, 'must be "lsoda" or "explicit", not "euler"'),
-        ({"step": 0.0}, "must lie between 0.1 ns and 100 ns, not 0 ns"),
+        ({"method": "euler"}, '"lsoda" or "explicit", .*"euler"'),
+        ({"step": 0.0}, "0.1 ns and 100 ns, .* 0 ns"),
         ({"step": float("nan")}, "not nan ns"),
-        ({"cells": (0, 10)}, "at least one cell"),
+        ({"cells": (0, 10)}, "one cell"),
     ],
 )
 def test_a_resolution_that_makes_no_sense_is_refused(pwm: Injector, wrong: dict[str, object], words: str) -> None:

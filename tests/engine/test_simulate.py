@@ -184,8 +184,8 @@ def test_samples_are_means_of_the_injected_mass(regulated: Injector) -> None:
 @pytest.mark.parametrize(
     ("step", "interval", "words"),
     [
-        ("1.875 us", "3 us", r"3 us is 1\.6 steps of 1\.875 us; take 1\.875 us or 3\.75 us"),
-        ("2 us", "1 us", r"1 us is 0\.5 steps of 2 us; take 2 us\."),
+        ("1.875 us", "3 us", r"3 us .*1\.6 .*1\.875 us; .*1\.875 us .*3\.75 us"),
+        ("2 us", "1 us", r"1 us .*0\.5 .*2 us; .*2 us\."),
     ],
 )
 def test_samples_that_are_no_whole_number_of_steps_are_refused(

@@ -187,5 +187,5 @@ def test_round_steps_leave_five_per_cent() -> None:
     assert nice_step(1.06e-6) == 1e-6
     assert nice_step(1.05e-6) == 7.5e-7
     assert nice_step(0.0) == 0.0
-    assert step_advice(5.4e-7) == "A step of 0.5 us would do."
-    assert step_advice(1e-12) == "No step is short enough."
+    assert "0.5 us" in step_advice(5.4e-7)
+    assert "No step" in step_advice(1e-12)

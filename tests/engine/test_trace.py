@@ -27,8 +27,8 @@ def test_mean_by_hand() -> None:
 @pytest.mark.parametrize(
     ("time", "value", "says"),
     [
-        ((0.0,), (1.0,), "at least two"),
-        ((0.0, 1.0), (1.0,), "at least two"),
+        ((0.0,), (1.0,), "least two"),
+        ((0.0, 1.0), (1.0,), "least two"),
         ((0.0, 0.0), (1.0, 2.0), "increase"),
         ((0.0, float("nan")), (1.0, 2.0), "finite"),
     ],
@@ -43,19 +43,19 @@ def test_an_operating_point_refuses_nonsense() -> None:
         OperatingPoint(0.0, 1e-3)
     with pytest.raises(ConfigurationError, match="cylinder pressure"):
         OperatingPoint(1e8, 1e-3, cylinder_pressure=Trace((0.0, 1.0), (1e6, -1e6)))
-    with pytest.raises(ConfigurationError, match="follow one another"):
+    with pytest.raises(ConfigurationError, match=r"energising at 500 us .* 1000 us"):
         OperatingPoint(1e8, (Energising(0.0, 1e-3), Energising(0.5e-3, 1e-3)))
     with pytest.raises(ConfigurationError, match="horizon"):
         OperatingPoint(1e8, 1e-3, horizon=0.0)
 
 
 def test_a_pressure_at_or_above_the_rails_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match=r"cylinder pressure must .* 200 MPa where the rail has 160"):
+    with pytest.raises(ConfigurationError, match=r"cylinder pressure .* 200 MPa .* 160 MPa"):
         OperatingPoint(160e6, 1e-3, cylinder_pressure=200e6)
-    with pytest.raises(ConfigurationError, match="return pressure must stay below the rail pressure"):
+    with pytest.raises(ConfigurationError, match=r"return pressure .* 1 MPa .* 1 MPa"):
         OperatingPoint(1e6, 1e-3, cylinder_pressure=0.5e6, return_pressure=1e6)
     rail, cylinder = Trace((0.0, 1.0, 2.0), (9e6, 5e6, 9e6)), Trace((0.5, 1.5), (6e6, 6.5e6))
-    with pytest.raises(ConfigurationError, match=r"6.25 MPa where the rail has 5 MPa"):
+    with pytest.raises(ConfigurationError, match=r"6\.25 MPa .* 5 MPa"):
         OperatingPoint(rail, 1e-3, cylinder)
 
 

@@ -25,8 +25,8 @@ COARSE = Resolution((20, 10))
 @pytest.mark.parametrize(
     ("point", "says"),
     [
-        (OperatingPoint(300e6, 1e-3), r"rail pressure reaches 300 MPa, but the fuel iso4113 .* from 0 to 250 MPa"),
-        (OperatingPoint(Trace((0.0, 1.0), (200e6, 251e6)), 1e-3), "rail pressure reaches 251 MPa"),
+        (OperatingPoint(300e6, 1e-3), r"rail pressure .*300 MPa, .*iso4113 .* 0 to 250 MPa"),
+        (OperatingPoint(Trace((0.0, 1.0), (200e6, 251e6)), 1e-3), "rail pressure .*251 MPa"),
     ],
 )
 def test_pressures_outside_the_fuels_range_are_refused(regulated: Injector, point: OperatingPoint, says: str) -> None:
@@ -45,7 +45,7 @@ def test_the_ends_of_the_fuels_range_are_admitted(regulated: Injector) -> None:
 def test_a_trace_of_a_rail_that_is_a_volume_is_refused(volume: Injector) -> None:
     point = OperatingPoint(Trace((0.0, 1e-3), (160e6, 150e6)), 500e-6)
     for run in (simulate, lambda i, p: simulate_reference(i, p, resolution=COARSE)):
-        with pytest.raises(ConfigurationError, match=r'rail_boundary to "ideal".* as one number'):
+        with pytest.raises(ConfigurationError, match=r'rail_boundary .*"ideal".*one number'):
             run(volume, point)
 
 
@@ -72,7 +72,7 @@ def test_a_contraction_beyond_one_switches_cavitation_off(regulated: Injector) -
 
 @pytest.mark.parametrize("name", COEFFICIENTS)
 def test_a_coefficient_above_one_is_refused(regulated: Injector, name: str) -> None:
-    with pytest.raises(ConfigurationError, match="at most 1, not 8"):
+    with pytest.raises(ConfigurationError, match=rf"{name}.* 1, .*\b8\b"):
         regulated.with_values({name: 8.0})
     batch = simulate_batch(regulated, [OperatingPoint(160e6, 20e-6, horizon=30e-6)], (name,), np.array([[1.0], [8.0]]))
     assert batch.status[1, 0] == Status.OUTSIDE_DOMAIN

@@ -107,12 +107,12 @@ def test_explicit_density_law_is_refused_with_a_cure() -> None:
 
 
 def test_temperature_outside_the_range_is_refused() -> None:
-    with pytest.raises(InputError, match="iso4113 is defined from"):
+    with pytest.raises(InputError, match=r"iso4113 .*293\.15.* 80 K"):
         fuel_coefficients(load_fuel("iso4113"), 80.0)
 
 
 def test_a_law_without_a_number_is_refused() -> None:
     fuel = load_fuel("iso4113")
     without = dataclasses.replace(fuel.viscosity_law, coefficients=((0.0,), (0.0,), (1.0,)))  # fluidity: 1/0
-    with pytest.raises(ConfigurationError, match="no numbers; check their coefficients"):
+    with pytest.raises(ConfigurationError, match=r"353\.15 K .*coefficients"):
         fuel_coefficients(dataclasses.replace(fuel, viscosity_law=without), 353.15)

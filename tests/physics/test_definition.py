@@ -32,9 +32,9 @@ def test_every_parameter_has_unit_and_meaning() -> None:
     ("name", "value", "says"),
     [
         ("plunger_needle.k8", 1e8, r"no parameter plunger_needle\.k8.*k[1-7]"),
-        ("valve.mass", 0.0, "greater than zero"),
-        ("valve.mass", float("nan"), "greater than zero"),
-        ("valve.damping", -1.0, "zero or greater"),
+        ("valve.mass", 0.0, r"valve\.mass.*than zero"),
+        ("valve.mass", float("nan"), r"valve\.mass.*than zero"),
+        ("valve.damping", -1.0, r"valve\.damping.*zero or"),
         ("control_chamber.z_hole_from_inlet", 1.5, "between 0 and 1"),
         ("nozzle.lift_maximum_slope", float("inf"), "finite"),
     ],
@@ -54,7 +54,7 @@ def test_a_value_that_the_variant_does_not_read_is_refused(regulated: Injector) 
     """It would change nothing, of an ideal rail its volume and of a regulated drive the voltage of the PWM."""
     assert regulated.variant.boundary is Boundary.IDEAL
     for name, reader in (("rail.volume", "@volume"), ("drive.supply_voltage", "@pwm")):
-        with pytest.raises(ConfigurationError, match=rf"does not read {name}; take a model with .*{reader}"):
+        with pytest.raises(ConfigurationError, match=rf"{name}; .*{reader}"):
             regulated.with_values({name: regulated.values[name]})
     behind = replace(regulated, variant=regulated.variant._replace(boundary=Boundary.VOLUME))
     assert behind.with_values({"rail.volume": "20 cm3"}).values["rail.volume"] == pytest.approx(20e-6)

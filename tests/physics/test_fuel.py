@@ -163,7 +163,7 @@ def test_shapes_broadcast() -> None:
 
 
 def test_shapes_that_do_not_broadcast_are_refused() -> None:
-    with pytest.raises(ConfigurationError, match=r"pressure of shape \(2,\) and the temperature of shape \(3,\)"):
+    with pytest.raises(ConfigurationError, match=r"pressure .*\(2,\) .*temperature .*\(3,\)"):
         load_fuel("iso4113").density([1e6, 2e6], [300.0, 310.0, 320.0])
 
 
@@ -171,7 +171,7 @@ def test_shapes_that_do_not_broadcast_are_refused() -> None:
 def test_temperature_outside_the_range_is_refused(temperature: float) -> None:
     fuel = load_fuel("iso4113")
     for call in (fuel.density, fuel.sound_speed, fuel.kinematic_viscosity):
-        with pytest.raises(InputError, match=r"iso4113 is defined from 293\.15 to 393\.15 K"):
+        with pytest.raises(InputError, match=r"iso4113 .*293\.15.* 393\.15 K"):
             call(1e6, [353.15, temperature])
 
 
@@ -213,5 +213,5 @@ def test_an_adiabatic_fuel_is_near_the_isentrope_of_coolprop(temperature: float)
 
 
 def test_a_fuel_of_one_modulus_is_not_called_adiabatic() -> None:
-    with pytest.raises(ConfigurationError, match="iso4113 states no isentropic modulus"):
+    with pytest.raises(ConfigurationError, match=r"iso4113 .*isentropic modulus"):
         replace(load_fuel("iso4113"), adiabatic=True)

@@ -168,7 +168,7 @@ def test_the_late_cutoff_changes_the_volume_by_as_much_as_the_page_says(
 
 @pytest.mark.parametrize("law", ["butterworth", "cascade"])
 def test_a_late_cutoff_with_a_law_that_delays_is_refused(law: str) -> None:
-    with pytest.raises(ConfigurationError, match='take "zero-phase", or remove late_cutoff'):
+    with pytest.raises(ConfigurationError, match=r'late_cutoff.*"zero-phase"'):
         Meter("bench", {"cutoff": 9e3, "late_cutoff": 2.7e3}, law)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -30,6 +31,7 @@ from tests.cli.conftest import check_made_again, run_command, small_study
 from tests.data import contract
 from tests.data.samples import SAMPLES, map_table
 from tests.distribution import package, run_tests
+from tests.refused import refused
 from tests.runs.conftest import stopped_run, timeless
 
 ROOT = Path(__file__).parents[2] / "examples" / "commonrail-example"
@@ -60,7 +62,7 @@ def test_an_unknown_nozzle_law_is_named_with_its_key(tmp_path: Path) -> None:
     commonrail.dump_injector(commonrail.load_injector("virtual-lino-2016"), file)
     text = file.read_text(encoding="utf-8").replace("variant = ", 'nozzle_law = "gradul"\nvariant = ', 1)
     file.write_text(text, encoding="utf-8")
-    with pytest.raises(ConfigurationError, match=r'nozzle_law: .*no nozzle law "gradul" \(did you mean "gradual"'):
+    with pytest.raises(ConfigurationError, match=r'nozzle_law: .*"gradul" .*"gradual"'):
         commonrail.load_injector(file)
 
 
@@ -79,7 +81,7 @@ def test_a_study_is_calibrated_by_its_optimiser(study: Path, tmp_path: Path) -> 
     assert (result["optimiser"]["method"], result["optimiser"]["members"]) == ("random search", 6)
     assert len(result["generations"]) == 4
     page = write_report(tmp_path / "run").read_text(encoding="utf-8")
-    assert "random search, 3 generations of 6 members" in page
+    assert re.search(r"random search, 3 .*\b6 members", page)
     assert "The commonrail authors" in run_command("cite", tmp_path / "run", "--json").record["used"][-1]["source"]
     (found,) = list_runs(tmp_path / "run")
     assert found.generation == found.generations == 4
@@ -223,7 +225,7 @@ def test_its_own_tests_pass(tmp_path: Path) -> None:
 def test_a_name_that_it_does_not_have_is_refused_with_those_that_it_has(study: Path) -> None:
     text = study.read_text(encoding="utf-8").replace("random search", "random serach")
     study.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=r'optimiser\.method: this must be .* or "random search"'):
+    with pytest.raises(InputError, match=r'optimiser\.method: .*"random search"'):
         load_study(study)
 
 
@@ -251,7 +253,7 @@ def test_its_kind_of_data_keeps_the_contract(
 
 
 def test_a_report_of_a_removed_kind_of_data_says_what_is_missing() -> None:
-    with pytest.raises(InputError, match='no kind of data "swirl"; install'):
+    with refused(InputError, "unknown-kind"):
         get_kind("swirl")
 
 

@@ -58,7 +58,7 @@ def test_the_child_is_of_the_same_package_from_every_folder(tmp_path: Path, monk
     (tmp_path / "numpy.py").write_text("raise ImportError", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path / "commonrail"))
-    with pytest.raises(InputError, match="MAT file of version 5"):
+    with pytest.raises(InputError, match=r"a\.mat: .*version 5"):
         read_apart("commonrail.plugins.formats.mat_child", Path("a.mat"), b"from another folder")
 
 
@@ -107,7 +107,7 @@ def test_a_record_of_huge_samples_beyond_the_memory(tmp_path: Path) -> None:
 def test_a_list_of_groups_without_end(tmp_path: Path) -> None:
     pytest.importorskip("asammdf", reason="the extra mdf is not installed")
     path = written(tmp_path / "a.mf4", bombs.mdf_loop())
-    with pytest.raises(InputError, match=r"a\.mf4: .* 5 s of processor time"):
+    with pytest.raises(InputError, match=r"a\.mf4: .* 5 s .*processor"):
         MdfFile(path)
 
 

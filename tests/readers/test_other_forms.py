@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -104,7 +105,7 @@ def test_a_sheet_has_its_header_below_other_texts(tmp_path: Path, units: str) ->
     book.save(tmp_path / "a.xlsx")
     check(read_columns(tmp_path / "a.xlsx", WANTED))
     assert read_columns(tmp_path / "a.xlsx", WANTED).comments == ("Injector 17",)
-    with pytest.raises(InputError, match='no sheet "run 3"'):
+    with pytest.raises(InputError, match='sheet "run 3"'):
         read_columns(tmp_path / "a.xlsx", WANTED, form=FileForm(sheet="run 3"))
     sheet.append([20, "n/a"])
     book.save(tmp_path / "a.xlsx")
@@ -142,12 +143,12 @@ def test_what_openpyxl_says_of_a_book_is_not_said_to_the_user(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("was", "becomes", "sentence"),
     [
-        (b"<v>9</v>", b"<v>x</v>", r'the sheet "Sheet" cannot be read \(ValueError\)'),
-        (b"<v>9</v>", b"<v>1" + 400 * b"0" + b"</v>", r'the sheet "Sheet" cannot be read \(OverflowError\)'),
-        (b"<v>9</v>", b"<v>1e999</v>", r'row 5, column "time": "inf" is not a finite'),
-        (b"</sheetData>", b"", r'the sheet "Sheet" cannot be read \(ParseError\)'),
-        (b'"B6"', b'"AMX6"', "there are 1038 columns, and at most 1000 are read"),
-        (b'<row r="6"', b'<row r="9999999"', "more than the 1048576 rows"),
+        (b"<v>9</v>", b"<v>x</v>", r'"Sheet" .*\(ValueError\)'),
+        (b"<v>9</v>", b"<v>1" + 400 * b"0" + b"</v>", r'"Sheet" .*\(OverflowError\)'),
+        (b"<v>9</v>", b"<v>1e999</v>", r'row 5, column "time": "inf"'),
+        (b"</sheetData>", b"", r'"Sheet" .*\(ParseError\)'),
+        (b'"B6"', b'"AMX6"', "1038 columns, .*1000"),
+        (b'<row r="6"', b'<row r="9999999"', "1048576 rows"),
     ],
 )
 def test_a_spoilt_sheet_is_one_sentence(tmp_path: Path, was: bytes, becomes: bytes, sentence: str) -> None:
@@ -190,9 +191,9 @@ def test_a_map_in_parquet_is_found_by_its_units(tmp_path: Path) -> None:
     columns = {"p [bar]": [400, 800], "T [K]": [300.0, 300.0], "ET [us]": [300.0, 300.0], "q [mm3]": [1.5, None]}
     parquet.write_table(pyarrow.table(columns), path)
     found = survey(path)
-    assert found.taken_for == "a quantity map: a table with a row for each point"
+    assert re.match("a quantity map: .*row", found.taken_for)
     assert found.block["layout"] == "found"
-    assert "1 without a quantity omitted" in found.said
+    assert "1 without" in found.said
     table = found_table(path, PLAIN, GivenUnits(), "quantity", matrix=False)
     assert table.columns["rail_pressure"].tolist() == pytest.approx([40e6])
     assert table.columns["quantity"].tolist() == pytest.approx([1.5e-9])
@@ -200,7 +201,7 @@ def test_a_map_in_parquet_is_found_by_its_units(tmp_path: Path) -> None:
         found_table(path, PLAIN, GivenUnits(), "quantity", matrix=True)
     columns["q1 [mm3]"] = columns.pop("q [mm3]")
     parquet.write_table(pyarrow.table({**columns, "q2 [mg]": [1.0, 2.0]}), path)
-    assert 'the columns "q1" and "q2" have the unit of a quantity' in survey(path).facts["no map"]
+    assert '"q1" and "q2"' in survey(path).facts["no map"]
 
 
 def test_numbers_that_a_workbook_has_as_texts_with_commas_are_read_and_names_stay_texts(tmp_path: Path) -> None:

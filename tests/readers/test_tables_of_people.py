@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -148,9 +149,9 @@ def test_a_preamble_of_an_instrument_is_not_the_header(tmp_path: Path) -> None:
 def test_a_matrix_with_units_in_its_heads_takes_no_data_for_its_axis(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text(MAP, encoding="utf-8")
-    with pytest.raises(NearMap, match="no unit of the quantity"):
+    with pytest.raises(NearMap, match=r"\bunit\b.*\bquantity\b"):
         find_map(read_grid(path))
-    assert "no unit of the quantity" in survey(path).facts["reason"]
+    assert re.search(r"\bunit\b.*\bquantity\b", survey(path).facts["reason"])
     found = read_found_map(path, given_units=GivenUnits("bar", "us", "mm3"))
     assert np.unique(found.rail_pressure).tolist() == [400, 800, 1200]
     assert np.unique(found.energising_time).tolist() == [200, 400, 600]

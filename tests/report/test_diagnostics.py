@@ -66,7 +66,7 @@ def test_the_draws_of_a_run_are_on_its_page(write_run: WriteRun) -> None:
     folder: Path = write_run(record, rate_traces(record))
     names = np.array([p["name"] for p in record["parameters"]])
     np.savez(folder / "draws.npz", points=np.full((100, 7), 1e8), names=names)
-    assert "Draws of the posterior" in write_report(folder).read_text(encoding="utf-8")
+    assert "the posterior" in write_report(folder).read_text(encoding="utf-8")
 
 
 def test_the_course_of_the_best_is_between_the_bounds() -> None:

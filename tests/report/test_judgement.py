@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from typing import Any
 
 import pytest
@@ -89,9 +90,9 @@ def test_the_other_way(record: dict[str, Any]) -> None:
     refits["seeds"] = [seed(7, 10.0, 0.2), seed(8, 10.0, 0.2)]
     refits["interrupted"] = True
     lines = "\n".join(judgement_lines(fit_of(record)))
-    assert "the model beats interpolating the other points" in lines
-    assert "2 seeds end at the same values" in lines
-    assert "those that are missing were not run" in lines
+    assert "model beats" in lines
+    assert re.search(r"2 seeds .*same values", lines)
+    assert "not run" in lines
 
 
 def test_tables_of_seeds_and_of_what_was_left_out(record: dict[str, Any]) -> None:
@@ -124,7 +125,7 @@ def test_combinations_are_rows_of_a_matrix_the_best_known_on_top(record: dict[st
     # below the scatter of 2 nothing is held; the standard error is 2/40 and 2/4 of the bounds; rows go up from the last
     assert matrix.y == ("50", "5")
     assert (matrix.x, matrix.values) == (("k1", "k2"), ((None, None), (0.9, -0.4)))
-    assert "1 further combinations are known by priors" in matrix.caption
+    assert "1 further combinations" in matrix.caption
 
 
 def test_a_fit_that_was_not_judged_has_none() -> None:
@@ -167,7 +168,7 @@ def test_a_table_of_quantities_says_which_lie_in_the_band(record: dict[str, Any]
 def test_figures_shade_the_band(record: dict[str, Any]) -> None:
     data = record["data"][0]
     figure = MapView().figures(data, Plotted({}, {}))[0]  # dead times come after
-    assert "Shaded: 90 % band" in figure.caption
+    assert "90 % band" in figure.caption
     band = figure.panels[1].bands[0]
     assert band.high == pytest.approx([5.0] * len(band.x))
     assert band.low == pytest.approx([-5.0] * len(band.x))

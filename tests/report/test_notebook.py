@@ -82,7 +82,7 @@ def test_arrays_have_named_axes_and_units() -> None:
 
 def test_without_the_library_there_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(cr.errors.ConfigurationError, match=r"needs pandas, .* pip install 'commonrail\[notebook\]'"):
+    with pytest.raises(cr.errors.ConfigurationError, match=r"pandas, .*'commonrail\[notebook\]'"):
         made_sweep().to_pandas()
 
 
@@ -92,7 +92,7 @@ def test_figures_are_drawn_and_saved_as_a_page(tmp_path: Path) -> None:
     assert repr(picture).endswith("2 figures>")
     assert picture._repr_html_().count('<svg class="figure') == 2
     page = picture.save(tmp_path / "sweep.html").read_text(encoding="utf-8")
-    assert "Quantity of the second injection" in page
+    assert "second injection" in page
 
 
 def test_a_simulation_is_drawn_with_its_delays_beside_a_section_of_the_injector(tmp_path: Path) -> None:
@@ -102,13 +102,13 @@ def test_a_simulation_is_drawn_with_its_delays_beside_a_section_of_the_injector(
     bars = [len(one.figures[0].panels[0].bars) for one in (picture_of(trapezium()), picture)]
     assert bars[0] < bars[1]
     assert '<svg class="section"' in picture.save(tmp_path / "one.html").read_text(encoding="utf-8")
-    with pytest.raises(cr.errors.ConfigurationError, match="has no point"):
+    with pytest.raises(cr.errors.ConfigurationError, match="no point"):
         made_sweep().figures(cr.OperatingPoint(1e8, 700e-6))
 
 
 def test_what_has_no_figure_or_values_says_so() -> None:
     study = cr.load_study(TEMPLATE)
-    with pytest.raises(cr.errors.ConfigurationError, match="nothing to draw"):
+    with pytest.raises(cr.errors.ConfigurationError, match=r"nothing .*HTML"):
         study.figures()
     assert list(study.to_pandas()["parameter"]) == list(study.space.names)
 

@@ -69,9 +69,9 @@ def test_without_the_package_it_is_no_run_folder(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"kind": "map"}, "not the result of commonrail spray"),
-        ({"schema": 2}, "was left by another version of commonrail; spray again"),
-        ({"angle": None}, 'lacks "angle"; spray again'),
+        ({"kind": "map"}, "result of commonrail spray"),
+        ({"schema": 2}, "another version .*; spray"),
+        ({"angle": None}, 'lacks "angle"; spray'),
     ],
 )
 def test_a_record_that_the_page_cannot_read_is_refused(folder: Path, change: dict[str, object], words: str) -> None:

@@ -126,7 +126,7 @@ def test_the_rate_by_a_meter_stands_beside_the_true_one() -> None:
     assert [s.label for s in rate.series if s.label] == ["rate", "rate by meter bench"]
     assert rate.series[1].y == pytest.approx((0.0, 10.0, 20.0, 10.0))
     assert rate.series[0].family != rate.series[1].family
-    assert "rate by meter bench" in simulation_figure(solution(), "", {"bench": np.zeros(4)})
+    assert "meter bench" in simulation_figure(solution(), "", {"bench": np.zeros(4)})
     for solutions, samples in (({"a": solution()}, 4), (solution(), 3)):
         with pytest.raises(ConfigurationError, match="single solution"):
             simulation_figure(solutions, "", {"bench": np.zeros(samples)})

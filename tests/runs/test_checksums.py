@@ -63,7 +63,7 @@ def test_a_change_of_any_value_is_found_by_all_readers(whole: Whole, tmp_path: P
     for column in every_value(run):
         before = (run / JOURNAL).read_bytes()
         for use in (read_about, resume, resume):
-            with pytest.raises(StudyError, match=r"journal\.sqlite: the journal is damaged"):
+            with pytest.raises(StudyError, match=r"journal\.sqlite: .*damaged"):
                 use(run)
         assert [r.state for r in list_runs(run)] == ["damaged"], column
         assert (run / JOURNAL).read_bytes() == before, f"{column}: who refuses a journal changes nothing"
@@ -85,7 +85,7 @@ def test_a_table_that_was_made_otherwise_is_refused(whole: Whole, tmp_path: Path
         connection.execute("PRAGMA writable_schema = 1")
         connection.execute("UPDATE sqlite_master SET sql = replace(sql, 'best REAL NOT NULL', 'best REAL')")
     for use in (read_about, resume):
-        with pytest.raises(StudyError, match="is not the journal of a run"):
+        with pytest.raises(StudyError, match="other tables"):
             use(run)
 
 

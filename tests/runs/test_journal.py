@@ -85,7 +85,7 @@ def test_a_journal_of_another_version_is_refused(whole: Whole, tmp_path: Path, o
     shutil.copytree(whole.run, run)
     rows(run, f"PRAGMA user_version = {other}")
     for use in (resume, read_about):
-        with pytest.raises(StudyError, match=r"was left by another version of commonrail; calibrate again\."):
+        with pytest.raises(StudyError, match="another version"):
             use(run)
 
 
@@ -98,7 +98,7 @@ def test_tables_that_are_not_the_journal_s_are_refused(whole: Whole, tmp_path: P
             "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i AS name, i AS text FROM n;"
         )
     for use in (resume, read_about):
-        with pytest.raises(StudyError, match="is not the journal of a run"):
+        with pytest.raises(StudyError, match="other tables"):
             use(run)
 
 
@@ -125,14 +125,14 @@ def test_a_damaged_journal_is_a_sentence(stopped: Stop, damage: str) -> None:
     run = stopped(2 + GENERATIONS)
     with closing(sqlite3.connect(run / JOURNAL)) as connection, connection:
         connection.execute(damage)
-    with pytest.raises(StudyError, match=r"damaged|has been changed|leaves the run folder"):
+    with pytest.raises(StudyError, match=r"damaged|changed|leaves"):
         resume(run)
 
 
 def test_no_database_at_all(tmp_path: Path) -> None:
     (tmp_path / JOURNAL).write_bytes(b"nothing of the kind" * 100)
     for use in (resume, read_about):
-        with pytest.raises(StudyError, match=r"journal\.sqlite: this cannot be read as a journal"):
+        with pytest.raises(StudyError, match=r"journal\.sqlite: .*\bread as"):
             use(tmp_path)
     assert [(r.state, r.generation) for r in list_runs(tmp_path)] == [("damaged", 0)]
 

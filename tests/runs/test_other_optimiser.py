@@ -75,10 +75,10 @@ def test_a_run_does_not_change_its_optimiser(guessed: Path, tmp_path: Path) -> N
     [
         (
             'method = "gessing"',
-            r'optimiser\.method: this must be "differential evolution" or .*"guessing".*, not "gessing"',
+            r'optimiser\.method: .*"differential evolution" .*"guessing".*"gessing"',
         ),
-        ("crossover = 0.8", r'optimiser: there is no key "crossover" \(it can have members, generations, middle'),
-        ("members = 1.5", r"optimiser\.members: this must be a whole number, not 1\.5"),
+        ("crossover = 0.8", r'optimiser: .*"crossover" \(.*members, generations, middle'),
+        ("members = 1.5", r"optimiser\.members: .*whole number.* 1\.5"),
     ],
 )
 def test_what_it_does_not_know_is_refused(guessed: Path, line: str, said: str) -> None:

@@ -90,7 +90,7 @@ def test_without_locks_of_folders_a_removed_lock_ends_the_work(tmp_path: Path, m
     with Journal(tmp_path) as journal:
         journal.describe({"title": "a"})
         (tmp_path / LOCK).unlink()
-        with pytest.raises(StudyError, match="its lock removed"):
+        with pytest.raises(StudyError, match="lock removed"):
             journal.describe({"title": "b"})
 
 

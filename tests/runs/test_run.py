@@ -72,7 +72,7 @@ def test_warnings_are_told_again_and_stand_in_the_same_bytes(tmp_path: Path, stu
 def test_a_strict_run_of_an_implausible_study_leaves_nothing(tmp_path: Path, study_file: Path) -> None:
     text = study_file.read_text(encoding="utf-8")
     study_file.write_text(text.replace('energising_time = "700 us"', 'energising_time = "0.7 us"'), encoding="utf-8")
-    with pytest.raises(StudyError, match=r"nothing was run.* 700 ns"):
+    with pytest.raises(StudyError, match=r"nothing .* 700 ns"):
         calibrate_into(tmp_path / "run", load_study(study_file), strict=True)
     assert not (tmp_path / "run").exists()
 
@@ -177,7 +177,7 @@ def test_a_study_changed_in_python_is_asked_for_again(tmp_path: Path, study_file
     changed = replace(study, space=Space((narrow, *study.space.parameters[1:]), study.space.rows))
     calibrate_into(tmp_path / "whole", changed)
     run = stopped_run(tmp_path / "run", changed, 3)
-    with pytest.raises(StudyError, match=r"made in Python.*resume\(folder, study=study\)"):
+    with pytest.raises(StudyError, match=r"Python.*resume\(folder, study=study\)"):
         resume(run)
     with pytest.raises(StudyError, match="reads differently"):
         resume(run, study=study)
@@ -192,7 +192,7 @@ def test_a_changed_file_of_the_run_is_refused(stopped: Stop) -> None:
     with pytest.raises(StudyError, match=r"run/data/evi\.csv .*changed"):
         resume(run)
     data.unlink()
-    with pytest.raises(StudyError, match=r"run/data/evi\.csv is missing"):
+    with pytest.raises(StudyError, match=r"run/data/evi\.csv .*missing"):
         resume(run)
 
 
@@ -221,7 +221,7 @@ def test_two_at_once_are_told_of_each_other(stopped: Stop) -> None:
     run = stopped(2)
     with Journal(run) as journal:
         journal.start_session()
-        with pytest.raises(StudyError, match=rf"process {os.getpid()} on .* 20"):
+        with pytest.raises(StudyError, match=rf"process {os.getpid()} .* 20"):
             resume(run)
         assert [r.state for r in list_runs(run)] == ["running"]
     resume(run)
@@ -239,7 +239,7 @@ def test_nothing_to_go_on_with(tmp_path: Path) -> None:
 def test_a_used_folder_is_refused(whole: Whole, tmp_path: Path) -> None:
     (tmp_path / "note.txt").touch()
     for folder in (whole.run, tmp_path):
-        with pytest.raises(InputError, match="there already is something"):
+        with pytest.raises(InputError, match=rf"/{folder.name}: .*overwritten"):
             calibrate_into(folder, load_study(whole.study))
     assert [path.name for path in tmp_path.iterdir()] == ["note.txt"]
 
@@ -248,7 +248,7 @@ def test_a_run_killed_before_it_was_ready_can_be_begun_again(whole: Whole, tmp_p
     run = tmp_path / "run"
     run.mkdir()
     Journal(run).close()  # killed before the study was copied
-    with pytest.raises(StudyError, match="no run to go on with"):
+    with pytest.raises(StudyError, match="no run"):
         resume(run)
     calibrate_into(run, load_study(whole.study))
     assert timeless(run) == timeless(whole.run)
@@ -257,7 +257,7 @@ def test_a_run_killed_before_it_was_ready_can_be_begun_again(whole: Whole, tmp_p
 def test_a_search_without_any_simulation_leaves_nothing(tmp_path: Path, study_file: Path) -> None:
     text = study_file.read_text(encoding="utf-8").replace('role = "fit"', 'role = "validation"')
     study_file.write_text(text, encoding="utf-8")
-    with pytest.raises(StudyError, match="no data set has role fit"):
+    with pytest.raises(StudyError, match="role fit"):
         calibrate_into(tmp_path / "run", load_study(study_file))
     assert not (tmp_path / "run").exists()
 
@@ -267,13 +267,11 @@ def test_a_search_in_which_all_fail_says_why_and_stays(tmp_path: Path, study_fil
     assert "20 us" in text
     study_file.write_text(text, encoding="utf-8")
     study = load_study(study_file)
-    with pytest.raises(
-        SimulationError, match=r"not one of \d+ candidates could be simulated; \d+ of them: The time step is"
-    ):
+    with pytest.raises(SimulationError, match=r"\d+ candidates .*\d+ .*: The time step"):
         calibrate_into(tmp_path / "run", study)
     (found,) = list_runs(tmp_path)
     assert (found.state, found.generation) == ("failed", 1 + GENERATIONS)
-    assert "take a shorter time step" in found.reason
+    assert "time step" in found.reason
 
 
 def test_files_from_elsewhere_come_along(tmp_path: Path, whole: Whole) -> None:
@@ -297,7 +295,7 @@ def test_files_from_elsewhere_come_along(tmp_path: Path, whole: Whole) -> None:
 def test_a_file_changed_while_the_study_is_read(tmp_path: Path, study_file: Path) -> None:
     study = load_study(study_file)
     study_file.write_text(study.text + "\n", encoding="utf-8")
-    with pytest.raises(StudyError, match=r"study\.toml: the file was changed while the study was read"):
+    with pytest.raises(StudyError, match=r"study\.toml: .*changed while"):
         calibrate_into(tmp_path / "run", study)
 
 
@@ -322,7 +320,7 @@ def test_a_full_disk_ends_with_3_and_keeps_what_was_done(whole: Whole, tmp_path:
     command = [sys.executable, "-c", NO_ROOM, "calibrate", str(whole.study), "--out", str(run)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 3, done.stderr
-    assert "make room or copy the folder to another place, then go on from it" in done.stderr.splitlines()[-1]
+    assert "make room" in done.stderr.splitlines()[-1]
     (found,) = list_runs(run)
     assert found.generation in (3, 4)  # the log may have room for one more
     resume(run)
@@ -349,7 +347,7 @@ def test_sigterm_ends_in_order_and_resume_goes_on(whole: Whole, tmp_path: Path) 
 
 def test_too_many_generations_are_refused_before_anything_is_changed(whole: Whole, tmp_path: Path) -> None:
     run = Path(shutil.copytree(whole.run, tmp_path / "run"))
-    with pytest.raises(ConfigurationError, match=r"generations: 1000000 more .*1000000"):
+    with pytest.raises(ConfigurationError, match=r"generations: 1000000 .*1000000"):
         resume(run, generations=1_000_000)
     assert timeless(run) == timeless(whole.run)
     resume(run)
@@ -373,7 +371,7 @@ def test_a_generation_that_lacks_trials_is_refused(whole: Whole, tmp_path: Path,
     run = Path(shutil.copytree(whole.run, tmp_path / "run"))
     with closing(sqlite3.connect(run / "journal.sqlite", isolation_level=None)) as connection:
         connection.execute(f"UPDATE generation SET {column} = x'00' WHERE number = 1")
-    with pytest.raises(StudyError, match="the journal is damaged"):
+    with pytest.raises(StudyError, match=r"journal .*damaged"):
         resume(run)
 
 
@@ -450,13 +448,13 @@ def test_a_flipped_bit_is_noticed(whole: Whole, tmp_path: Path, stage: int) -> N
         (numbers,) = connection.execute("SELECT arrays FROM state WHERE stage = ?", (stage,)).fetchone()
         flipped = bytes([numbers[0] ^ 1]) + numbers[1:]  # the last bit of the first number
         connection.execute("UPDATE state SET arrays = ? WHERE stage = ?", (flipped, stage))
-    with pytest.raises(StudyError, match="the journal is damaged"):
+    with pytest.raises(StudyError, match=r"journal .*damaged"):
         resume(run)
 
 
 def test_the_holder_is_the_process_that_holds(stopped: Stop) -> None:
     run = stopped(2)  # by another session, whose process is not at work any more
-    with Journal(run), pytest.raises(StudyError, match=f"process {os.getpid()} on "):
+    with Journal(run), pytest.raises(StudyError, match=f"process {os.getpid()} "):
         resume(run)
 
 
@@ -470,6 +468,6 @@ def test_a_reader_that_does_not_let_go_is_named(stopped: Stop, monkeypatch: pyte
         assert reader.stdout is not None
         reader.stdout.readline()
         monkeypatch.setattr("commonrail.runs.journal.PATIENCE", 0.2)
-        with pytest.raises(StudyError, match="another program has it open"):
+        with pytest.raises(StudyError, match="another program"):
             resume(run)
         reader.communicate("\n")

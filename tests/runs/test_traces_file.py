@@ -12,6 +12,7 @@ from commonrail.base.errors import InputError
 from commonrail.calibration.study_file import MOST_SAMPLES
 from commonrail.readers.table_sheet import LARGEST_PLAIN, WrittenTable
 from commonrail.runs.traces import Curve, read_traces, write_traces
+from tests.refused import refused
 
 HEAD = "data,time [us],measured [mm3/ms],best [mm3/ms]"
 LABELS = ("measured", 'a,"b"', "none")
@@ -80,23 +81,23 @@ def test_a_model_without_a_number_leaves_a_gap(tmp_path: Path, empty: str) -> No
     [
         (
             f"# x\n{HEAD}\na,1.5,2.0,3.0\n\na,4.5,2.0,oops\n",
-            r'line 5, column "best \[mm3/ms\]": "oops" is not a finite',
+            r'line 5, column "best \[mm3/ms\]": "oops"',
         ),
         (f"{HEAD}\na,1.5,2.0,inf\n", "line 2, .*inf"),
         (f"{HEAD}\na,1.5,nan,3.0\n", r'line 2, column "measured \[mm3/ms\]": "nan"'),
         (f"{HEAD}\na,1.5,,3.0\n", "line 2, .*measured"),
         (f"{HEAD}\na,,2.0,3.0\n", r'line 2, column "time \[us\]"'),
-        (f"{HEAD}\na,1.5,2.0\n", "line 2: the row has 3 cells, the header 4"),
-        (f"{HEAD}\na,1.5,2.0,3.0,4.0\n", "line 2: the row has 5 cells, the header 4"),
-        (f'{HEAD}\n"a,1.5,2.0,3.0\n', "line 2: the row cannot be read"),
-        (f"{HEAD}\n{'a' * 200_000},1.5,2.0,3.0\n", "line 2: the line has 200012 characters"),
-        ("", "the file has no rows; a header row"),
-        ("# only a comment\n", "the file has no rows; a header row"),
-        ("time [us],data,measured [mm3/ms]\n", "the header is not"),
-        ("data,time [us],best [mm3/ms]\n", "the header is not"),
-        ("data,time [us],measured [mm3/ms],best\n", "the header is not"),
-        ("data,time [us],measured [mm3/ms],b [mm3/ms],b [mm3/ms]\n", "the header is not"),
-        (b"\xff\xfe", "this is UTF-16 text"),
+        (f"{HEAD}\na,1.5,2.0\n", "line 2: .*3 cells, .*4"),
+        (f"{HEAD}\na,1.5,2.0,3.0,4.0\n", "line 2: .*5 cells, .*4"),
+        (f'{HEAD}\n"a,1.5,2.0,3.0\n', "line 2: the row"),
+        (f"{HEAD}\n{'a' * 200_000},1.5,2.0,3.0\n", "line 2: .*200012"),
+        ("", "no rows"),
+        ("# only a comment\n", "no rows"),
+        ("time [us],data,measured [mm3/ms]\n", "the header"),
+        ("data,time [us],best [mm3/ms]\n", "the header"),
+        ("data,time [us],measured [mm3/ms],best\n", "the header"),
+        ("data,time [us],measured [mm3/ms],b [mm3/ms],b [mm3/ms]\n", "the header"),
+        (b"\xff\xfe", "UTF-16"),
     ],
 )
 def test_a_broken_file_is_one_sentence_with_the_line(tmp_path: Path, text: str | bytes, words: str) -> None:
@@ -108,5 +109,5 @@ def test_a_broken_file_is_one_sentence_with_the_line(tmp_path: Path, text: str |
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such file"):
+    with refused(InputError, "missing-file", "traces.csv"):
         read_traces(tmp_path / "traces.csv")

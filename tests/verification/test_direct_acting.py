@@ -133,11 +133,11 @@ def test_it_has_the_parts_that_it_has(direct: Injector) -> None:
     assert direct.variant.label == "direct-acting needle, ideal rail, current trace drive"
     rooms = {name.partition(".")[0] for name in direct.values}
     assert rooms.isdisjoint({"control_chamber", "valve", "plunger_needle", "return_line", "rail"})
-    with pytest.raises(ConfigurationError, match=r"there is no parameter valve\.mass"):
+    with pytest.raises(ConfigurationError, match=r"parameter valve\.mass"):
         direct.with_values({"valve.mass": 5e-3})
-    with pytest.raises(ConfigurationError, match=r'set rail_boundary to "ideal"'):
+    with pytest.raises(ConfigurationError, match=r'rail_boundary .*"ideal"'):
         Variant(boundary=Boundary.VOLUME, actuation=Actuation.DIRECT)
-    with pytest.raises(ConfigurationError, match="the needle has no guides"):
+    with pytest.raises(ConfigurationError, match=r"guides; .*friction"):
         simulate_reference(direct, POINT, friction=np.zeros((9, 2)))
 
 

@@ -162,9 +162,9 @@ def test_an_error_of_ours_ends_it_at_once_in_its_own_words(two: Workers, package
 
 def test_other_software_and_other_bits_are_refused(two: Workers, package: Package) -> None:
     other = package._replace(key="other", software=with_other(package, "numpy", "0.1"))
-    with pytest.raises(StudyError, match=r"numpy [0-9.]+ in place of 0\.1"):
+    with pytest.raises(StudyError, match=r"numpy [0-9.]+ .*0\.1"):
         list(two.run(tasks(other, MANY)))
-    with pytest.raises(StudyError, match="bit for bit"):
+    with pytest.raises(StudyError, match="another objective"):
         list(two.run(tasks(package._replace(key="rounded", probe=b"other"), MANY)))
     assert sines(two.run(tasks(package, MANY))) == expected(MANY)
 

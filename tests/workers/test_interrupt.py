@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -73,7 +74,7 @@ def test_in_a_command_a_second_ctrl_c_ends_at_once() -> None:
             command.kill()
     assert command.returncode == -signal.SIGINT
     assert rest == ""
-    assert said == "\ncommonrail: stopping as soon as what was done is kept; Ctrl-C once more ends at once.\n"
+    assert re.fullmatch("\ncommonrail: stopping .*Ctrl-C .*\n", said)
 
 
 def test_an_inner_block_shares_the_outer_wish_and_leaves_its_handler() -> None:

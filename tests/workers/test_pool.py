@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -118,14 +119,14 @@ def test_workers_end_with_their_caller(tmp_path: Path, then: str, wait_until_up:
 def test_a_script_without_a_guard_is_told_so(tmp_path: Path) -> None:
     then = 'next(workers.run([Task("any", None, None, 1.0)]))'
     _, err = run_script(tmp_path, then, "True").communicate(timeout=PATIENCE)
-    assert "StudyError: A worker ended with exit code 1 before it had begun, 3 times in a row; in a script" in err
+    assert re.search(r"StudyError: .*exit code 1 .*3 times .*script", err)
 
 
 def test_workers_that_never_start_end_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(pool_module, "serve", os._exit)  # given the pipe: an error, and the process ends
     with (
         Workers.processes(1) as workers,
-        pytest.raises(StudyError, match=r"exit code 1 .*3 times"),
+        pytest.raises(StudyError, match=r"code 1 .*\b3 times"),
     ):
         list(workers.run(tasks(pack(Deeds(tmp_path)), MANY)))
 

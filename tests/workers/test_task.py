@@ -19,13 +19,13 @@ def test_work_that_is_unpacked_gives_the_same_answer(tmp_path: Path) -> None:
 def test_a_worker_with_other_software_or_other_bits_is_refused(tmp_path: Path) -> None:
     package = pack(Deeds(tmp_path))
     for name, words in (("numpy", r"numpy [0-9.]+"), ("llvmlite", r"llvmlite [0-9.]+"), ("cpu", r"cpu [\w-]+")):
-        with pytest.raises(StudyError, match=rf": {words} in place of other"):
+        with pytest.raises(StudyError, match=rf": {words} .*other"):
             unpack(package._replace(software=with_other(package, name, "other")))
-    with pytest.raises(StudyError, match=r"instruction sets without sse0"):
+    with pytest.raises(StudyError, match="without sse0"):
         unpack(
             package._replace(software=with_other(package, "features", dict(package.software)["features"] + ",+sse0"))
         )
-    with pytest.raises(StudyError, match="bit for bit"):
+    with pytest.raises(StudyError, match="another objective"):
         unpack(package._replace(probe=b"other"))
 
 
@@ -34,7 +34,7 @@ def test_work_with_the_same_bits_everywhere_asks_for_versions_alone(tmp_path: Pa
     work.same_bits = True
     package = pack(work)
     assert not {"cpu", "features", "triple", "settings"} & dict(package.software).keys()
-    with pytest.raises(StudyError, match=r": numpy [0-9.]+ in place of other"):
+    with pytest.raises(StudyError, match=r": numpy [0-9.]+ .*other"):
         unpack(package._replace(software=with_other(package, "numpy", "other")))
     assert unpack(package)(Deed(3)) == work(Deed(3))
 

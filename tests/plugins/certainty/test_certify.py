@@ -145,7 +145,7 @@ def test_the_verb_writes_result_and_report(study: cr.Study, tmp_path: Path) -> N
     assert "Certainty" in (run / "report.html").read_text(encoding="utf-8")
     wrong = run_command("certainty", tmp_path / "nothing")
     assert wrong.status == 2
-    assert "there is no such folder" in wrong.sentence
+    assert "no such" in wrong.sentence
 
 
 def test_a_notebook_shows_its_verdicts_and_intervals(found: cr.fit.Certainty) -> None:

@@ -51,7 +51,7 @@ def test_a_statement_takes_the_place_of_what_is_usual(study: cr.Study) -> None:
     ("noise", "words"),
     [
         (Noise(uncertain={"cutoff": 1e3}), "cutoff"),
-        (Noise(uncertain={"nozzle.discharge_maximum": 0.01}), "free in the fit"),
+        (Noise(uncertain={"nozzle.discharge_maximum": 0.01}), "the fit"),
         (Noise(uncertain={"quantity_offset": 1e-10}), "no effect"),
         (Noise(uncertain={"nozzle.holes": 1.0}), "counts pieces"),
     ],
@@ -67,5 +67,5 @@ def test_two_statements_about_one_meter_are_refused(study: cr.Study) -> None:
         study.data[0].changed(name=name, meter=meter, noise=Noise(uncertain={"delay": size}))
         for name, size in (("a", 1e-6), ("b", 2e-6))
     )
-    with pytest.raises(ConfigurationError, match=r"meter\.bench\.delay is uncertain by 1 µs and by 2 µs"):
+    with pytest.raises(ConfigurationError, match=r"meter\.bench\.delay .*1 µs .*2 µs"):
         with_uncertain_free(replace(study, data=data))

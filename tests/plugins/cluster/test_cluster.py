@@ -48,7 +48,7 @@ def test_a_scheduler_that_goes_away_is_told_of(tmp_path: Path) -> None:
     pytest.importorskip("distributed", reason=NO_DASK)
     with dask_cluster(tmp_path, [Member()]) as address:
         workers = Workers.cluster(address)
-    with pytest.raises(StudyError, match=f"The connection to the cluster {address} is broken"):
+    with pytest.raises(StudyError, match=f"connection .*{address} .*broken"):
         list(workers.run(tasks(pack(Deeds(tmp_path)), MANY)))
     workers.close()
 
@@ -59,14 +59,14 @@ def test_a_cluster_without_workers_is_told_of(monkeypatch: pytest.MonkeyPatch, t
     monkeypatch.setattr(cluster_module, "APPEAR", 1.0)
     with (
         dask_cluster(tmp_path) as address,
-        pytest.raises(StudyError, match=f"has had no worker for 1 s; start some with `dask worker {address}`"),
+        pytest.raises(StudyError, match=f"no worker .*1 s.*{address}`"),
     ):
         Workers.cluster(address)
 
 
 def test_a_missing_package_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match=r"install it with `pip install 'commonrail\[cluster\]'`"):
+    with pytest.raises(InputError, match=r"'commonrail\[cluster\]'"):
         Workers.cluster("local")
 
 
@@ -74,14 +74,14 @@ def test_a_missing_package_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_address_without_a_scheduler_is_refused(monkeypatch: pytest.MonkeyPatch, address: str) -> None:
     pytest.importorskip("distributed", reason=NO_DASK)
     monkeypatch.setattr(link_module, "CONNECT", 0.5)
-    with pytest.raises(InputError, match=f"There is no Dask scheduler at {address} "):
+    with pytest.raises(InputError, match=f"no Dask .*{address} "):
         Workers.cluster(address)
 
 
 @pytest.mark.parametrize("address", ["here", "", "lokal", "a b", "host:port"])
 def test_what_is_no_address_is_refused_at_once(address: str) -> None:
     pytest.importorskip("distributed", reason=NO_DASK)
-    with pytest.raises(InputError, match=f'"{address}" is no address of a scheduler; give one as "tcp://host:port"'):
+    with pytest.raises(InputError, match=f'^"{address}" .*"tcp://host:port"'):
         Workers.cluster(address)
 
 
@@ -89,7 +89,7 @@ def test_what_is_no_address_is_refused_at_once(address: str) -> None:
 def test_what_a_cluster_here_needs_is_named(monkeypatch: pytest.MonkeyPatch, package: str) -> None:
     pytest.importorskip("distributed", reason=NO_DASK)
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(InputError, match=rf"needs the package {package}, .*`pip install 'commonrail\[cluster\]'`"):
+    with pytest.raises(InputError, match=rf"package {package}, .*'commonrail\[cluster\]'"):
         Workers.cluster("local")
 
 
@@ -98,7 +98,7 @@ def test_a_scheduler_that_accepts_and_says_nothing_is_given_up(monkeypatch: pyte
     monkeypatch.setattr(link_module, "CONNECT", 0.1)
     with (
         silent_listener() as port,
-        pytest.raises(InputError, match=f"scheduler at tcp://127.0.0.1:{port} has given no"),
+        pytest.raises(InputError, match=f"tcp://127.0.0.1:{port} .*no answer"),
     ):
         Workers.cluster(f"tcp://127.0.0.1:{port}")
 
@@ -151,7 +151,7 @@ def test_a_scheduler_that_is_halted_in_the_middle_is_told_of(monkeypatch: pytest
         monkeypatch.setattr(link_module, "ANSWER", 0.2)
         monkeypatch.setattr(link_module, "LEAVE", 0.2)
         os.kill(process, signal.SIGSTOP)
-        with pytest.raises(StudyError, match=f"The scheduler of the cluster {address} has given no answer within"):
+        with pytest.raises(StudyError, match=f"cluster {address} .*no answer"):
             list(workers.run(tasks(package, MANY)))
 
 
@@ -182,7 +182,7 @@ def test_a_cluster_elsewhere_is_entered_with_its_certificate_alone(
         for said, words in ((certificates(tmp_path / "theirs"), "certificate|CERTIFICATE"), ({}, "TLS")):
             with (
                 dask.config.set(configured(said)),
-                pytest.raises(InputError, match=f"There is no Dask scheduler at {address} .*({words})"),
+                pytest.raises(InputError, match=f"no Dask .*{address} .*({words})"),
             ):
                 Workers.cluster(address)
         with dask.config.set(configured(ours)), Workers.cluster(address) as workers:

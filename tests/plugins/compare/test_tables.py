@@ -83,7 +83,7 @@ def test_dead_times_are_errors_in_microseconds() -> None:
 
 def test_points_without_a_number_are_gathered_by_reason() -> None:
     record = compared_maps()
-    assert not any(t.title == "Points without a number" for t in comparison_tables(typed(record)))
+    assert not any(t.title.startswith("Points without") for t in comparison_tables(typed(record)))
     fail(record, OLD, "The plunger-needle passed its seat.")
     found = table(comparison_tables(typed(record)), "Points without a number")
     assert [texts(found, i) for i in range(len(found.rows))] == [

@@ -367,7 +367,7 @@ def test_the_verb_prints_json_writes_a_report_and_refuses(command: Command, tmp_
     assert done.record["verdict"] == "sound"
     assert len(done.record["tests"]) == 4
     page, said = report.read_text(encoding="utf-8"), command("diagnose", *how).out
-    assert "Measured against sound parts" in page
+    assert "sound parts" in page
     assert "SYNTHETIC part" in page
     assert "SYNTHETIC part" in said
     assert len(said.splitlines()) <= 22

@@ -50,7 +50,7 @@ def test_a_measured_course_that_is_not_read_is_refused(variant: Variant) -> None
         (RETURN, cr.OperatingPoint("20 MPa", "400 us", 0.1e6, course)),
     ):
         if name in unread_inputs(variant):
-            with pytest.raises(cr.errors.ConfigurationError, match="does not read the measured"):
+            with pytest.raises(cr.errors.ConfigurationError, match=f"measured {name.replace('_', ' ')}"):
                 check_inputs(injector, point)
         else:
             check_inputs(injector, point)
@@ -58,7 +58,7 @@ def test_a_measured_course_that_is_not_read_is_refused(variant: Variant) -> None
 
 def test_an_export_says_which_courses_other_variants_read() -> None:
     said = _next(Form.FMU, injector_of(Variant()._replace(boundary=Boundary.VOLUME)))
-    assert "a rail pressure over time with" in said
+    assert "over time" in said
     assert "@ideal" in said
     assert "@current-trace" in said
     assert "other variants" not in _next(Form.FMU, injector_of(Variant("rigid", "ideal", "current trace")))

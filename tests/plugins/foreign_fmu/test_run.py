@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import zipfile
 from dataclasses import replace
 
@@ -96,7 +97,7 @@ def test_a_tolerance_in_degrees_celsius_is_a_difference(study, decay_fmu, tmp_pa
     ("old", "new", "sentence"),
     [
         ('name = "k"', 'name = "kk"', r'parameter\[1\]: .*no variable "kk"'),
-        ('x0 = "first"', 'x = "first"', "x cannot be set"),
+        ('x0 = "first"', 'x = "first"', "x cannot"),
         ('variable = "x", tolerance', 'variable = "y", tolerance', r'output\[1\]: .*"y"'),
         ('"10 mm"', '"10 s"', "tolerance: .*s"),
         ('"failing.share"', '"failing.part"', "set.failing.part: "),
@@ -104,7 +105,7 @@ def test_a_tolerance_in_degrees_celsius_is_a_difference(study, decay_fmu, tmp_pa
         ('fmu = "decay.fmu"', 'fmu = "decay.csv"', r"decay\.csv: "),
         ('fmu = "decay.fmu"', 'fmu = "../decay.fmu"', r"fmu: .*\.\./decay\.fmu"),
         ('step = "100 ms"', 'step = "0 ms"', "step"),
-        ('name = "ends"', 'name = "decay"', "Two data sets"),
+        ('name = "ends"', 'name = "decay"', "Two data"),
         ('rows = { x0 = "first" }', 'rows = { k = "first" }', r": k is .*free"),
         ('stop = "2 s"\n', "", "stop: "),
     ],
@@ -135,7 +136,7 @@ def test_a_run_that_was_stopped_resumes_to_the_same_result(study, tmp_path):
     half = calibrate_fmu_into(tmp_path / "half", seeded, processes=1, listener=Listener(stop))
     assert half.status == "interrupted"
     # an FMU that hangs would hang about the best values too, after Ctrl-C
-    assert figures(tmp_path / "half")["parameters"][0]["verdict"] == "not judged: the search was stopped"
+    assert re.match("not judged: .*stopped$", figures(tmp_path / "half")["parameters"][0]["verdict"])
     resume_fmu(tmp_path / "half", processes=1)
     assert figures(tmp_path / "half") == figures(tmp_path / "whole")
     assert figures(tmp_path / "half")["seed"] == 7
@@ -160,10 +161,10 @@ def test_the_command_line_calibrates_reports_and_refuses_other_data(study, tmp_p
     assert record["result"]["parameters"][0]["best"] == pytest.approx(TRUTH, rel=1.5e-2)
     assert record["result"]["evaluations"]["failures"][0]["status"] == "fmu_error"
     page = (tmp_path / "run" / "report.html").read_text()
-    for text in (told, "Dahlquist", "no solution at k", "1/s", "SHA-256"):
+    for text in (told, "Dahlquist", "no solution", "1/s", "SHA-256"):
         assert text in page
     (tmp_path / "decay.csv").write_text("time [ms],x [mm]\n0.1,1\n")
-    with pytest.raises(StudyError, match=r"decay\.csv has been changed"):
+    with pytest.raises(StudyError, match=r"decay\.csv .*changed"):
         resume_fmu(tmp_path / "run", processes=1)
     refused = run_command("resume", "run", "--workers", "2")
     assert refused.status == 2

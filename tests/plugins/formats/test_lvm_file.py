@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -107,25 +108,25 @@ def test_columns_are_read_in_si_units_and_the_file_is_surveyed(tmp_path: Path) -
     table = read_columns(path, [Column("time", "s", increasing=True), Column("ROI", "m3/s")])
     np.testing.assert_allclose(table.columns["ROI"], 1e-6 * np.array([0.5, 1.5, 2.5, 3.5, 4.5]), rtol=1e-15)
     found = survey(path)
-    assert found.taken_for == 'a record of shots, found by the trigger "TRIG"'
+    assert re.search('shots, .*"TRIG"$', found.taken_for)
     assert found.block["shots"] == {"trigger": "TRIG", "offset": "?"}
 
 
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("LabVIEW Measurement", "Measurement", "this is no LabVIEW measurement file"),
-        ("***End_of_Header***\t\t\t\t\n", "", "the file ends before the header does"),
-        ("Channels\t2", "Channels\t3", "the header has 3 channels, and 2 have a name"),
-        ("Samples\t5\t5", "Samples\t6\t5", 'channel "ROI": the header announces 6 samples, and 5 follow'),
-        ("Delta_X\t1.000000E-6", "Delta_X\t0", 'channel "ROI": the header has no X0 and Delta_X'),
-        ("X0\t-1.0000000000000000E-6", "X0\t3.8E+9", "beside X0 of 3.8e.09 s, a date, steps of 1e-06 s are rounded"),
+        ("LabVIEW Measurement", "Measurement", "no LabVIEW"),
+        ("***End_of_Header***\t\t\t\t\n", "", "ends before"),
+        ("Channels\t2", "Channels\t3", r"\b3 channels, .*\b2 "),
+        ("Samples\t5\t5", "Samples\t6\t5", r'"ROI": .*\b6 samples, .*\b5 '),
+        ("Delta_X\t1.000000E-6", "Delta_X\t0", '"ROI": .*no X0 and Delta_X'),
+        ("X0\t-1.0000000000000000E-6", "X0\t3.8E+9", "X0 .*3.8e.09 s, .*1e-06 s"),
         ("X0\t", "X_Unit_Label\tmm\tmm\t\t\nX0\t", 'channel "ROI": X_Unit_Label is "mm"'),
-        ("Delta_X\t1.0", "Delta_X\t1,0", "no X0 and Delta_X with the decimal sign"),
-        ("X_Dimension\tTime\tTime", "X_Dimension\tTime\tFrequency", 'channel "TRIG": it is given over Frequency'),
-        ("0.000003\t4.5\t0.0\n", "0.000003\t4.5\t0.0\n\nChannels\t2\n", "line 30: a second segment begins here"),
-        ("Separator\tTab", "Separator\tSpace", "separator or decimal sign of the header is none"),
-        ("0.000001\t2.5", "0.000001\tx", "sample 3.*the value is not a finite number"),
+        ("Delta_X\t1.0", "Delta_X\t1,0", "X0 and Delta_X .*decimal sign"),
+        ("X_Dimension\tTime\tTime", "X_Dimension\tTime\tFrequency", '"TRIG": .*Frequency'),
+        ("0.000003\t4.5\t0.0\n", "0.000003\t4.5\t0.0\n\nChannels\t2\n", "line 30: .*segment"),
+        ("Separator\tTab", "Separator\tSpace", "header .*LabVIEW"),
+        ("0.000001\t2.5", "0.000001\tx", "sample 3.*finite"),
     ],
 )
 def test_what_cannot_be_read_is_one_sentence(tmp_path: Path, old: str, new: str, words: str) -> None:
@@ -138,7 +139,7 @@ def test_what_cannot_be_read_is_one_sentence(tmp_path: Path, old: str, new: str,
 
 def test_commas_that_separate_cells_and_decimals_are_refused(tmp_path: Path) -> None:
     text = (HEAD + ONE).replace("Tab", "Comma").replace(".", ",").replace("\t", ",")
-    with pytest.raises(InputError, match="separator or decimal sign of the header is none that LabVIEW writes"):
+    with pytest.raises(InputError, match=r"\bheader\b.*LabVIEW"):
         LvmFile(written(tmp_path, text))
 
 

@@ -74,25 +74,25 @@ def test_what_cannot_be_read_of_a_mat_file_is_named_with_the_reason(tmp_path: Pa
 
 def test_variables_of_unlike_length_and_bad_numbers_are_named(tmp_path: Path) -> None:
     path = mat5(tmp_path / "a.mat", short=np.arange(3.0), gap=np.where(TIME == 10.0, np.nan, TIME))
-    with pytest.raises(InputError, match=r'different numbers of values: "run\.time" 100, "short" 3'):
+    with pytest.raises(InputError, match=r'"run\.time" 100, "short" 3'):
         read_columns(path, [Column("run.time", "s"), Column("short", "m", "m")])
-    with pytest.raises(InputError, match='value 3, column "gap": this is not a finite number'):
+    with pytest.raises(InputError, match=r'value 3, column "gap": .*finite'):
         read_columns(path, [Column("gap", "m", "m")])
-    with pytest.raises(InputError, match='column "gap": there is no unit'):
+    with pytest.raises(InputError, match=r'column "gap": .*\bunit\b'):
         read_columns(path, [Column("gap", "m", required=False)])
 
 
 def test_damaged_and_huge_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "b.mat").write_bytes(b"nothing of that kind" * 20)
-    with pytest.raises(InputError, match="this is no MAT file of version 5 or later"):
+    with pytest.raises(InputError, match=r"b\.mat: .*version 5"):
         MatFile(tmp_path / "b.mat")
     (tmp_path / "b.mat").write_bytes(mat5(tmp_path / "a.mat").read_bytes()[:900])
-    with pytest.raises(InputError, match="this is no MAT file that can be read"):
+    with pytest.raises(InputError, match=r"b\.mat: .*MAT .*\(\w+\)"):
         MatFile(tmp_path / "b.mat")
     savemat(tmp_path / "c.mat", {"zeros": np.zeros(200_000)}, do_compression=True)
     read_in_process(monkeypatch)
     monkeypatch.setattr(mat, "MOST_VALUES", 1000)
-    with pytest.raises(InputError, match='"zeros" has 200000 numbers, and at most 1000 are read'):
+    with pytest.raises(InputError, match=r'"zeros" .*200000 .* 1000 '):
         MatFile(tmp_path / "c.mat")
 
 
@@ -109,13 +109,13 @@ def test_a_map_is_found_by_names_or_units_either_way_round(tmp_path: Path, turne
     found = MatFile(tmp_path / "m.mat").quantity_map(GivenUnits("MPa", "us", "mm3"))
     assert found.rail_pressure.tolist() == [80.0] * 3 + [120.0] * 3
     assert found.quantity.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
-    with pytest.raises(InputError, match=r'no unit of the rail pressure \("p"\) and the energising time'):
+    with pytest.raises(InputError, match=r'unit .*\("p"\) .*energising time'):
         MatFile(tmp_path / "m.mat").quantity_map(GivenUnits(quantity="mm3"))
 
 
 def test_two_variables_that_fit_are_named(tmp_path: Path) -> None:
     savemat(tmp_path / "m.mat", {"a": [8.0, 12.0], "b": [3.0, 5.0], "q": np.ones((2, 2))})
-    with pytest.raises(InputError, match='it is open which variable holds the rail pressure; of the vectors "a", "b"'):
+    with pytest.raises(InputError, match=r'rail pressure; .*"a", "b"'):
         MatFile(tmp_path / "m.mat").quantity_map(GivenUnits())
 
 
@@ -171,5 +171,5 @@ def test_links_in_circles_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         file["rate"] = [1.0, 2.0]
     read_in_process(monkeypatch)
     monkeypatch.setattr(mat, "MOST_VARIABLES", 1000)
-    with pytest.raises(InputError, match="there are more than the 1000 variables that are read"):
+    with pytest.raises(InputError, match=r"\b1000 variables"):
         MatFile(tmp_path / "a.mat")

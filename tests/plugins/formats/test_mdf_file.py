@@ -14,6 +14,7 @@ from commonrail.readers.columns import Column, Table
 from commonrail.readers.overview import read_channels
 from commonrail.readers.tables import read_columns
 from tests.child_in_process import read_in_process
+from tests.refused import refused
 
 asammdf = pytest.importorskip("asammdf", reason="the extra mdf is not installed")
 
@@ -87,7 +88,7 @@ def test_linear_rules_are_applied_and_formulas_are_not_evaluated(tmp_path: Path)
     linear = written(tmp_path / "a.mf4", ("g", [signal(raw, conversion={"a": 0.5, "b": 1.0})]))
     np.testing.assert_allclose(read(linear).columns["ROI"], (0.5 * raw + 1.0) * 1e-6, rtol=1e-12)
     formula = written(tmp_path / "b.mf4", ("g", [signal(raw, conversion={"formula": "X1*2"})]))
-    with pytest.raises(InputError, match='channel "ROI": its values are converted by a formula'):
+    with pytest.raises(InputError, match=r'"ROI": .*formula'):
         read(formula)
 
 
@@ -127,13 +128,13 @@ def test_codes_of_texts_are_numbers_of_a_switch_or_gaps(tmp_path: Path, version:
 @pytest.mark.usefixtures("in_process")
 def test_what_cannot_be_read_is_one_sentence(tmp_path: Path) -> None:
     path = written(tmp_path / "a.mf4", ("g", [signal(RATE), signal(RATE, "TRIG", "V")]))
-    with pytest.raises(InputError, match=r'there is no column "RIO" \(did you mean "ROI"\?\); the header has'):
+    with refused(InputError, 'missing-column column "RIO"', "a.mf4"):
         read(path, "RIO")
-    with pytest.raises(InputError, match='the times of "ROI" are called "time", not "t"'):
+    with pytest.raises(InputError, match=r'"ROI" .*"time", .*"t"'):
         read(path, time="t")
-    with pytest.raises(InputError, match="each channel of this record has its own times"):
+    with refused(InputError, "several-times", "a.mf4"):
         read_columns(path, [Column("ROI", "m3/s"), Column("TRIG", "V")])
-    with pytest.raises(InputError, match="a unit like mm3/ms is expected, not"):
+    with pytest.raises(InputError, match=r'"TRIG": .*mm3/ms .*"V"'):
         read(path, "TRIG")
 
 
@@ -144,7 +145,7 @@ def test_a_damaged_record_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"b\.mf4"):
         read(tmp_path / "b.mf4")
     (tmp_path / "c.mf4").write_bytes(b"no record at all")
-    with pytest.raises(InputError, match=r"c\.mf4: this is no MDF record that can be read \(\w"):
+    with pytest.raises(InputError, match=r"c\.mf4: .*MDF .*\(\w"):
         read(tmp_path / "c.mf4")
 
 
@@ -153,7 +154,7 @@ def test_a_channel_beyond_the_limit_is_refused_by_itself(tmp_path: Path, monkeyp
     long, short = signal(RATE), signal(RATE[:5], "p", "bar", TIME[:5])
     path = written(tmp_path / "a.mf4", ("fast", [long]), ("slow", [short]))
     monkeypatch.setattr("commonrail.plugins.formats.records.MOST_SAMPLES", 50)
-    with pytest.raises(InputError, match='channel "ROI": there are 100 samples, and at most 50 are read; cut the'):
+    with pytest.raises(InputError, match=r'"ROI": .*\b100 samples.*\b50 '):
         read(path)
     pressure = read_columns(path, [Column("time", "s", increasing=True), Column("p", "Pa")])
     assert len(pressure.columns["p"]) == 5
@@ -163,7 +164,7 @@ def test_a_channel_beyond_the_limit_is_refused_by_itself(tmp_path: Path, monkeyp
 def test_a_sample_that_is_no_number_has_its_place(tmp_path: Path) -> None:
     values = RATE.copy()
     values[7] = np.nan
-    with pytest.raises(InputError, match='sample 8, column "ROI": the value is not a finite number'):
+    with pytest.raises(InputError, match=r'sample 8, column "ROI": .*finite'):
         read(written(tmp_path / "a.mf4", ("g", [signal(values)])))
 
 
@@ -178,5 +179,5 @@ def test_channels_of_version_3_without_a_rule_are_read(tmp_path: Path) -> None:
 
 def test_the_reason_of_a_damaged_record_names_no_object(tmp_path: Path) -> None:
     (tmp_path / "a.mf4").write_bytes(b"")
-    with pytest.raises(InputError, match=r"no MDF record that can be read \(\w+\)\.$"):
+    with pytest.raises(InputError, match=r"MDF .*\(\w+\)\.$"):
         MdfFile(tmp_path / "a.mf4")

@@ -89,7 +89,7 @@ def test_an_injector_runs_on_it_and_beyond_the_table_it_is_refused(command: Comm
     assert found.status == 0, found.err
     injected = command("simulate", "virtual-lino-2016", *point).record["injected_mass"]
     assert found.record["injected_mass"] == pytest.approx(injected, rel=1e-2)
-    with pytest.raises(cr.errors.InputError, match=r"is defined from 293\.15 to 393\.15 K"):
+    with pytest.raises(cr.errors.InputError, match=r"293\.15 to 393\.15 K"):
         cr.load_fuel(tmp_path / "own.toml").density(80e6, 400.0)
 
 
@@ -110,8 +110,8 @@ TINY = "pressure [MPa],temperature [K],density [kg/m3],viscosity [mm2/s]\n" + ""
             "two temperatures",
         ),
         (FALLING, "from 0.1 to 200 MPa"),
-        (FALLING + "50,350,800,2\n", "lines 7 and 14: both are at 50 MPa and 350 K"),
-        (TINY, "units of the columns"),
+        (FALLING + "50,350,800,2\n", "lines 7 and 14: "),
+        (TINY, "the columns"),
     ],
 )
 def test_a_table_that_cannot_be_fitted_is_refused(command: Command, tmp_path: Path, text: str, word: str) -> None:

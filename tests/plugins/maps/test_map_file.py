@@ -73,7 +73,7 @@ def test_numbers_have_a_point_and_no_exponent() -> None:
     [
         ("KONSERVIERUNG_FORMAT 2.0", "KONSERVIERUNG 2", "KONSERVIERUNG_FORMAT 2.0"),
         ("InjVlv_tiET_MAP 7 3", "InjVlv_tiET_MAP 7", "KENNFELD NAME NX NY"),
-        ("InjVlv_tiET_MAP 7 3", "InjVlv_tiET_MAP 7 4", "3 numbers in its ST/Y lines"),
+        ("InjVlv_tiET_MAP 7 3", "InjVlv_tiET_MAP 7 4", "3 numbers"),
         ("InjVlv_tiET_MAP 7 3", "InjVlv_tiET_MAP 7 2", "7 × 2"),
         ("InjVlv_tiET_MAP 7 3", "InjVlv_tiET_MAP 999999 999999", "1000000"),
         ("ST/Y   0.75", "ST/Y   zero", '"zero"'),

@@ -75,7 +75,7 @@ def test_axes_that_could_be_either_are_refused(tmp_path: Path) -> None:
 
 
 def test_missing_units_are_named_and_can_be_given(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="unit of the quantity"):
+    with pytest.raises(InputError, match=r"\bunit\b.*\bquantity\b"):
         found(tmp_path, DOWN)
     check(found(tmp_path, DOWN, given=GivenUnits(quantity="mm3")))
 
@@ -83,13 +83,13 @@ def test_missing_units_are_named_and_can_be_given(tmp_path: Path) -> None:
 def test_empty_cells_are_omitted_and_said(tmp_path: Path) -> None:
     read = found(tmp_path, QUANTITY + DOWN.replace("10.25", ""))
     assert len(read.quantity) == 5
-    assert "1 without a quantity omitted" in read.said
+    assert "1 without" in read.said[-1]
 
 
 def test_points_without_a_quantity_are_omitted_and_said(tmp_path: Path) -> None:
     read = found(tmp_path, LONG.replace("10.25", ""))
     assert len(read.quantity) == 5
-    assert "1 without a quantity omitted" in read.said
+    assert "1 without" in read.said[-1]
 
 
 def test_masses_are_divided_by_the_density(tmp_path: Path) -> None:
@@ -101,7 +101,7 @@ def test_masses_are_divided_by_the_density(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "word"),
     [
-        ("a,b\nc,d\n", "no rows of numbers"),
+        ("a,b\nc,d\n", "no rows"),
         (QUANTITY + DOWN + "text;1;2;3\n", "line 5: "),
         (QUANTITY + DOWN + "60;1;2;3;4\n", "line 5: "),
         (LONG + "400,x,1\n", "line 8"),
@@ -136,7 +136,7 @@ def test_the_same_unit_twice_and_remarks_are_no_contradiction(tmp_path: Path, mo
     "text", ["p [bar] \\ ET [us];400;800\n500;1;2\n1.200;3;4\n", "ET [us] \\ p [bar];500;1.200\n400;1;3\n800;2;4\n"]
 )
 def test_points_that_separate_thousands_beside_hundreds_are_refused(tmp_path: Path, text: str) -> None:
-    with pytest.raises(InputError, match=r'line \d: "1\.200" may be 1200'):
+    with pytest.raises(InputError, match=r'line \d: "1\.200" .*\b1200\b'):
         found(tmp_path, QUANTITY + text)
     assert 1.2e8 in in_si(found(tmp_path, QUANTITY + text.replace("1.200", "1200")), 1.0).rail_pressure
 

@@ -113,14 +113,14 @@ def test_many_points_are_those_that_are_made_one_by_one(base: Base, alone: bool)
 @pytest.mark.parametrize(
     ("name", "value", "word"),
     [
-        ("rail_pressure", 80.0, "rail pressure must lie between"),
-        ("rail_pressure", np.nan, "rail pressure must be finite"),
-        ("cylinder_pressure", 90e6, "must stay below the rail pressure"),
-        ("return_pressure", 90e6, "must stay below the rail pressure"),
-        ("cylinder_pressure", 1.0, "cylinder pressure must lie between"),
-        ("dwell", -1e-6, "must start at or after"),
-        ("energising_time", 0.2, "duration of an energising must lie between"),
-        ("dwell", 0.995, "horizon must lie between"),
+        ("rail_pressure", 80.0, "rail pressure must lie"),
+        ("rail_pressure", np.nan, "rail pressure .*finite"),
+        ("cylinder_pressure", 90e6, "cylinder pressure .*rail pressure"),
+        ("return_pressure", 90e6, "return pressure .*rail pressure"),
+        ("cylinder_pressure", 1.0, "cylinder pressure must lie"),
+        ("dwell", -1e-6, "or after"),
+        ("energising_time", 0.2, "duration of an energising"),
+        ("dwell", 0.995, "horizon"),
     ],
 )
 def test_one_bad_point_of_many_is_refused_with_its_sentence(name: str, value: float, word: str) -> None:
@@ -227,7 +227,7 @@ def test_a_parameter_of_another_kind_of_injector_is_refused() -> None:
 
 
 def test_a_first_injection_of_no_length_is_refused() -> None:
-    with pytest.raises(cr.errors.ConfigurationError, match="energising times of the first"):
+    with pytest.raises(cr.errors.ConfigurationError, match=r"energising times .*\bfirst\b"):
         sweep(INJECTOR, [Variable("first_energising_time", "s", np.array([0.0, 3e-4]))], TWO)
 
 

@@ -74,7 +74,7 @@ def test_the_study_that_is_written_reads_all_files_after_a_few_edits(walked: lis
     shots = [d for d in data if d.name.startswith("shots")]
     assert len(rates) == 12
     assert [d.points[0].pulses[0].duration for d in shots] == pytest.approx([1e-6 * t for _, t in SHOT_POINTS])
-    assert all("mean of 25 shots" in d.source and d.noise.sigma is not None for d in shots)
+    assert all("25 shots" in d.source and d.noise.sigma is not None for d in shots)
     january, march = (d for d in data if d.kind == "quantities")
     assert [january.role, march.role] == [cr.data.Role.FIT, cr.data.Role.VALIDATION]
     assert january.weight > max(d.weight for d in rates)  # 20 points beside 2400 samples
@@ -114,7 +114,7 @@ def test_the_offset_of_a_trigger_is_to_be_stated(bench: Path, tmp_path: Path) ->
     done = run_command("new", tmp_path / "s", "--injector", "virtual-lino-2016", *words)
     assert done.status == 0, done.err
     assert f"state in {tmp_path / 's' / 'study.toml'}: data[1].shots.offset" in done.out.splitlines()
-    assert "# STATE IT: offset, from the trigger" in (tmp_path / "s" / "study.toml").read_text(encoding="utf-8")
+    assert "# STATE IT: offset" in (tmp_path / "s" / "study.toml").read_text(encoding="utf-8")
     with pytest.raises(cr.errors.InputError, match=r'data\[1\]\.shots\.offset: "\?"'):
         cr.load_study(tmp_path / "s" / "study.toml")
 
@@ -156,7 +156,7 @@ def test_the_only_current_proposes_the_offset_of_the_trigger(
     assert done.status == 0, done.err
     text = (tmp_path / "s" / "study.toml").read_text(encoding="utf-8")
     assert f'offset = "{offset}"' in text
-    assert ("# CHECK IT: the only current" in text) is (offset != "?")
+    assert ("only current" in text) is (offset != "?")
     (line,) = [line for line in done.out.splitlines() if "data[1].shots.offset" in line]
     assert line.startswith("state in" if offset == "?" else "assumed, check")
 
@@ -297,10 +297,7 @@ def test_why_a_file_is_no_data_of_a_study_is_said_and_a_unit_can_be_stated(bench
     text = (bench / "raw" / "map_january.csv").read_text(encoding="cp1252").replace("[mm³]", "[mm³/Huub]")
     (tmp_path / "map.csv").write_text(text, encoding="utf-8")
     words = ("new", tmp_path / "s", "--injector", "cri2-16", "--from", tmp_path / "map.csv", "--free", "valve.mass")
-    assert (
-        'no unit of the quantity is in the header or the corner ("mm³/Huub" is not a known'
-        in run_command(*words).sentence
-    )
+    assert re.search(r'unit of the quantity .*"mm³/Huub"', run_command(*words).sentence)
     assert run_command(*words, "--quantity-unit", "mm3").status == 0
     assert 'quantity_unit = "mm3"' in (tmp_path / "s" / "study.toml").read_text(encoding="utf-8")
 
@@ -318,7 +315,7 @@ def test_a_test_plan_is_named(tmp_path: Path) -> None:
     )
     done = run_command("new", tmp_path / "study", "--injector", "cri2-16", "--from", tmp_path / "plan.csv")
     assert done.status == 2
-    assert "a test plan" in done.sentence
+    assert "test plan" in done.sentence
     assert "not read" not in survey(tmp_path / "plan.csv").facts["test"]  # it is the names of the tests
 
 
@@ -330,17 +327,17 @@ def test_new_refuses_what_it_cannot_do(bench: Path, tmp_path: Path) -> None:
         "new", tmp_path / "s", "--injector", "cri2-16", "--from", raw, "--from", raw.parent / ".." / "raw" / raw.name
     )
     assert "rates.csv" in twice.sentence
-    for pressure, words in (("5GPa", "--cylinder-pressure must lie between"), ("-3MPa", "and -3 MPa was read")):
+    for pressure, words in (("5GPa", "--cylinder-pressure must"), ("-3MPa", "-3 MPa")):
         beyond = ("--injector", "cri2-16", "--from", raw, "--cylinder-pressure", pressure)
         assert words in run_command("new", tmp_path / "s", *beyond).sentence
     unread = ("--injector", "cri2-16", "--from", raw, "--free", "drive.peak_band")
-    assert "does not read drive.peak_band" in run_command("new", tmp_path / "s", *unread).sentence
+    assert "read drive.peak_band" in run_command("new", tmp_path / "s", *unread).sentence
     assert not (tmp_path / "s").exists()
 
 
 def test_a_pressure_of_no_bench_is_warned_of(bench: Path, tmp_path: Path) -> None:
     words = ("--from", bench / "raw" / "map_january.csv", "--cylinder-pressure", "500MPa", "--free", "valve.lift")
-    with pytest.warns(RuntimeWarning, match="--cylinder-pressure: 500MPa .*50 kPa to 30 MPa"):
+    with pytest.warns(RuntimeWarning, match="--cylinder-pressure: 500MPa .*50 kPa .*30 MPa"):
         run_command("new", tmp_path / "s", "--injector", "cri2-16", *words)
 
 

@@ -14,8 +14,8 @@ from tests.cli.conftest import Command
     [
         (("--criterion", "w"), "--criterion"),
         (("--apart-time", "fast"), "--apart-time"),
-        (("--out", "nowhere/plan.csv"), "there is no folder nowhere"),
-        (("--out", "one.html", "--report", "./one.html"), "name a file for each"),
+        (("--out", "nowhere/plan.csv"), "folder nowhere"),
+        (("--out", "one.html", "--report", "./one.html"), "two outputs"),
         ((), "result.json"),
     ],
 )

@@ -158,7 +158,7 @@ def test_what_cannot_be_delivered_is_marked(rigid_volume: Injector) -> None:
 
 
 def test_wrong_trains_are_refused_in_a_sentence(rigid_volume: Injector, observed: Observation) -> None:
-    with pytest.raises(ConfigurationError, match="2 quantities and 0 dwells"):
+    with pytest.raises(ConfigurationError, match=r"\b2 quantities .*\b0 dwells"):
         InjectionTrain(RAIL, (PILOT, MAIN))
     with pytest.raises(ConfigurationError, match="mm3"):
         InjectionTrain(RAIL, (20.0,))
@@ -173,10 +173,10 @@ def test_wrong_trains_are_refused_in_a_sentence(rigid_volume: Injector, observed
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"train": replace(TRAINS[0], rail_pressure=60e6)}, "rail pressures within 5 %"),
+        ({"train": replace(TRAINS[0], rail_pressure=60e6)}, "within 5 %"),
         ({"train": replace(TRAINS[0], dwells=(0.5e-3,))}, "dwells"),
         ({"train": None}, "InjectionTrain"),
-        ({"energising_times": None}, "energising times of last"),
+        ({"energising_times": None}, "of last"),
         ({"energising_times": np.array([1e-4, np.nan])}, "finite"),
         ({"energising_times": np.array([1e-4, -1e-4])}, "between 0 s and"),
         ({"energising_times": np.array([1e-4])}, "`last`"),
@@ -224,7 +224,7 @@ def test_the_verb_gives_times_over_the_dwell(
     line = ("observe", log, "--model", "virtual-lino-2016@rigid,volume,regulated", *options)
     done = command(*line, "--wanted", "4,12mm3", "--dwells", "0.4:1.2:0.4ms", "--out", folder)
     assert done.status == 0, done.err
-    assert "Compensated energising times" in done.out
+    assert "Compensated energising" in done.out
     assert "Compensation" in (folder / "report.html").read_text(encoding="utf-8")
     check_made_again(command, folder)
     late = command(*line, "--wanted", "4mm3", "--rail-pressures", "300MPa", "--out", tmp_path / "late")

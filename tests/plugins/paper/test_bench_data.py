@@ -39,7 +39,7 @@ def test_a_case_has_three_curves(written: list[Path]) -> None:
 def test_the_files_say_what_they_are(written: list[Path]) -> None:
     for path, rail in zip(written, (160, 120, 80), strict=True):
         head = [line for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("#")]
-        assert head[0] == "# SYNTHETIC: virtual test bench of commonrail, not a measurement"
+        assert head[0].startswith("# SYNTHETIC: ")
         assert head[1] == "# truth mine (one two), seed 7"
         assert head[2] == f"# asked for: rail pressure {rail} MPa, energising time 700 us"
 
@@ -69,7 +69,7 @@ def test_a_place_that_cannot_be_written_is_refused(
     curve = bench_curve(truth, load_injector(truth.injector), 80e6, ENERGISING_TIME, SEED)
     monkeypatch.setattr("commonrail.plugins.paper.bench_file.bench_curve", lambda *_: curve)
     (tmp_path / "data").write_text("a file")
-    with pytest.raises(InputError, match=r"the data cannot be written \(.*\); name another folder"):
+    with pytest.raises(InputError, match=rf"/{tmp_path.name}: .*written \("):
         virtual_bench(tmp_path, SEED, truth)
 
 
@@ -77,7 +77,7 @@ def test_a_file_that_the_bench_has_not_made_stays(tmp_path: Path) -> None:
     own = tmp_path / "data" / "evi_120MPa.csv"
     own.parent.mkdir()
     own.write_text("my measurement")
-    with pytest.raises(InputError, match=r"evi_120MPa.csv: this file was not made by the virtual test bench"):
+    with pytest.raises(InputError, match=r"evi_120MPa\.csv: .*\bbench\b"):
         virtual_bench(tmp_path, 1)
     assert own.read_text() == "my measurement"
     assert len(list(own.parent.iterdir())) == 1

@@ -223,7 +223,7 @@ def test_the_share_of_random_points_stands_beside_a_claim_on_stiffness() -> None
         "stiffer": 0.75,
         "rapid": None,
     }
-    assert "Of random feasible points 40 %" in claim(sample, "k6-at-maximum").comment
+    assert "points 40 %" in claim(sample, "k6-at-maximum").comment
 
 
 def test_the_share_of_random_points_that_beat_theory_stands_beside_the_ordering() -> None:
@@ -291,7 +291,7 @@ def test_j_per_sample_within_the_window_is_set_against_that_of_all_samples(i: in
 def test_configurations_that_differ_by_chance_leave_the_claim_open() -> None:
     found = claim(flat(best=160.0), "best-configuration")
     assert found.verdict == OPEN
-    assert "no difference found" in found.figure
+    assert "no difference" in found.figure
 
 
 def test_holms_correction_is_that_of_the_textbook() -> None:
@@ -300,5 +300,5 @@ def test_holms_correction_is_that_of_the_textbook() -> None:
 
 def test_a_stiffness_that_is_not_pinned_down_is_said_to_be_so() -> None:
     found = claim(flat(verdict="only in combination"), "near-theory")
-    assert "does not determine them" in found.comment
-    assert "does not determine them" not in claim(Sample(), "near-theory").comment
+    assert "not determine" in found.comment
+    assert "not determine" not in claim(Sample(), "near-theory").comment

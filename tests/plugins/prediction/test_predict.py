@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,9 +69,9 @@ def test_bands_beyond_the_fitted_times_are_wider_and_said_to_be(file: Path) -> N
     study = load_study(file)
     best = {study.space.names[0]: A_HOLE}
     points = [cr.OperatingPoint(*place) for place in ((80e6, 500e-6), (80e6, 250e-6), (180e6, 500e-6))]
-    assert "beyond the fitted" not in cr.predict(study, best, points[:1], threads=1).estimator
+    assert "beyond" not in cr.predict(study, best, points[:1], threads=1).estimator
     found = cr.predict(study, best, points, threads=1)
-    assert "beyond the fitted energising times" in found.estimator
+    assert re.search(r"beyond .*energising times", found.estimator)
     band = found.bands[0]
     upper = (band.edges[0.9][1] - band.values) / (0.02e-9 + 0.02 * band.values)
     inner = cr.predict(study, best, [*points[:1], points[2]], threads=1).bands[0]
@@ -137,7 +138,7 @@ def test_quantities_of_a_study_without_a_map_are_refused(tmp_path: Path) -> None
     write_new(tmp_path / "own")
     study = cr.load_study(tmp_path / "own" / "study.toml")
     best = {parameter.name: parameter.reference for parameter in study.space.parameters}
-    with pytest.raises(ConfigurationError, match="no quantity map is fitted"):
+    with pytest.raises(ConfigurationError, match="quantity map"):
         cr.predict(study, best, [cr.OperatingPoint("100 MPa", "500 us")], threads=1)
 
 
@@ -167,4 +168,4 @@ def test_a_table_holds_no_dead_time_as_a_quantity() -> None:
 def test_bands_and_report_at_one_place_are_refused(tmp_path: Path, command: Command) -> None:
     done = command("predict", tmp_path, "--out", tmp_path / "one.html", "--report", tmp_path / "one.html")
     assert done.status == 2
-    assert "name a file for each" in done.sentence
+    assert "two outputs" in done.sentence

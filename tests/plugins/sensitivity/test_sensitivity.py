@@ -87,7 +87,7 @@ def test_above_the_largest_share_of_failures_there_are_no_indices_and_the_record
 
 
 def test_the_study_is_refused_where_the_policy_says_so() -> None:
-    with pytest.raises(SimulationError, match=r"^\d+ simulations have no y, most at high a, .*policy"):
+    with pytest.raises(SimulationError, match=r"^\d+ .*\by, .*high a, .*refuse"):
         studied(0.9, on_failure="refuse")
     assert studied(2.0, on_failure="refuse").outputs[0].failed.number == 0
 
@@ -190,7 +190,7 @@ def test_ranges_may_be_given_with_their_units(pwm: Injector) -> None:
         ({"names": ["valve.lft"]}, '"valve.lft".*"valve.lift"|valve.lft.*valve.lift'),
         ({"names": ["rail.volume"]}, r"rail\.volume.*@volume"),
         ({"ranges": {"rail.volume": ("1 cm3", "2 cm3")}}, r"rail\.volume.*@volume"),
-        ({"names": ["valve.damping"]}, "valve.damping is zero in virtual-lino-2016"),
+        ({"names": ["valve.damping"]}, "valve.damping .*zero .*virtual-lino-2016"),
         ({"names": ["valve.lift"], "within": 1.5}, "not 1.5"),
         ({"ranges": {"valve.lift": "55 um"}}, "range of valve.lift .*pair"),
         ({"ranges": {"valve.lift": ("-5 um", "60 um")}}, "-5e-06 to 6e-05"),

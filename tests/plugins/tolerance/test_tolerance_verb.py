@@ -27,8 +27,8 @@ def test_a_file_becomes_a_folder_with_a_report(command: Command, tmp_path: Path)
     assert "nozzle.hole_diameter" in (folder / "tolerance.csv").read_text(encoding="utf-8")
     assert (folder / "tolerances.toml").read_bytes() == file.read_bytes()
     page = (folder / "report.html").read_text(encoding="utf-8")
-    assert "Synthetic, not measured" in page
-    assert "Trim by test points" in page
+    assert "Synthetic, not" in page
+    assert "test points" in page
     check_made_again(command, folder)
 
 
