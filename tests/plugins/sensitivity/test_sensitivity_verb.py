@@ -19,7 +19,7 @@ SMALL = ("--samples", "8", *POINT, "--feature", "quantity", "--feature", "openin
 def test_an_injector_becomes_a_folder_with_a_report(command: Command, tmp_path: Path) -> None:
     folder = tmp_path / "out"
     ranges = ("--parameter", "nozzle.hole_diameter=0.128mm:0.132mm", "--parameter", "valve.lift", "--within", "2%")
-    done = command("sensitivity", "virtual-lino-2016", *SMALL, *ranges, "--out", folder)
+    done = command("sensitivity", "virtual-lino-2016", *SMALL, *ranges, "--out", folder, "--full")
     assert done.status == 0, done.err
     assert done.out.startswith("SYNTHETIC: ")
     assert re.search("2 parameters on 2 outputs, .*8 base points: 37 simulations", done.out)

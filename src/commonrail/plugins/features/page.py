@@ -36,12 +36,7 @@ def feature_table(name: str, features: Features) -> Table:
 
 
 def feature_sentences(name: str, features: Features) -> Iterator[str]:
-    """Threshold and averaging, and the reasons for missing features."""
-    noise = f", noise of a sample {quantity(features.noise, features.unit, 2)}" if features.noise > 0.0 else ""
-    yield (
-        f"{name}: threshold {quantity(features.levels.threshold, features.unit, 3)}, averaged over "
-        f"{quantity(features.levels.width, 's', 3)}{noise}."
-    )
+    """Reasons for missing features, then threshold and averaging."""
     if not features.injections:
         yield f"{name}: {features.status.value}. {features.status.sentence}"
     elif features.silent:
@@ -49,6 +44,11 @@ def feature_sentences(name: str, features: Features) -> Iterator[str]:
     for number, injection in enumerate(features.injections, start=1):
         for status in injection.statuses:
             yield f"{name}, {_which(injection, number, features)}: {status.value}. {status.sentence}"
+    noise = f", noise of a sample {quantity(features.noise, features.unit, 2)}" if features.noise > 0.0 else ""
+    yield (
+        f"{name}: threshold {quantity(features.levels.threshold, features.unit, 3)}, averaged over "
+        f"{quantity(features.levels.width, 's', 3)}{noise}."
+    )
 
 
 def _which(injection: Injection, number: int, features: Features) -> str:

@@ -99,9 +99,8 @@ def features(
 
     def show() -> None:
         for name, features_of_trace in by_name.items():
-            if not shots and features_of_trace.injections:
-                print_table(page.feature_table(name, features_of_trace))
-            print_text(page.feature_sentences(name, features_of_trace))
+            tables = [page.feature_table(name, features_of_trace)] if features_of_trace.injections and not shots else []
+            print_text(page.feature_sentences(name, features_of_trace), tables)
         if shots:
             print_text((), [page.shot_table(shots, len(by_name))])
 
