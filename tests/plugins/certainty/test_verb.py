@@ -81,3 +81,11 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_work(run: Path, m
     done = run_command("certainty", run)
     assert done.status == 3
     assert f"{run} cannot be written (Permission denied)" in done.sentence
+
+
+def test_a_stated_limit_writes_nothing_even_if_it_is_the_default(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("commonrail.runs.fit.estimate_again", None)
+    before = {path.name: path.read_bytes() for path in run.iterdir() if path.is_file()}
+    done = run_command("certainty", run, "--starts", 1, "--limit", 10, "--threads", 1)
+    assert done.status == 0, done.err
+    assert {path.name: path.read_bytes() for path in run.iterdir() if path.is_file()} == before
