@@ -104,6 +104,32 @@ def test_what_cannot_be_read_is_told_in_a_sentence(
     assert words in done.sentence
 
 
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--window", "0us:3000us"),
+        ("--time", "t"),
+        ("--time-unit", "s"),
+        ("--rate", "flow"),
+        ("--rate-unit", "mm3/ms"),
+        ("--energising", "0us:700us"),
+        ("--energising-time", "700us"),
+        ("--centred",),
+        ("--separate",),
+    ],
+)
+def test_options_of_files_are_refused_for_a_run(command: Command, tmp_path: Path, options: tuple[str, ...]) -> None:
+    done = command("features", tmp_path, *options)
+    assert done.status == 2
+    assert done.sentence == f"{tmp_path}: {options[0]} is for a file and does nothing for a run; omit {options[0]}."
+
+
+def test_the_model_of_a_run_is_refused_for_a_file(command: Command, tmp_path: Path) -> None:
+    done = command("features", wide(tmp_path / "trace.csv", 1), "--model", "rigid")
+    assert done.status == 2
+    assert "--model is for a run and does nothing for a file; omit --model." in done.sentence
+
+
 def test_a_file_without_units_of_a_rate_asks_for_the_columns(command: Command, tmp_path: Path) -> None:
     file = tmp_path / "plain.csv"
     file.write_text("time [us],flow\n" + "".join(f"{i},0\n" for i in range(9)), encoding="utf-8")

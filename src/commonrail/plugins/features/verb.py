@@ -14,6 +14,9 @@ from commonrail.plugins.features.settings import FeatureSettings
 if TYPE_CHECKING:
     from commonrail.engine.operating_point import Energising
 
+OF_FILES = ("time", "rate", "time_unit", "rate_unit", "centred", "window", "energising_time", "energising", "separate")
+OF_RUNS = ("model",)
+
 
 @table_verb
 def features(
@@ -65,13 +68,15 @@ def features(
     from commonrail.plugins.features.shot_statistics import shot_statistics
 
     options.check_file(out, "--out")
+    kind, other, idle = ("run", "file", OF_FILES) if source.is_dir() else ("file", "run", OF_RUNS)
+    for name in filter(options.is_given, idle):
+        option = f"--{name.replace('_', '-')}"
+        raise InputError(f"{source}: {option} is for a {other} and does nothing for a {kind}; omit {option}.")
     pulses: tuple[Energising, ...] = ()
     if energising_time is not None or energising:
         pulses = OperatingPoint(100e6, options.read_energisings(energising_time, energising)).pulses
     form = options.read_form(encoding, decimal, sheet, [source])
     if source.is_dir():
-        if rate or pulses:
-            raise InputError(f"{source}: a run has its own rates and energisings; omit --rate and --energising.")
         compared = file.run_features(source, model, settings)
         if out is not None:
             file.write_comparison(out, compared)
