@@ -93,6 +93,8 @@ def test_an_energising_without_an_injection_is_told(command: Command, tmp_path: 
         (("--window", "3ms"), "BEGIN:END"),
         (("--window", "5ms:6ms"), "0 samples"),
         (("--energising", "0us"), "START:DURATION"),
+        (("--split", "150%"), "such as 50%, not 150%"),
+        (("--split", "30"), "such as 30%, not 30"),
         (("--rate", "pressure"), "a unit like"),
     ],
 )
@@ -104,6 +106,32 @@ def test_what_cannot_be_read_is_told_in_a_sentence(
     assert words in done.sentence
 
 
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--window", "0us:3000us"),
+        ("--time", "t"),
+        ("--time-unit", "s"),
+        ("--rate", "flow"),
+        ("--rate-unit", "mm3/ms"),
+        ("--energising", "0us:700us"),
+        ("--energising-time", "700us"),
+        ("--centred",),
+        ("--separate",),
+    ],
+)
+def test_options_of_files_are_refused_for_a_run(command: Command, tmp_path: Path, options: tuple[str, ...]) -> None:
+    done = command("features", tmp_path, *options)
+    assert done.status == 2
+    assert done.sentence == f"{tmp_path}: {options[0]} is for a file and does nothing for a run; omit {options[0]}."
+
+
+def test_the_model_of_a_run_is_refused_for_a_file(command: Command, tmp_path: Path) -> None:
+    done = command("features", wide(tmp_path / "trace.csv", 1), "--model", "rigid")
+    assert done.status == 2
+    assert "--model is for a run and does nothing for a file; omit --model." in done.sentence
+
+
 def test_a_file_without_units_of_a_rate_asks_for_the_columns(command: Command, tmp_path: Path) -> None:
     file = tmp_path / "plain.csv"
     file.write_text("time [us],flow\n" + "".join(f"{i},0\n" for i in range(9)), encoding="utf-8")
@@ -112,7 +140,14 @@ def test_a_file_without_units_of_a_rate_asks_for_the_columns(command: Command, t
     assert "no injection" in done.out
 
 
-def test_a_run_shows_measured_and_simulated_features_and_their_difference(command: Command, tmp_path: Path) -> None:
+def test_a_narrow_terminal_keeps_the_values(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("commonrail.cli.console.columns_of", lambda _: 40)
+    assert re.search("feature +unit +mean", command("features", wide(tmp_path / "shots.csv", 10), *ENERGISED).out)
+
+
+def test_a_run_shows_measured_and_simulated_features_and_their_difference(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run, out = tmp_path / "run", tmp_path / "features.csv"
     assert command("calibrate", small_study(tmp_path / "small"), "--out", run, "--threads", "1").status == 0
     done = command("features", run, "--out", out)
@@ -128,6 +163,8 @@ def test_a_run_shows_measured_and_simulated_features_and_their_difference(comman
     assert float(delay["difference"]) == pytest.approx(1e6 * (pair[1] - pair[0]), abs=1e-6)
     assert '"other"' in command("features", run, "--model", "other").sentence
     assert command("features", run, "--energising-time", "1ms").status == 2
+    monkeypatch.setattr("commonrail.cli.console.columns_of", lambda _: 40)
+    assert re.search("feature +synthetic +simulated\n", command("features", run).out)
 
 
 def test_features_of_a_run_that_was_fitted_to_features(command: Command, tmp_path: Path) -> None:

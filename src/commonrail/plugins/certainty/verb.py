@@ -12,7 +12,7 @@ from commonrail.cli.console import Bar, print_json, print_text, show_stages_on
 from commonrail.cli.grammar import Argument, Option, table_verb
 from commonrail.cli.options import Json, Threads, check_folder
 
-STARTS, LIMIT = 8, 10.0  # starts of the search; largest half width [%] of a determined parameter
+STARTS = 8  # of the search
 
 
 @table_verb
@@ -24,8 +24,11 @@ def certainty(
         tuple[str, ...], Option(metavar="SUM", help='Interval of a sum of parameters, e.g. "a + 2*b".')
     ] = (),
     limit: Annotated[
-        float, Option(min=0.1, max=99.0, help="Half width of an interval up to which a parameter is determined [%].")
-    ] = LIMIT,
+        float | None,
+        Option(
+            min=0.1, max=99.0, help="Half width of an interval up to which a parameter is determined [%]. [default: 10]"
+        ),
+    ] = None,
     threads: Threads = None,
     json: Json = False,
 ) -> None:
@@ -41,6 +44,7 @@ def certainty(
     """
     from commonrail.calibration.record import CalibrationRecord, read_as
     from commonrail.plugins.certainty.run import certainty as certify
+    from commonrail.plugins.certainty.run import read_combination
     from commonrail.report.fit.certainty import certainty_lines, certainty_tables, verdict_sentence
     from commonrail.report.page import write_report
     from commonrail.runs.fit import Listener, estimate_again
@@ -50,9 +54,12 @@ def certainty(
     check_folder(run)
     report = None
     with Bar(f"{run}: time left is that of the present search, at most") as bar, telling(show_stages_on(bar)):
-        if combination or limit != LIMIT:
+        if combination or limit is not None:
             study, best = read_fit(run)
-            asked = {"combinations": combination, "limit": 0.01 * limit, "starts": starts}
+            for text in combination:
+                read_combination(text, study.space.names, "--combination")
+            asked = {"combinations": combination, "starts": starts}
+            asked |= {} if limit is None else {"limit": 0.01 * limit}
             certified = certify(study, best, threads=threads, note=bar.note, **asked)  # type: ignore[arg-type]
             record = read_result(run) | {"certainty": certified.record()}
         else:

@@ -14,6 +14,9 @@ from commonrail.plugins.features.settings import FeatureSettings
 if TYPE_CHECKING:
     from commonrail.engine.operating_point import Energising
 
+OF_FILES = ("time", "rate", "time_unit", "rate_unit", "centred", "window", "energising_time", "energising", "separate")
+OF_RUNS = ("model",)
+
 
 @table_verb
 def features(
@@ -65,13 +68,15 @@ def features(
     from commonrail.plugins.features.shot_statistics import shot_statistics
 
     options.check_file(out, "--out")
+    kind, other, idle = ("run", "file", OF_FILES) if source.is_dir() else ("file", "run", OF_RUNS)
+    for name in filter(options.is_given, idle):
+        option = f"--{name.replace('_', '-')}"
+        raise InputError(f"{source}: {option} is for a {other} and does nothing for a {kind}; omit {option}.")
     pulses: tuple[Energising, ...] = ()
     if energising_time is not None or energising:
         pulses = OperatingPoint(100e6, options.read_energisings(energising_time, energising)).pulses
     form = options.read_form(encoding, decimal, sheet, [source])
     if source.is_dir():
-        if rate or pulses:
-            raise InputError(f"{source}: a run has its own rates and energisings; omit --rate and --energising.")
         compared = file.run_features(source, model, settings)
         if out is not None:
             file.write_comparison(out, compared)
@@ -98,10 +103,8 @@ def features(
         file.write_features(out, by_name)
 
     def show() -> None:
-        for name, features_of_trace in by_name.items():
-            tables = [page.feature_table(name, features_of_trace)] if features_of_trace.injections and not shots else []
-            print_text(page.feature_sentences(name, features_of_trace), tables)
-        if shots:
-            print_text((), [page.shot_table(shots, len(by_name))])
+        sentences = [line for name, features in by_name.items() for line in page.feature_sentences(name, features)]
+        tables = [page.feature_table(name, features) for name, features in by_name.items() if features.injections]
+        print_text(sentences, [page.shot_table(shots, len(by_name))] if shots else tables)
 
     print_result(json, lambda: file.features_record(by_name, shots), show, [out])
