@@ -24,7 +24,7 @@ from commonrail.base.declare import (
     settings,
 )
 from commonrail.base.errors import ConfigurationError
-from commonrail.base.record import Interval, Key, from_record, to_record
+from commonrail.base.record import BrokenRecordError, Interval, Key, from_record, to_record
 from commonrail.cli.grammar import verb
 
 
@@ -153,3 +153,22 @@ def test_a_broken_record_is_no_result(change: dict[str, object]) -> None:
     record = to_record(Result(Search(), (), np.zeros(1), 1.0)) | change
     with pytest.raises((KeyError, TypeError, ValueError)):
         from_record(Result, record)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"rows": None}, "rows: a list was expected, and null was read"),
+        ({"best": "x"}, 'best: a number was expected, and "x" was read'),
+        ({"best": 10**400}, "best: a number was expected, and 1000"),
+        ({"rows": [{"size": 1.0}]}, "rows[0].name: this key is missing"),
+        ({"rows": [{"name": 3, "size": 1.0}]}, "rows[0].name: a text was expected, and 3 was read"),
+        ({"clock": {}}, "clock.seconds: this key is missing"),
+        ({"clock": [1]}, "clock: an object was expected, and [1] was read"),
+    ],
+)
+def test_a_broken_record_names_its_key(change: dict[str, object], sentence: str) -> None:
+    record = to_record(Result(Search(), (), np.zeros(1), 1.0)) | change
+    with pytest.raises(BrokenRecordError) as found:
+        from_record(Result, record)
+    assert str(found.value).startswith(sentence)

@@ -22,6 +22,7 @@ from commonrail.runs.traces import write_traces
 from tests.refused import refused
 
 FILES = ("result.json", "calibrated.toml", "traces.csv")
+RECORD = {"schema": 1, "kind": "calibration", "best": 0.000257}
 
 
 @pytest.fixture
@@ -30,14 +31,14 @@ def run(tmp_path: Path) -> Path:
     folder = tmp_path / "run"
     folder.mkdir()
     with write_set(folder):
-        write_record(folder / "result.json", {"best": 0.000257})
+        write_record(folder / "result.json", RECORD)
         dump_injector(load_injector("virtual-lino-2016"), folder / "calibrated.toml")
         write_traces(folder / "traces.csv", [], ("measured",), [])
     return folder
 
 
 def test_files_as_they_were_written_are_read(run: Path) -> None:
-    assert read_run(run)[0] == {"best": 0.000257}
+    assert read_run(run)[0] == RECORD
     assert read_model_name(str(run)).label == "run"
     assert [line.split()[1] for line in (run / SUMS).read_text(encoding="utf-8").splitlines()] == [*FILES]
 
@@ -106,13 +107,13 @@ def test_a_process_killed_while_it_writes_leaves_the_former_files(run: Path) -> 
     writing = write_set(run)
     writing.__enter__()
     write_record(run / "result.json", {"best": 0.1})  # and nothing after it
-    assert read_run(run)[0] == {"best": 0.000257}
+    assert read_run(run)[0] == RECORD
 
 
 def test_a_block_that_fails_leaves_the_former_files_alone(run: Path) -> None:
     with pytest.raises(TypeError), write_set(run, "traces.csv"):
         write_record(run / "result.json", {"best": object()})
-    assert read_run(run)[0] == {"best": 0.000257}
+    assert read_run(run)[0] == RECORD
     assert sorted(path.name for path in run.iterdir()) == sorted((*FILES, SUMS))
 
 

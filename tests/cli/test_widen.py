@@ -7,36 +7,37 @@ from pathlib import Path
 import pytest
 
 import commonrail as cr
-from commonrail.calibration.record import CalibrationRecord, read_as
+from commonrail.calibration.record import CalibrationRecord, ParameterRecord, read_as
 from commonrail.physics.injector import parameter_quantities
 from commonrail.report.fit.verdict import verdict
-from commonrail.runs.folder import read_result
-from commonrail.runs.study_edits import can_widen, widen_bound
+from commonrail.runs.folder import read_result, write_record
+from commonrail.runs.study_edits import can_widen, widen_bound, widen_study
 from tests.cli.conftest import run_command
 from tests.plugins.update.conftest import FREE, STUDY, TRUTH, write_map
+from tests.report.samples import rate_record
 
 
-def record(name: str, lower: float, upper: float, side: str) -> dict[str, object]:
+def record(name: str, lower: float, upper: float, side: str) -> ParameterRecord:
     """Record of a parameter that has met a bound."""
     unit = parameter_quantities()[name].unit
     position = 0.999 if side == "upper" else 0.001
-    return {"name": name, "unit": unit, "lower": lower, "upper": upper, "position": position}
+    return ParameterRecord(name, unit, lower=lower, upper=upper, position=position)
 
 
 @pytest.mark.parametrize(
-    ("given", "after"),
+    ("given", "is_log", "after"),
     [
-        (record("nozzle.hole_diameter", 100e-6, 130e-6, "upper"), 160e-6),
-        (record("nozzle.hole_diameter", 100e-6, 130e-6, "lower"), 70e-6),
-        (record("nozzle.hole_diameter", 100e-6, 130e-6, "upper") | {"log": True}, 169e-6),
-        (record("nozzle.discharge_maximum", 0.7, 0.9, "upper"), 1.0),  # a coefficient is at most 1
-        (record("nozzle.discharge_maximum", 0.7, 1.0, "upper"), 1.0),
+        (record("nozzle.hole_diameter", 100e-6, 130e-6, "upper"), False, 160e-6),
+        (record("nozzle.hole_diameter", 100e-6, 130e-6, "lower"), False, 70e-6),
+        (record("nozzle.hole_diameter", 100e-6, 130e-6, "upper"), True, 169e-6),
+        (record("nozzle.discharge_maximum", 0.7, 0.9, "upper"), False, 1.0),  # a coefficient is at most 1
+        (record("nozzle.discharge_maximum", 0.7, 1.0, "upper"), False, 1.0),
     ],
 )
-def test_a_bound_moves_by_the_range_within_the_domain(given: dict[str, object], after: float) -> None:
-    moved = widen_bound(given, "log" in given)
+def test_a_bound_moves_by_the_range_within_the_domain(given: ParameterRecord, is_log: bool, after: float) -> None:
+    moved = widen_bound(given, is_log)
     assert moved.after == pytest.approx(after)
-    assert moved.side == ("upper" if given["position"] == 0.999 else "lower")
+    assert moved.side == ("upper" if given.position == 0.999 else "lower")
 
 
 @pytest.mark.parametrize(
@@ -99,3 +100,13 @@ def test_a_run_of_another_study_is_refused(tmp_path: Path) -> None:
     done = run_command("calibrate", study, "--widen", tmp_path / "nothing", "--out", tmp_path / "new")
     assert done.status == 2
     assert done.sentence
+
+
+def test_a_broken_record_cannot_widen(tmp_path: Path) -> None:
+    (tmp_path / "study.toml").write_text(STUDY, encoding="utf-8")
+    write_map(tmp_path / "march.csv", (40, 160), (400, 700, 1000), 1)
+    write_map(tmp_path / "check.csv", (60, 120), (500, 900), 2)
+    record = rate_record() | {"schema": 1, "kind": "calibration", "parameters": {"a": 1}}
+    write_record(tmp_path / "result.json", record)
+    with pytest.raises(cr.errors.InputError, match=r"result\.json: parameters: a list was expected.*make it again"):
+        widen_study(tmp_path / "study.toml", tmp_path)

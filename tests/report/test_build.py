@@ -179,12 +179,12 @@ def test_without_generations_there_is_no_convergence(write_run: WriteRun) -> Non
     [
         ({"kind": "other"}, "result of commonrail calibrate"),
         ({"schema": 2}, "another version"),
-        ({"injector": {}}, "is incomplete"),
+        ({"injector": {}}, r"result\.json: injector\.name: this key is missing; calibrate again\."),
         ({"data": [{"kind": "rate", "role": "fit"}]}, "is incomplete"),
         ({"data": []}, r"is incomplete \(IndexError"),
-        ({"labels": []}, "is incomplete"),
+        ({"labels": []}, r"labels: an object was expected, and \[\] was read; calibrate again\."),
         ({"labels": {"start": "start values"}}, "is incomplete"),  # the calibrated one is missing
-        ({"seconds": {}, "software": []}, "is incomplete"),
+        ({"seconds": {}, "software": []}, "software: an object was expected"),
     ],
 )
 def test_a_result_that_cannot_be_read_says_why(write_run: WriteRun, change: dict[str, Any], words: str) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import json
 import math
 import types
 import typing
@@ -20,8 +21,10 @@ from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin, ov
 import numpy as np
 
 from commonrail.base.declare import Setting
+from commonrail.base.errors import CommonrailError, InputError
 
 _Result = TypeVar("_Result")
+_LONGEST = 40  # characters of a value in a sentence
 
 
 class Key(NamedTuple):
@@ -81,45 +84,106 @@ def to_record(value: object) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
+class BrokenRecordError(InputError, ValueError):
+    """A record lacks a key, or has a value of another kind; the sentence begins with the path of the key."""
+
+
 def from_record(kind: type[_Result], record: Any) -> _Result:
     """Result of a kind from its record; None for a number becomes not-a-number.
 
-    Raises KeyError for a key that is missing, TypeError or ValueError for a value of another type, which
-    `ResultKind.refusing_broken` turns into a sentence.
+    Raises `BrokenRecordError` if a key is missing or a value is of another kind; who knows the file adds it.
     """
-    result: _Result = _read(kind, record)
+    result: _Result = _read(kind, record, "")
     return result
 
 
-def _read(kind: Any, value: Any) -> Any:
+def _read(kind: Any, value: Any, path: str) -> Any:
     origin, inner = get_origin(kind), get_args(kind)
     if origin in (typing.Union, types.UnionType):
-        return None if value is None else _read(next(option for option in inner if option is not types.NoneType), value)
+        option = next(option for option in inner if option is not types.NoneType)
+        return None if value is None else _read(option, value, path)
     if kind is Any:
         return value
     if kind is float:
-        return math.nan if value is None else float(value)
-    if origin is tuple and inner[-1] is Ellipsis:
-        return tuple(_read(inner[0], item) for item in value)
+        return math.nan if value is None else _number(value, path)
     if origin is tuple:
-        return tuple(_read(option, item) for option, item in zip(inner, value, strict=True))
+        return _read_tuple(inner, _expect(value, Sequence, path), path)
+    if origin is typing.Literal:
+        return _one_of(inner, value, path)
     if origin is np.ndarray:
-        return np.array(value, dtype=get_args(inner[1])[0])
+        try:
+            return np.array(value, dtype=get_args(inner[1])[0])
+        except (ArithmeticError, TypeError, ValueError) as error:
+            raise _wrong(path, "numbers", value) from error
     if origin is not None and issubclass(origin, Mapping):
-        return {key: _read(inner[1], item) for key, item in value.items()}
-    if isinstance(kind, type) and issubclass(kind, Enum | Path):
-        return kind(value)
+        items = _expect(value, Mapping, path).items()
+        return {key: _read(inner[1], item, _join(path, str(key))) for key, item in items}
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return kind(_one_of([member.value for member in kind], value, path))
+    if kind is Path:
+        return Path(_expect(value, str, path))
     if dataclasses.is_dataclass(kind) or hasattr(kind, "_fields"):
-        return kind(**{field.name: _of(value, field) for field in _fields(kind) if _has(value, field)})
-    if isinstance(kind, type) and not isinstance(value, kind):
-        raise TypeError(f"{value!r} in place of {kind.__name__}")
+        _expect(value, Mapping, path)
+        fields = {field.name: _of(value, field, path) for field in _fields(kind) if _has(value, field)}
+        try:
+            return kind(**fields)
+        except (CommonrailError, ArithmeticError, TypeError, ValueError) as error:
+            raise BrokenRecordError(f"{path or 'the record'}: {str(error).rstrip('.')}") from error
+    return _expect(value, kind, path) if isinstance(kind, type) else value
+
+
+def _read_tuple(inner: tuple[Any, ...], value: Sequence[Any], path: str) -> tuple[Any, ...]:
+    kinds = [inner[0]] * len(value) if inner[-1] is Ellipsis else list(inner)
+    if len(kinds) != len(value):
+        raise _wrong(path, f"a list of {len(kinds)}", value)
+    return tuple(_read(kind, item, f"{path}[{i}]") for i, (kind, item) in enumerate(zip(kinds, value, strict=True)))
+
+
+_WORDS = {Mapping: "an object", Sequence: "a list", str: "a text", int: "a whole number", bool: "true or false"}
+
+
+def _expect(value: Any, kind: Any, path: str) -> Any:
+    if not isinstance(value, kind) or (kind is Sequence and isinstance(value, str)):
+        raise _wrong(path, _WORDS.get(kind, f"a {kind.__name__}"), value)
     return value
 
 
-def _of(record: Any, field: _Field) -> Any:
+def _one_of(choices: Sequence[Any], value: Any, path: str) -> Any:
+    if value not in choices:
+        raise _wrong(path, " or ".join(map(_quote, choices)), value)
+    return value
+
+
+def _number(value: Any, path: str) -> float:
+    try:
+        if isinstance(value, str):
+            raise TypeError("a text")
+        return float(value)
+    except (OverflowError, TypeError, ValueError) as error:
+        raise _wrong(path, "a number", value) from error
+
+
+def _wrong(path: str, expected: str, value: Any) -> BrokenRecordError:
+    return BrokenRecordError(f"{path or 'the record'}: {expected} was expected, and {_quote(value)} was read")
+
+
+def _quote(value: Any) -> str:
+    text = json.dumps(value, default=str)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ..."
+
+
+def _join(path: str, key: str) -> str:
+    return f"{path}.{key}" if path else key
+
+
+def _of(record: Any, field: _Field, path: str) -> Any:
     for key in field.keys:
+        _expect(record, Mapping, path)
+        path = _join(path, key)
+        if key not in record:
+            raise BrokenRecordError(f"{path}: this key is missing")
         record = record[key]
-    return _read(field.kind, record)
+    return _read(field.kind, record, path)
 
 
 def _has(record: Any, field: _Field) -> bool:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple, TypeVar
 
 from commonrail.base.errors import InputError
-from commonrail.base.record import Key, from_record
+from commonrail.base.record import BrokenRecordError, Key, from_record
 from commonrail.calibration.optimisers.base import AGREEING
 from commonrail.calibration.parameter import Prior
 from commonrail.calibration.plausibility import Finding
@@ -18,16 +19,17 @@ from commonrail.data.records import Record
 _Kind = TypeVar("_Kind")
 
 
-class BrokenRecordError(InputError, ValueError):
-    """A record lacks a key, or has a value of another kind."""
+def read_as(kind: type[_Kind], record: Record, file: Path | None = None) -> _Kind:
+    """Read a JSON-able record as one of the classes below; `BrokenRecordError` if it is none.
 
-
-def read_as(kind: type[_Kind], record: Record) -> _Kind:
-    """Read a JSON-able record as one of the classes below; `BrokenRecordError` if it is none."""
+    `file`: where the record is from; without it, the sentence begins with the key.
+    """
     try:
         return from_record(kind, record)
-    except (AttributeError, LookupError, TypeError, ValueError) as error:
-        raise BrokenRecordError(f"a result is incomplete ({type(error).__name__}: {error}); make it again.") from error
+    except BrokenRecordError as error:
+        if file is None:
+            raise
+        raise InputError(f"{file}: {error}; make it again.") from error
 
 
 # The search, as all kinds of fit have it.

@@ -11,7 +11,8 @@ from jinja2 import UndefinedError
 
 from commonrail.base import registry
 from commonrail.base.errors import InputError
-from commonrail.data.records import SCHEMA, Record
+from commonrail.base.record import BrokenRecordError
+from commonrail.data.records import Record
 from commonrail.runs.folder import RESULT, read_record
 
 _BROKEN = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError, UndefinedError)
@@ -49,15 +50,10 @@ class ResultKind(NamedTuple):
 
     def read(self, folder: Path) -> Record:
         """Record of a folder; InputError if it cannot be read, or is of another kind or schema, or incomplete."""
-        record = read_record(folder / self.file, f"commonrail {self.verb}")
-        where = f"{folder}: {self.file}"
-        if record.get("kind") != self.name:
-            raise InputError(f"{where} is not the result of commonrail {self.verb}.")
-        if record.get("schema") != SCHEMA:
-            raise InputError(f"{where} was left by another version of commonrail; {self.verb} again.")
+        record = read_record(folder / self.file, f"commonrail {self.verb}", self.name)
         missing = [key for key in self.keys if key not in record]
         if missing:
-            raise InputError(f'{where} lacks "{missing[0]}"; {self.verb} again.')
+            raise InputError(f'{folder}: {self.file} lacks "{missing[0]}"; {self.verb} again.')
         return record
 
     @contextmanager
@@ -65,6 +61,8 @@ class ResultKind(NamedTuple):
         """Turn errors caused by a broken record of a folder into an `InputError`."""
         try:
             yield
+        except BrokenRecordError as error:
+            raise InputError(f"{folder / self.file}: {error}; {self.verb} again.") from error
         except _BROKEN as error:
             raise InputError(
                 f"{folder}: {self.file} or a file beside it is incomplete ({type(error).__name__}: {error}); "

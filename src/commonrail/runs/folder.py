@@ -25,7 +25,7 @@ from commonrail.calibration.run import Calibration
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file import load_study
 from commonrail.data.base import DataSet, Score
-from commonrail.data.records import LABELS, MEAN, MEASURED
+from commonrail.data.records import LABELS, MEAN, MEASURED, SCHEMA
 from commonrail.physics.meters import is_of_meter
 from commonrail.readers.injector_writer import dump_injector
 from commonrail.readers.location import read_text
@@ -44,10 +44,11 @@ _ESCAPES = re.compile(
 )
 
 
-def read_record(path: Path, made_by: str) -> dict[str, Any]:
+def read_record(path: Path, made_by: str, kind: str = "") -> dict[str, Any]:
     """A record, which is one JSON object; `made_by` is the command that leaves such a file, for the message.
 
-    `InputError` if the file cannot be read, is no such object, or is not the one that was written.
+    `kind`: its key "kind", where such files have one. `InputError` if the file cannot be read, is no such object, is
+    of another kind or schema, or is not the one that was written.
     """
     if not path.exists():
         raise _no_run(path.parent, made_by) or _broken(path, made_by, "there is no such file")
@@ -61,6 +62,12 @@ def read_record(path: Path, made_by: str) -> dict[str, Any]:
         raise _broken(path, made_by, str(error)) from error
     if not isinstance(record, dict):
         raise _broken(path, made_by, "this is not one object in braces")
+    where = f"{path.parent}: {path.name}"
+    if kind and record.get("kind") != kind:
+        raise InputError(f"{where} is not the result of {made_by}; give a folder that it left.")
+    if kind and record.get("schema") != SCHEMA:
+        again = made_by.removeprefix("commonrail ")
+        raise InputError(f"{where} was left by another version of commonrail; {again} again.")
     return record
 
 
@@ -278,7 +285,7 @@ def read_draws(folder: str | Path, names: Sequence[str], most: int | None = None
 
 def read_result(folder: Path) -> dict[str, Any]:
     """result.json of a run folder; raises as `read_run`."""
-    return read_record(folder / RESULT, "commonrail calibrate")
+    return read_record(folder / RESULT, "commonrail calibrate", "calibration")
 
 
 def read_run(folder: str | Path) -> tuple[dict[str, Any], Traces]:
@@ -307,7 +314,7 @@ def read_fit(folder: str | Path) -> tuple[Study, dict[str, float]]:
     study = load_study(folder / STUDY)
     try:
         best = {str(p["name"]): float(p["best"]) for p in record["parameters"]}
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, OverflowError, TypeError, ValueError) as error:
         raise InputError(f"{folder}: {RESULT} has no best values ({error}); calibrate again.") from error
     if set(best) != set(study.space.names):
         raise InputError(f"{folder}: {RESULT} has other parameters than {STUDY}; calibrate again.")

@@ -10,13 +10,14 @@ from commonrail.base.errors import InputError, StudyError, nearest
 from commonrail.base.registry import read_installed
 from commonrail.base.units import parse, to_text
 from commonrail.calibration.parameter import Parameter
+from commonrail.calibration.record import CalibrationRecord, ParameterRecord, read_as
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file import edit_study, load_study
 from commonrail.calibration.usual import USUAL, USUAL_OF_METER, usual_parameter, with_usual_prior
 from commonrail.data.registry import get_kind
 from commonrail.physics.injector import FUEL_TEMPERATURE, Injector, parameter_quantities
 from commonrail.physics.meters import QUANTITIES, is_of_meter, known_quantity, parameter_name, parts_of
-from commonrail.runs.folder import read_result
+from commonrail.runs.folder import RESULT, read_result
 
 
 def exact(value: float, unit: str) -> str | float:
@@ -51,18 +52,18 @@ def append(document: Any, key: str, values: Mapping[str, Any]) -> None:
     items.append(table)
 
 
-def parameter_table(document: Any, parameter: Mapping[str, Any]) -> Any:
+def parameter_table(document: Any, parameter: ParameterRecord) -> Any:
     """Table of a free parameter in a `complete` document, its bounds stated outright.
 
     `parameter`: its record in result.json.
     """
-    name, meters = parameter["name"], document.get("meters", {}).items()
+    name, meters = parameter.name, document.get("meters", {}).items()
     tables = [meter[key] for label, meter in meters for key in meter if parameter_name(label, key) == name]
     table = next(table for table in [*tables, *document.get("parameter", ())] if table.get("name", name) == name)
     if "lower" not in table:
         for key in ("below", "above"):
             table.pop(key, None)
-        table.update({key: exact(parameter[key], parameter["unit"]) for key in ("lower", "upper")})
+        table.update({key: exact(getattr(parameter, key), parameter.unit) for key in ("lower", "upper")})
     return table
 
 
@@ -76,26 +77,26 @@ class MovedBound(NamedTuple):
     after: float
 
 
-def widen_bound(parameter: Mapping[str, Any], is_log: bool = False) -> MovedBound:
+def widen_bound(parameter: ParameterRecord, is_log: bool = False) -> MovedBound:
     """Move the bound that a parameter has met by the width of its range, or on a logarithmic scale by its ratio.
 
     The new bound stays in the usual range of built injectors, unless the old bound lay outside. A move out of the
     domain is halved until the bound lies inside. `parameter`: record of the parameter in result.json.
     """
-    q, lower, upper = known_quantity(parameter["name"]), float(parameter["lower"]), float(parameter["upper"])
-    side, bound = ("upper", upper) if parameter["position"] > 0.5 else ("lower", lower)
+    q, lower, upper = known_quantity(parameter.name), parameter.lower, parameter.upper
+    side, bound = ("upper", upper) if parameter.position > 0.5 else ("lower", lower)
     factor, width = upper / lower if is_log else 1.0, 0.0 if is_log else upper - lower
     after = bound * factor + width if side == "upper" else bound / factor - width
     if q.usual is not None and q.usual[0] <= bound <= q.usual[1]:
         after = min(max(after, q.usual[0]), q.usual[1])
     while after != bound and not q.domain.admits(after):  # a bound itself may lie outside in a record that was changed
         after = 0.5 * (after + bound)
-    return MovedBound(parameter["name"], side, parameter["unit"], bound, after)
+    return MovedBound(parameter.name, side, parameter.unit, bound, after)
 
 
-def can_widen(parameter: Mapping[str, Any]) -> bool:
+def can_widen(parameter: ParameterRecord) -> bool:
     """True if the bound that a parameter has met can be moved: it is not an end of the domain or of the usual range."""
-    name = parameter["name"]
+    name = parameter.name
     if not is_of_meter(name) and name not in parameter_quantities():
         return True  # parameter of a plug-in that is not installed: its domain is unknown
     moved = widen_bound(parameter)
@@ -108,25 +109,25 @@ def widen_study(path: Path, run: Path) -> tuple[Study, list[MovedBound]]:
     Raises `StudyError` if the run belongs to another study or has not met a movable bound, and `InputError` as
     `read_result` and `load_study` do.
     """
-    study, parameters = load_study(path), read_result(run)["parameters"]
+    study, parameters = load_study(path), read_as(CalibrationRecord, read_result(run), run / RESULT).parameters
     free = {parameter.name: parameter for parameter in study.space.parameters}
-    if {row["name"] for row in parameters} != set(free):
+    if {row.name for row in parameters} != set(free):
         raise StudyError(f"{run}: this run has other parameters than {path}; name a run of that study.")
-    met = [row for row in parameters if row["at_bound"] and can_widen(row)]
-    moved = [widen_bound(row, free[row["name"]].scale == "log") for row in met]
+    met = [row for row in parameters if row.at_bound and can_widen(row)]
+    moved = [widen_bound(row, free[row.name].scale == "log") for row in met]
     if not moved:
         raise StudyError(f"{run}: no parameter has met a bound that can be widened; calibrate without --widen.")
 
     def change(document: Any) -> None:
         complete(document, list(free))
         for parameter in parameters:
-            moved_bounds = {bound.side: bound.after for bound in moved if bound.name == parameter["name"]}
+            moved_bounds = {bound.side: bound.after for bound in moved if bound.name == parameter.name}
             for side in ("lower", "upper"):
-                before, after = getattr(free[parameter["name"]], side), moved_bounds.get(side, float(parameter[side]))
+                before, after = getattr(free[parameter.name], side), moved_bounds.get(side, getattr(parameter, side))
                 if after < before if side == "lower" else after > before:
-                    table, unit = parameter_table(document, parameter), parameter["unit"]
+                    table, unit = parameter_table(document, parameter), parameter.unit
                     table[side] = to_text(after, unit)
-                    if not is_of_meter(parameter["name"]):
+                    if not is_of_meter(parameter.name):
                         table[side].comment(f"widened from {to_text(before, unit)}, which a run has met")
 
     return edit_study(path, change), moved

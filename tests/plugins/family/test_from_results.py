@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -72,13 +73,21 @@ def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
 def fleet_folder(path: Path, *preloads: float) -> Path:
     """Folder of a fleet whose valve preloads [N] were fitted with errors of 1 N; the last injector failed."""
     path.mkdir()
+    record: dict[str, Any]
     head = ["injector", "status", f"{PRELOAD} [N]", f"{PRELOAD} standard error [N]", f"{PRELOAD} verdict"]
     rows = [[f"SN{i}", "finished", repr(x), "1.0", "determined"] for i, x in enumerate(preloads)]
     rows.append(["SN", "failed", "", "", ""])
     with write_set(path):
         write_csv(path / "results.csv", ["SYNTHETIC: made up"], head, rows)
         parameter = {"name": PRELOAD, "lower": 40.0, "upper": 100.0, "prior": None}
-        record = {"kind": "fleet", "title": "line 4", "synthetic": "made up", "parameters": [parameter], "fixed": []}
+        record = {
+            "schema": 1,
+            "kind": "fleet",
+            "title": "line 4",
+            "synthetic": "made up",
+            "parameters": [parameter],
+            "fixed": [],
+        }
         write_record(path / "fleet.json", record)
     return path
 
@@ -104,3 +113,30 @@ def test_a_fleet_needs_two_finished_injectors_and_its_own_table(tmp_path: Path) 
 def test_a_type_of_a_fleet_fits_an_injector(tmp_path: Path) -> None:
     found = cr.parts.type_from_fleet(fleet_folder(tmp_path / "f", 60.0, 64.0, 68.0), "t")
     assert found.apply_to(INJECTOR).values[PRELOAD] == found.by_name[PRELOAD].value
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"schema": 2}, "another version of commonrail; fleet again"),
+        (
+            {"parameters": [{"name": PRELOAD}]},
+            r"fleet\.json: parameters\[0\]\.lower: this key is missing; make it",
+        ),
+        ({"fixed": [{"name": PRELOAD, "value": 1.0, "mark": "X", "source": ""}]}, r'fixed\[0\]\.mark: "M" or .*"X"'),
+    ],
+)
+def test_a_broken_record_of_a_fleet_is_refused(tmp_path: Path, change: dict[str, Any], words: str) -> None:
+    folder = fleet_folder(tmp_path / "f", 60.0, 64.0, 68.0)
+    record = json.loads((folder / "fleet.json").read_text(encoding="utf-8")) | change
+    with write_set(folder):
+        write_record(folder / "fleet.json", record)
+    with pytest.raises(cr.errors.InputError, match=words):
+        cr.parts.type_from_fleet(folder, "t")
+
+
+def test_a_broken_record_of_a_part_is_refused(tmp_path: Path) -> None:
+    folder = run_folder(tmp_path / "a", 65.0, 2.0, upper="x")
+    words = r'result\.json: parameters\[0\]\.upper: a number was expected, and "x" was read; make it again'
+    with pytest.raises(cr.errors.InputError, match=words):
+        cr.parts.type_from_runs([folder], "t")

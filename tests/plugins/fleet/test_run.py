@@ -274,3 +274,13 @@ def test_a_fleet_killed_before_its_journal_was_there_can_be_begun(fleet_file: Pa
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "fleet.lock").touch()
     assert run_fleet(load_fleet(fleet_file), tmp_path / "run", workers=2).record["counts"]["finished"] == COUNT
+
+
+def test_an_emptied_journal_beside_results_is_refused(begun: tuple[Path, Path]) -> None:
+    path, folder = begun
+    (folder / JOURNAL).write_bytes(b"")
+    before = (folder / "results.csv").read_bytes()
+    with pytest.raises(InputError, match=r"fleet\.sqlite: this journal is empty.*nothing was overwritten"):
+        run_fleet(load_fleet(path), folder, workers=1)
+    assert (folder / "results.csv").read_bytes() == before
+    assert not (folder / JOURNAL).stat().st_size

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import commonrail as cr
-from commonrail.base.errors import CommonrailError
+from commonrail.base.errors import CommonrailError, InputError
 from commonrail.base.record import from_record
+from commonrail.calibration.record import ParameterRecord
 from commonrail.calibration.study_file import edit_study
 from commonrail.plugins.new.study import WEIGHT, StatedByUser, write_new
 from commonrail.plugins.update import run as update_run
@@ -19,7 +20,7 @@ from commonrail.plugins.update.page import update_lines
 from commonrail.plugins.update.record import UpdateRecord
 from commonrail.plugins.update.study import LOCAL, make_updated_study, read_addition
 from commonrail.readers.toml import read_toml
-from commonrail.runs.folder import read_result
+from commonrail.runs.folder import read_result, write_record
 from tests.cli.conftest import run_command
 from tests.plugins.update.conftest import FREE, TRUTH, Bench
 
@@ -192,8 +193,32 @@ def test_a_file_is_read_beside_data_of_other_kinds(bench: Bench, tmp_path: Path)
     study.write_text(f'{text}\n[[data]]\nname = "first"\nweight = 7\n{maps}', encoding="utf-8")
     addition = read_addition(tmp_path, [], [bench.folder / "check.csv"], [], stated)
     assert addition.blocks[0]["weight"] == 7
-    parameters = [vars(p) | {"best": p.reference} for p in edit_study(study, lambda _: None).space.parameters]
-    for parameter in parameters:
-        parameter["prior"] = {}
+    parameters = [
+        ParameterRecord(p.name, p.unit, lower=p.lower, upper=p.upper, best=p.reference)
+        for p in edit_study(study, lambda _: None).space.parameters
+    ]
     found = make_updated_study(tmp_path, parameters, addition, [], None, LOCAL)
     assert [d.weight for d in found.data] == [1, 7, 7]
+
+
+@pytest.mark.parametrize(
+    ("file", "change", "words"),
+    [
+        ("result.json", {"status": None}, r"result\.json: status: a text was expected, and null was read"),
+        ("result.json", {"schema": 2}, "another version of commonrail; calibrate again"),
+        ("result.json", {"kind": "fleet"}, "is not the result of commonrail calibrate"),
+        ("update.json", {}, r"update\.json: run: this key is missing; make it again"),
+        ("update.json", {"run": "a", "optimiser": [1]}, r"update\.json: optimiser: an object was expected"),
+    ],
+)
+def test_a_broken_record_is_not_updated(
+    bench: Bench, tmp_path: Path, file: str, change: dict[str, object], words: str
+) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(bench.run, run)
+    (run / "SHA256SUMS").unlink()
+    record = read_result(run) if file == "result.json" else {}
+    write_record(run / file, record | change)
+    with pytest.raises(InputError, match=words):
+        cr.update(run, [bench.folder / "april.csv"], out=tmp_path / "out", threads=1)
+    assert not (tmp_path / "out").exists()

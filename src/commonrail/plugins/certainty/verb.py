@@ -48,7 +48,7 @@ def certainty(
     from commonrail.report.fit.certainty import certainty_lines, certainty_tables, verdict_sentence
     from commonrail.report.page import write_report
     from commonrail.runs.fit import Listener, estimate_again
-    from commonrail.runs.folder import read_fit, read_result
+    from commonrail.runs.folder import RESULT, read_fit, read_result
 
     read_result(run)
     check_folder(run)
@@ -70,7 +70,7 @@ def certainty(
         result = {"kind": "certainty", "run": str(run), "report": report and str(report)}
         print_json(result | {"certainty": record["certainty"]})
         return
-    fit = read_as(CalibrationRecord, record)
+    fit = read_as(CalibrationRecord, record, run / RESULT)
     lines = [verdict_sentence(fit.parameters), *certainty_lines(fit.certainty)]
     print_text(lines, certainty_tables(fit.certainty, fit.parameters))
     if report is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,8 @@ from commonrail.base.errors import InputError
 from commonrail.base.hooks import note
 from commonrail.base.input import check_sum, fingerprint
 from commonrail.base.units import to_text
+from commonrail.calibration.parameter import Prior
+from commonrail.calibration.record import read_as
 from commonrail.calibration.study_file import load_study
 from commonrail.physics.injector import Injector, Source, parameter_quantities
 from commonrail.physics.meters import is_of_meter
@@ -23,7 +25,7 @@ from commonrail.plugins.family.injector_type import FixedValue, InjectorType, Ty
 from commonrail.readers.columns import name_and_unit
 from commonrail.readers.table_sheet import WrittenTable
 from commonrail.readers.toml import UNSTATED
-from commonrail.runs.folder import RESULT, STUDY, note_stopped, read_record
+from commonrail.runs.folder import RESULT, STUDY, note_stopped, read_record, read_result
 
 # Values fixed in the studies of a type's parts, as values of the type.
 
@@ -143,6 +145,54 @@ def _excess(x: Floats, variance: Floats) -> float:
     return float(np.sum((x - mean) ** 2 / variance)) - (len(x) - 1)
 
 
+# Records of calibrated parts and of a fleet, with the keys that a type needs.
+
+
+class _Spread(NamedTuple):
+    """Bounds and prior of a parameter over a fleet [SI]."""
+
+    name: str
+    lower: float
+    upper: float
+    prior: Prior | None
+
+
+class _FleetRecord(NamedTuple):
+    """Record of a fleet."""
+
+    title: str
+    synthetic: str
+    parameters: tuple[_Spread, ...]
+    fixed: tuple[FixedValue, ...]
+
+
+class _Fitted(NamedTuple):
+    """Fitted parameter [SI]."""
+
+    name: str
+    lower: float
+    upper: float
+    best: float
+    standard_error: float | None = None
+    prior: Prior | None = None
+
+
+class _Data(NamedTuple):
+    """A data set."""
+
+    role: str
+    source: str
+
+
+class _PartRecord(NamedTuple):
+    """Record of a calibrated part."""
+
+    title: str
+    synthetic: str
+    parameters: tuple[_Fitted, ...]
+    data: tuple[_Data, ...]
+
+
 FLEET, TABLE = "fleet.json", "results.csv"
 FEWEST_MEMBERS = 2
 MOST_ROWS = 10_000_000
@@ -153,24 +203,24 @@ class _Run(NamedTuple):
     """A calibrated part: record of its result, and its injector unless the study was made in Python."""
 
     folder: Path
-    record: Mapping[str, Any]
+    record: _PartRecord
     injector: Injector | None
     type_part: TypePart
     fixed: tuple[str, ...] = ()
 
     @property
-    def parameters(self) -> dict[str, Mapping[str, Any]]:
+    def parameters(self) -> dict[str, _Fitted]:
         """Records of the injector's free parameters by name."""
-        return {p["name"]: p for p in self.record["parameters"] if not is_of_meter(p["name"])}
+        return {p.name: p for p in self.record.parameters if not is_of_meter(p.name)}
 
     @property
     def values(self) -> PartValues:
         """Values of the fitted part; only the free ones if the study was made in Python."""
-        best = {name: p["best"] for name, p in self.parameters.items()}
-        fitted = {name: Source("F", f"fitted to {self.record['title']}") for name in best}
+        best = {name: p.best for name, p in self.parameters.items()}
+        fitted = {name: Source("F", f"fitted to {self.record.title}") for name in best}
         injector = self.injector
         values, sources = ({}, {}) if injector is None else (dict(injector.values), dict(injector.sources))
-        return PartValues(self.record["title"], values | best, sources | fitted, (*self.fixed, *best))
+        return PartValues(self.record.title, values | best, sources | fitted, (*self.fixed, *best))
 
 
 def type_from_runs(folders: Sequence[str | Path], name: str, *, part_spread: float | None = None) -> InjectorType:
@@ -210,7 +260,7 @@ def type_from_runs(folders: Sequence[str | Path], name: str, *, part_spread: flo
     shared = [key for key in runs[0].parameters if all(key in run.parameters for run in runs)]
     if not shared:
         raise InputError(f"{runs[0].folder}: no parameter is free in all runs; a type needs a common free parameter.")
-    source = f"fitted to {', '.join(run.record['title'] for run in runs)}"
+    source = f"fitted to {', '.join(run.record.title for run in runs)}"
     parameters = tuple(
         _parameter_over_runs(key, [run.parameters[key] for run in runs], source, part_spread) for key in shared
     )
@@ -220,44 +270,43 @@ def type_from_runs(folders: Sequence[str | Path], name: str, *, part_spread: flo
         parameters,
         tuple(run.type_part for run in runs),
         runs[0].injector,
-        synthetic=" ".join(dict.fromkeys(run.record["synthetic"] for run in runs if run.record["synthetic"])),
+        synthetic=" ".join(dict.fromkeys(run.record.synthetic for run in runs if run.record.synthetic)),
         fixed=collect_fixed_values([run.values for run in runs], shared),
     )
 
 
 def _read_run(folder: Path) -> _Run:
-    record = read_record(folder / RESULT, "commonrail calibrate")
-    note_stopped(folder, record)
-    if record.get("kind") != "calibration":
-        raise InputError(f"{folder}: this is not a run folder of commonrail calibrate; give one.")
+    content = read_result(folder)
+    note_stopped(folder, content)
+    record = read_as(_PartRecord, content, folder / RESULT)
     result_file = {RESULT: fingerprint(folder / RESULT)}
-    sources = "; ".join(dict.fromkeys(d["source"] for d in record["data"] if d["role"] == "fit"))
+    sources = "; ".join(dict.fromkeys(d.source for d in record.data if d.role == "fit"))
     if not (folder / STUDY).is_file() or not (folder / STUDY).stat().st_size:
-        return _Run(folder, record, None, TypePart(record["title"], sources, result_file))  # a study made in Python
+        return _Run(folder, record, None, TypePart(record.title, sources, result_file))  # a study made in Python
     study = load_study(folder / STUDY)
     root = folder.absolute()
     files = {path.relative_to(root).as_posix(): digest for path, digest in study.files.items()}
-    return _Run(folder, record, study.injector, TypePart(record["title"], sources, files | result_file), study.fixed)
+    return _Run(folder, record, study.injector, TypePart(record.title, sources, files | result_file), study.fixed)
 
 
 def _parameter_over_runs(
-    name: str, records: Sequence[Mapping[str, Any]], source: str, part_spread: float | None
+    name: str, records: Sequence[_Fitted], source: str, part_spread: float | None
 ) -> TypeParameter:
     """Estimate a parameter from the records of the parts."""
-    lower, upper = min(p["lower"] for p in records), max(p["upper"] for p in records)
+    lower, upper = min(p.lower for p in records), max(p.upper for p in records)
     if len(records) == 1:
         value, spread, why = _estimate_from_one_run(name, records[0], part_spread)
         between = None if part_spread is None else min(_part_spread(name, value, part_spread), spread)
         return TypeParameter(name, value, spread, lower, upper, "F", f"{source}; spread: {why}", between)
-    errors = [math.nan if p.get("standard_error") is None else p["standard_error"] for p in records]
-    data_estimates = [remove_prior(p["best"], e, _prior(p)) for p, e in zip(records, errors, strict=True)]
-    sigma = min((p["prior"]["sigma"] for p in records if "prior" in p), default=math.inf)
-    best = float(np.mean([p["best"] for p in records]))
+    errors = [math.nan if p.standard_error is None else p.standard_error for p in records]
+    data_estimates = [remove_prior(p.best, e, _prior(p)) for p, e in zip(records, errors, strict=True)]
+    sigma = min((p.prior.sigma for p in records if p.prior is not None), default=math.inf)
+    best = float(np.mean([p.best for p in records]))
     return _estimate_parameter(name, np.array(data_estimates, dtype=float).T, (lower, upper), source, (best, sigma))
 
 
-def _prior(p: Mapping[str, Any]) -> tuple[float, float] | None:
-    return (p["prior"]["value"], p["prior"]["sigma"]) if p.get("prior") else None
+def _prior(p: _Fitted | _Spread) -> tuple[float, float] | None:
+    return None if p.prior is None else (p.prior.value, p.prior.sigma)
 
 
 def _part_spread(name: str, value: float, share: float) -> float:
@@ -275,24 +324,24 @@ def _part_spread(name: str, value: float, share: float) -> float:
     return float(min(spread, 16e-6 * (0.45 * np.cbrt(millimetres) + 0.001 * millimetres)))
 
 
-def _estimate_from_one_run(name: str, p: Mapping[str, Any], part_spread: float | None) -> tuple[float, float, str]:
+def _estimate_from_one_run(name: str, p: _Fitted, part_spread: float | None) -> tuple[float, float, str]:
     """Return value and spread of a parameter of one part, and the origin of the spread."""
-    value = p["best"]
-    error = p.get("standard_error")
+    value = p.best
+    error = p.standard_error
     if part_spread is not None:
         between = _part_spread(name, value, part_spread)
         spread = math.hypot(_sigma_of_bounds(p) if error is None else error, between)
         if spread > 0.0:
             share = f"{100 * part_spread:g} %" if between == part_spread * abs(value) else "tolerance IT7"
             return value, spread, f"standard error and {share} between parts [E, assumed]"
-    if "prior" in p:
-        return value, p["prior"]["sigma"], "prior of the study"
+    if p.prior is not None:
+        return value, p.prior.sigma, "prior of the study"
     return value, _sigma_of_bounds(p), "uniform within the bounds"
 
 
-def _sigma_of_bounds(p: Mapping[str, Any]) -> float:
+def _sigma_of_bounds(p: _Fitted) -> float:
     """Standard deviation of a value uniform within the bounds."""
-    return float((p["upper"] - p["lower"]) / math.sqrt(12.0))
+    return float((p.upper - p.lower) / math.sqrt(12.0))
 
 
 def _estimate_parameter(
@@ -342,28 +391,28 @@ def type_from_fleet(folder: str | Path, name: str) -> InjectorType:
         If an argument has the wrong type.
     """
     folder, name = file_path(folder, "folder"), plain_text(name, "name of a type")
-    record = read_record(folder / FLEET, "commonrail fleet")
+    record = read_as(_FleetRecord, read_record(folder / FLEET, "commonrail fleet", "fleet"), folder / FLEET)
     check_sum(folder / TABLE)
     columns, count = _read_columns(folder / TABLE)
-    source = f"fleet: {record['title']}"
+    source = f"fleet: {record.title}"
     parameters = []
-    for p in record["parameters"]:
-        if p["name"] not in columns:  # a parameter of a meter
+    for p in record.parameters:
+        if p.name not in columns:  # a parameter of a meter
             continue
-        values, errors = columns[p["name"]], columns[p["name"] + ERROR]
+        values, errors = columns[p.name], columns[p.name + ERROR]
         calibrated, prior = np.isfinite(values), _prior(p)
         otherwise = float(np.mean(values[calibrated])), prior[1] if prior else math.inf
         of_data = np.array(remove_prior(values[calibrated], errors[calibrated], prior))
-        parameters.append(_estimate_parameter(p["name"], of_data, (p["lower"], p["upper"]), source, otherwise))
+        parameters.append(_estimate_parameter(p.name, of_data, (p.lower, p.upper), source, otherwise))
     files = {FLEET: fingerprint(folder / FLEET), TABLE: fingerprint(folder / TABLE)}
-    fleet_part = TypePart(record["title"], source, files, count)
+    fleet_part = TypePart(record.title, source, files, count)
     return InjectorType(
         name,
         f"{name}: fleet of {count} injectors",
         tuple(parameters),
         (fleet_part,),
-        synthetic=record["synthetic"],
-        fixed=tuple(FixedValue(**fixed_record) for fixed_record in record["fixed"]),
+        synthetic=record.synthetic,
+        fixed=record.fixed,
     )
 
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from commonrail.base.arguments import file_path, flag, function, instance
-from commonrail.base.errors import CommonrailError, StudyError
+from commonrail.base.errors import CommonrailError, InputError, StudyError
 from commonrail.base.hooks import hold_interrupts, note
 from commonrail.base.input import fingerprint
 from commonrail.base.output import writing
@@ -33,7 +33,8 @@ from commonrail.plugins.fleet.member import (
 from commonrail.plugins.fleet.study import Fleet, Supply
 from commonrail.runs.fingerprint import TARGET, differing, other_bits
 from commonrail.runs.fit import check_free, run_session
-from commonrail.runs.journal import State
+from commonrail.runs.journal import State, opened_to_read
+from commonrail.runs.tables import read_rows
 from commonrail.workers.pool import Limits, check_count
 from commonrail.workers.task import Lost, Outcome, Package, Task, pack
 from commonrail.workers.workers import Workers
@@ -174,14 +175,31 @@ def fleet(
         check_count(workers)
     flag(retry, "retry")
     function(progress, "progress")
-    if not (folder / Journal.NAME).is_file():
-        check_free(folder, journal=Journal)
+    _refuse_used(folder)
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     with Journal(folder) as journal, hold_interrupts() as stop:
         run = _Run(fleet, journal, retry, progress)
         count = usable_threads() if workers is None else workers
         return run_session(journal, lambda: run.run(count, cluster, stop.check))
+
+
+def _refuse_used(folder: Path) -> None:
+    """Refuse a folder with other content, unless its journal is that of a fleet that has begun."""
+    path = folder / Journal.NAME
+    if not path.is_file():
+        check_free(folder, journal=Journal)
+        return
+    with opened_to_read(path, Journal.SCHEMA) as connection:
+        has_begun = "content" in dict(read_rows(connection, "about"))
+    if not has_begun:
+        try:
+            check_free(folder, journal=Journal)
+        except InputError as error:
+            raise InputError(
+                f"{path}: this journal is empty, but the folder has other files; bring the journal back, or name "
+                "another folder, nothing was overwritten."
+            ) from error
 
 
 class _Run:

@@ -46,7 +46,7 @@ from commonrail.report.data.view import view_of
 from commonrail.report.page import write_report
 from commonrail.runs.fingerprint import check_origins
 from commonrail.runs.fit import Listener, calibrate_into
-from commonrail.runs.folder import DRAWS, STUDY, new_folder, read_draws, read_record, read_result, write_record
+from commonrail.runs.folder import DRAWS, RESULT, STUDY, new_folder, read_draws, read_record, read_result, write_record
 from commonrail.runs.journal import JOURNAL, read_about, read_inputs
 
 FAR_LEVEL = 0.999  # level of the bands that decide on a contradiction
@@ -133,14 +133,14 @@ def update(
         raise ConfigurationError("files: name one or more files with new data.")
     stated, threads = instance(stated or StatedByUser({}), StatedByUser, "stated"), thread_count(threads)
     listener = instance(listener or Listener(), Listener, "listener")
-    record, inputs = read_result(folder), read_inputs(folder) if (folder / JOURNAL).is_file() else []
-    if record["status"] != "finished":
+    fit = read_as(CalibrationRecord, read_result(folder), folder / RESULT)
+    inputs = read_inputs(folder) if (folder / JOURNAL).is_file() else []
+    if fit.status != "finished":
         again = f"`{command('resume', folder)}`"
         raise StudyError(f"{folder}: the search of this run was stopped before its end; {again} runs it to its end.")
     if inputs and not flag(as_begun, "as_begun"):
         cure = "add --as-begun to update it as it was"
         check_origins(folder, inputs, str(read_about(folder).get("given", "")), cure)
-    fit = read_as(CalibrationRecord, record)
     best = {parameter.name: parameter.best for parameter in fit.parameters}
     draws = read_draws(folder, list(best)) if (folder / DRAWS).is_file() else None
     document = read_toml(folder / STUDY)[0]
@@ -150,13 +150,14 @@ def update(
     if is_prior and draws is None:
         raise InputError(f"{folder}: the fitted data ({gone[0]}) and the draws are missing; restore the data.")
     former = folder / RECORD
-    optimiser = read_record(former, "commonrail update") if former.is_file() else document
-    optimiser = optimiser.get("optimiser", {})  # stated by the user, before any update
+    optimiser = document.get("optimiser", {})
+    if former.is_file():  # stated by the user, before any update
+        optimiser = read_as(UpdateRecord, read_record(former, "commonrail update"), former).optimiser
     with new_folder(place) as unfinished:
         addition = read_addition(folder, inputs, fitted_files, held_out_files, stated)
         study = make_updated_study(
             folder,
-            record["parameters"],
+            fit.parameters,
             addition,
             [*gone, *fitted] if is_prior else gone,
             draws if is_prior else None,

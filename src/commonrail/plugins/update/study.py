@@ -12,6 +12,8 @@ from commonrail.base.arrays import Floats
 from commonrail.base.errors import InputError
 from commonrail.base.input import fingerprint
 from commonrail.base.text import join_words
+from commonrail.calibration.parameter import Prior
+from commonrail.calibration.record import ParameterRecord
 from commonrail.calibration.study import Study
 from commonrail.calibration.study_file import edit_study
 from commonrail.plugins.new.study import WEIGHT, StatedByUser, block_of_file, data_lines, open_keys, survey_file
@@ -106,7 +108,7 @@ def _complete_block(
 
 def make_updated_study(
     run: Path,
-    parameters: Sequence[Mapping[str, Any]],
+    parameters: Sequence[ParameterRecord],
     addition: Addition,
     gone: Sequence[str],
     draws: Floats | None,
@@ -127,17 +129,18 @@ def make_updated_study(
                 del document["data"][i]
         for block in tomlkit.parse("\n".join(lines))["data"]:
             append(document, "data", block)
-        complete(document, [parameter["name"] for parameter in parameters])
+        complete(document, [parameter.name for parameter in parameters])
         for i, parameter in enumerate(parameters):
-            table, best, unit = parameter_table(document, parameter), parameter["best"], parameter["unit"]
+            table, best, unit = parameter_table(document, parameter), parameter.best, parameter.unit
             table.pop("reference", None)
             table["start"] = exact(best, unit)
-            prior = parameter.get("prior", {}) if "value" not in table.get("prior", {"value": 0}) else {}
+            prior = parameter.prior if "value" not in table.get("prior", {"value": 0}) else None
             if draws is not None:
-                prior = {"value": best, "sigma": float(np.std(draws[:, i])), "source": f"draws of {run.name}"}
-            if prior:
+                prior = Prior(best, float(np.std(draws[:, i])), f"draws of {run.name}")
+            if prior is not None:
+                values = {key: exact(getattr(prior, key), unit) for key in ("value", "sigma")}
                 table["prior"] = tomlkit.inline_table()
-                table["prior"].update(prior | {key: exact(prior[key], unit) for key in ("value", "sigma")})
+                table["prior"].update(values | {"source": prior.source})
         if dict(optimiser) != document.get("optimiser", {}):
             document["optimiser"] = tomlkit.table()
             document["optimiser"].update(optimiser)

@@ -375,7 +375,7 @@ def _is_lacking(record: CalibrationRecord) -> bool:
 
 def _movable(record: CalibrationRecord) -> list[str]:
     """Parameters that have met a bound that can be moved."""
-    return [p.name for p in record.parameters if p.at_bound and can_widen(p._asdict())]
+    return [p.name for p in record.parameters if p.at_bound and can_widen(p)]
 
 
 def _is_of_quantity(test: LackOfFitRecord) -> bool:
