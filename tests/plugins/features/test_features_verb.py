@@ -138,7 +138,14 @@ def test_a_file_without_units_of_a_rate_asks_for_the_columns(command: Command, t
     assert "no injection" in done.out
 
 
-def test_a_run_shows_measured_and_simulated_features_and_their_difference(command: Command, tmp_path: Path) -> None:
+def test_a_narrow_terminal_keeps_the_values(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("commonrail.cli.console.columns_of", lambda _: 40)
+    assert re.search("feature +unit +mean", command("features", wide(tmp_path / "shots.csv", 10), *ENERGISED).out)
+
+
+def test_a_run_shows_measured_and_simulated_features_and_their_difference(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run, out = tmp_path / "run", tmp_path / "features.csv"
     assert command("calibrate", small_study(tmp_path / "small"), "--out", run, "--threads", "1").status == 0
     done = command("features", run, "--out", out)
@@ -154,6 +161,8 @@ def test_a_run_shows_measured_and_simulated_features_and_their_difference(comman
     assert float(delay["difference"]) == pytest.approx(1e6 * (pair[1] - pair[0]), abs=1e-6)
     assert '"other"' in command("features", run, "--model", "other").sentence
     assert command("features", run, "--energising-time", "1ms").status == 2
+    monkeypatch.setattr("commonrail.cli.console.columns_of", lambda _: 40)
+    assert re.search("feature +synthetic +simulated\n", command("features", run).out)
 
 
 def test_features_of_a_run_that_was_fitted_to_features(command: Command, tmp_path: Path) -> None:

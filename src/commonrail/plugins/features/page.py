@@ -14,6 +14,7 @@ from commonrail.plugins.features.shot_statistics import ShotStatistic
 from commonrail.plugins.features.table import features_of_traces
 
 Row = tuple[str, int]  # feature and number of the injection
+_UNIT, _INJECTION = "unit", "injection"  # a narrow terminal leaves them out before the values
 
 
 def feature_table(name: str, features: Features) -> Table:
@@ -68,8 +69,8 @@ def shot_table(statistics: Sequence[ShotStatistic], shots: int) -> Table:
 
     columns: list[Column] = [
         ("feature", lambda statistic: statistic.name),
-        ("unit", lambda statistic: field_unit(statistic.unit).text),
-        ("injection", lambda statistic: str(statistic.injection)),
+        (_UNIT, lambda statistic: field_unit(statistic.unit).text),
+        (_INJECTION, lambda statistic: str(statistic.injection)),
         ("mean", lambda statistic: _text(statistic.mean, statistic.unit)),
         ("95 %", lambda statistic: interval(statistic, statistic.mean_interval)),
         ("scatter", lambda statistic: _text(statistic.deviation, statistic.unit, 1)),
@@ -81,7 +82,9 @@ def shot_table(statistics: Sequence[ShotStatistic], shots: int) -> Table:
         "Scatter: standard deviation of one shot. Intervals by Student's t and by chi-squared. Apart: shots beyond 3.5 "
         "robust standard deviations; they count in the other columns."
     )
-    return table_from_columns(f"Features of {shots} shots", statistics, columns, note, 2)
+    several = len({statistic.injection for statistic in statistics}) > 1
+    inputs = (_UNIT if several else _INJECTION,)
+    return table_from_columns(f"Features of {shots} shots", statistics, columns, note, 2, inputs)
 
 
 def comparison_table(pair: ComparedFeatures) -> Table:
@@ -99,14 +102,15 @@ def comparison_table(pair: ComparedFeatures) -> Table:
 
     parts = (
         _head(pair.measured.unit),
-        Part(("injection",), lambda row: (str(row[1]),)),
+        Part((_INJECTION,), lambda row: (str(row[1]),)),
         Part((word, "simulated", "difference"), cells),
     )
-    return table_from_parts(f"Features of {pair.name} ({pair.role})", rows, parts, "", 2)
+    inputs = (_UNIT,) if len(numbers) > 1 else (_UNIT, _INJECTION)
+    return table_from_parts(f"Features of {pair.name} ({pair.role})", rows, parts, "", 2, inputs)
 
 
 def _head(unit: str) -> Part:
-    return Part(("feature", "unit"), lambda row: (row[0], field_unit(feature_unit(row[0], unit)).text))
+    return Part(("feature", _UNIT), lambda row: (row[0], field_unit(feature_unit(row[0], unit)).text))
 
 
 def _numbers(features: Sequence[Features]) -> list[int]:

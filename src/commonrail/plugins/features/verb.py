@@ -103,11 +103,8 @@ def features(
         file.write_features(out, by_name)
 
     def show() -> None:
-        for name, features_of_trace in by_name.items():
-            if not shots and features_of_trace.injections:
-                print_table(page.feature_table(name, features_of_trace))
-            print_text(page.feature_sentences(name, features_of_trace))
-        if shots:
-            print_text((), [page.shot_table(shots, len(by_name))])
+        sentences = [text for name, traits in by_name.items() for text in page.feature_sentences(name, traits)]
+        tables = [page.feature_table(name, traits) for name, traits in by_name.items() if traits.injections]
+        print_text(sentences, [page.shot_table(shots, len(by_name))] if shots else tables)
 
     print_result(json, lambda: file.features_record(by_name, shots), show, [out])
