@@ -106,9 +106,11 @@ def fraction(value: object, what: str) -> float:
     """Read one number between 0 and 1, ends excluded; `ConfigurationError` as `number`, or if outside."""
     share = number(value, "1", what)
     if not 0.0 < share < 1.0:
-        example = share if 1.0 <= share < 100.0 else 50.0  # a number of percent without its sign
+        is_plain = not isinstance(value, str) or value.strip()[-1:].isdigit()
+        example = share if is_plain and 1.0 <= share < 100.0 else 50.0  # a number of percent without its sign
+        read = " ".join(value.split()) if isinstance(value, str) else f"{share:g}"
         raise ConfigurationError(
-            f"The {what} must lie between 0 and 100 %, both excluded, such as {example:g}%, not {share:g}.",
+            f"The {what} must lie between 0 and 100 %, both excluded, such as {example:g}%, not {read}.",
             code="out-of-range",
             place=what,
         )

@@ -93,6 +93,8 @@ def test_an_energising_without_an_injection_is_told(command: Command, tmp_path: 
         (("--window", "3ms"), "BEGIN:END"),
         (("--window", "5ms:6ms"), "0 samples"),
         (("--energising", "0us"), "START:DURATION"),
+        (("--split", "150%"), "such as 50%, not 150%"),
+        (("--split", "30"), "such as 30%, not 30"),
         (("--rate", "pressure"), "a unit like"),
     ],
 )
