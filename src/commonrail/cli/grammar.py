@@ -7,6 +7,7 @@ package are functions under the decorator `verb`. Installed packages may use the
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable
 from dataclasses import is_dataclass
 from enum import Enum
@@ -58,6 +59,17 @@ class _Argument(click.Argument):
         """Name in the usage."""
         name = self.human_readable_name if self.required else f"[{self.human_readable_name}]"
         return name if self.nargs == 1 else f"{name}..."
+
+
+class _FiniteRange(click.FloatRange):
+    """Range of numbers; click takes nan for a number within any limits."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Read a finite number within the limits."""
+        number: float = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return number
 
 
 class Verb(click.Command):
@@ -156,7 +168,7 @@ def _parameter(parameter: inspect.Parameter) -> click.Parameter:
         settings["type"] = str
         settings["callback"] = lambda ctx, param, value: None if value is None else parse(value, unit, param.opts[-1])
     elif limits:
-        settings["type"] = (click.IntRange if kind is int else click.FloatRange)(**limits)
+        settings["type"] = (click.IntRange if kind is int else _FiniteRange)(**limits)
     elif kind is Path:
         settings["type"] = click.Path(path_type=Path)
     elif issubclass(kind, Enum):  # click from 8.2 takes enumerations, but by the names of their members

@@ -89,3 +89,9 @@ def test_a_stated_limit_writes_nothing_even_if_it_is_the_default(run: Path, monk
     done = run_command("certainty", run, "--starts", 1, "--limit", 10, "--threads", 1)
     assert done.status == 0, done.err
     assert {path.name: path.read_bytes() for path in run.iterdir() if path.is_file()} == before
+
+
+def test_a_limit_that_is_no_number_is_refused_before_the_work(tmp_path: Path) -> None:
+    done = run_command("certainty", tmp_path, "--limit", "nan")
+    assert done.status == 2
+    assert "'--limit': nan is not a finite number" in done.sentence

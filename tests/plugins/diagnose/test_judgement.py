@@ -13,6 +13,7 @@ import pytest
 import commonrail as cr
 from commonrail.base.choices import Drive
 from commonrail.base.errors import InputError
+from commonrail.cli.console import SIMULATING
 from commonrail.cli.grammar import cli
 from commonrail.engine.operating_point import Energising
 from commonrail.physics.injector import Injector
@@ -110,6 +111,26 @@ def test_the_verb_reads_a_german_table_and_writes_one_page(
     assert report.read_text(encoding="utf-8").count("<h2>") == 4  # tests, diagnosis, trim, how to repeat it
     refused = command("judge", "virtual-lino-2016@regulated", file, "--noise", "garage")
     assert (refused.status, "garage" in refused.sentence) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("verb", "option", "words"),
+    [
+        ("diagnose", "--noise=-2%", "--noise must lie between"),
+        ("diagnose", "--sound=150%", "--sound must lie between 0 and 100 %, both excluded, such as 50%, not 150%"),
+        ("diagnose", "--stroke-rate=0/min", "--stroke-rate must lie between"),
+        ("diagnose", "--faults=nope.toml", "nope.toml"),
+        ("judge", "--step=0us", "--step must lie between"),
+        ("trim", "--step=0us", "--step must lie between"),
+        ("plan", "--time-step=0us", "time step must lie between"),
+    ],
+)
+def test_an_option_is_refused_before_the_simulation(command: Command, verb: str, option: str, words: str) -> None:
+    plan = Path(__file__).parents[3] / "examples" / "test-plan" / "results.csv"
+    done = command(verb, "virtual-lino-2016@regulated", plan, option)
+    assert done.status == 2
+    assert words in done.sentence
+    assert SIMULATING not in done.err
 
 
 def test_a_part_number_leads_to_its_type_and_an_unnamed_one_to_the_nearest() -> None:

@@ -419,9 +419,9 @@ def bench_noise(tests: Sequence[PlanTest], noise: float | str = WORKSHOP) -> Ben
     return BenchNoise(np.array(shares), np.maximum(floors, RESOLUTION))
 
 
-def read_noise(noise: float | str) -> float | str:
-    """Class of a bench, or share from a text or number."""
-    return noise if noise in BENCHES else fraction(noise, "noise")
+def read_noise(noise: float | str, what: str = "noise") -> float | str:
+    """Class of a bench, or share from a text or number; `what`: name of the argument in words."""
+    return noise if noise in BENCHES else fraction(noise, what)
 
 
 def _note_edges(data: PlanData, sound: Response) -> None:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+from commonrail.base.arguments import amount, fraction
 from commonrail.base.output import write_text
-from commonrail.base.units import parse
 from commonrail.cli.grammar import Option, table_verb
 from commonrail.cli.options import check_distinct, check_file, read_axis
 from commonrail.plugins.plans.verb import BenchOptions, Report, StrokeRate
@@ -35,9 +35,17 @@ class SoundOptions:
     ] = None
 
     def read(self) -> dict[str, Any]:
-        """Arguments of `diagnose`, `trim` and `judge`; without the noise if it is not stated."""
-        stated = {} if self.noise is None else {"noise": self.noise}
-        return {"nominal": self.nominal, "faults": self.faults, **stated}
+        """Arguments of `diagnose`, `trim` and `judge`, all checked; without the noise if it is not stated."""
+        from commonrail.plugins.diagnose.run import read_noise, read_table
+
+        stated = {} if self.noise is None else {"noise": read_noise(self.noise, "--noise")}
+        return {"nominal": self.nominal, "faults": read_table(self.faults), **stated}
+
+
+def _read_step(step: str) -> float:
+    from commonrail.plugins.diagnose.trim import STEPS
+
+    return amount(step, "s", "--step", STEPS)
 
 
 @table_verb
@@ -63,8 +71,9 @@ def diagnose(
     from commonrail.plugins.diagnose.page import diagnosis_html
     from commonrail.plugins.diagnose.run import diagnose as run
 
+    stated = {"sound": fraction(sound, "--sound"), **sound_parts.read()}
     injector, tests, settings = bench.read(report, stroke_rate)
-    result = run(injector, tests, sound=parse(sound, "1", "--sound"), **settings, **sound_parts.read())
+    result = run(injector, tests, **settings, **stated)
     bench.show(result, settings, report, diagnosis_html)
 
 
@@ -103,8 +112,9 @@ def trim(
         f"{key}s": None if text is None else read_axis(text, unit, f"--{key.replace('_', '-')}").tolist()
         for key, text, unit in (("rail_pressure", rail_pressure, "Pa"), ("energising_time", energising_time, "s"))
     }
+    stated = {"step": _read_step(step), **sound_parts.read()}
     injector, tests, settings = bench.read(report)
-    result = run(injector, tests, step=parse(step, "s", "--step"), **axes, **settings, **sound_parts.read())
+    result = run(injector, tests, **axes, **settings, **stated)
     if out is not None:
         write_text(out, corrections_text(result))
     bench.show(result, settings, report, trim_html, out)
@@ -132,10 +142,6 @@ def judge(
     from commonrail.plugins.diagnose.judgement import judge as judge_part
     from commonrail.plugins.diagnose.page import judgement_html
 
+    stated = {"sound": fraction(sound, "--sound"), "step": _read_step(step), **sound_parts.read()}
     injector, tests, settings = bench.read(report, stroke_rate)
-    judgement_options = {
-        "sound": parse(sound, "1", "--sound"),
-        "step": parse(step, "s", "--step"),
-        **sound_parts.read(),
-    }
-    bench.show(judge_part(injector, tests, **settings, **judgement_options), settings, report, judgement_html)
+    bench.show(judge_part(injector, tests, **settings, **stated), settings, report, judgement_html)

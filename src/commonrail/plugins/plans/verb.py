@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from commonrail.base.arguments import amount
 from commonrail.base.errors import InputError
 from commonrail.base.hooks import note
 from commonrail.base.output import write_text
@@ -61,8 +62,9 @@ class BenchOptions:
     def read(
         self, report: Path | None = None, stroke_rate: str | None = None
     ) -> tuple[Injector, TestPlan, dict[str, Any]]:
-        """Injector, test plan and further arguments; checks first that the report can be written."""
-        from commonrail.plugins.plans.study import BENCH_PRESSURES, load_plan
+        """Injector, test plan and further arguments, all checked; first, that the report can be written."""
+        from commonrail.engine.time_step import check_step
+        from commonrail.plugins.plans.study import BENCH_PRESSURES, STROKE_RATES, load_plan
 
         check_report(report)
         tests = load_plan(self.tests, read_form(None, self.decimal, None, [self.tests]))
@@ -70,10 +72,10 @@ class BenchOptions:
         injector = with_overrides(model.injector, self.set_)
         refuse_return_pressure(injector)
         cylinder, back = read_pressures(self.cylinder_pressure, self.return_pressure, model.folder, BENCH_PRESSURES)
-        step = parse(self.time_step, "s", "--time-step")
+        step = check_step(parse(self.time_step, "s", "--time-step"))
         settings = {"cylinder_pressure": cylinder, "return_pressure": back, "time_step": step, "threads": self.threads}
         if stroke_rate is not None:
-            settings["stroke_rate"] = parse(stroke_rate, "1/s", "--stroke-rate")
+            settings["stroke_rate"] = amount(stroke_rate, "1/s", "--stroke-rate", STROKE_RATES)
         say(SIMULATING)
         return injector, tests, settings
 
