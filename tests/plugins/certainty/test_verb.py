@@ -95,3 +95,27 @@ def test_a_limit_that_is_no_number_is_refused_before_the_work(tmp_path: Path) ->
     done = run_command("certainty", tmp_path, "--limit", "nan")
     assert done.status == 2
     assert "'--limit': nan is not a finite number" in done.sentence
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", 'is no sum of free parameters; write a sum such as "'),
+        ("0*x", 'names "x", which is not a free parameter'),
+        ("2", "is no sum of free parameters"),
+        ("nozzle.discharge_maximum + 2", "is no sum of free parameters"),
+        ("nozzle.discharge_maximum > 0", "is no sum of free parameters"),
+        ("0*nozzle.discharge_maximum", "is no sum of free parameters"),
+    ],
+)
+def test_what_is_no_combination_is_refused_by_its_option(run: Path, text: str, words: str) -> None:
+    done = run_command("certainty", run, "--combination", text)
+    assert done.status == 2
+    assert f'--combination "{text}" {words}' in done.sentence
+
+
+def test_a_stated_combination_is_printed_first(run: Path) -> None:
+    name = result_of(run)["parameters"][0]["name"]
+    done = run_command("certainty", run, "--starts", 1, "--combination", f"2*{name}", "--threads", 1)
+    assert done.status == 0, done.err
+    assert f"2*{name}" in done.out

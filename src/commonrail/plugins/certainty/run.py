@@ -9,7 +9,7 @@ import numpy as np
 
 from commonrail.base.arguments import fraction, instance, integer, thread_count
 from commonrail.base.arrays import Floats
-from commonrail.base.errors import InputError, SimulationError
+from commonrail.base.errors import ConfigurationError, InputError, SimulationError
 from commonrail.calibration.constraints import parse_constraints
 from commonrail.calibration.identifiability import LIMIT, FinishedFit
 from commonrail.calibration.result import CERTAINTY
@@ -84,7 +84,7 @@ def certainty(
     threads, d = thread_count(threads), study.space.dimension
     free = with_uncertain_free(study)
     likelihood = Likelihood.of(free, threads)
-    rows = {text: _row(likelihood, d, text) for text in combinations}
+    rows = {text: read_combination(text, likelihood.names[:d]) for text in combinations}
     points = study.space.point(best)[None] if ends is None else np.vstack([study.space.point(best), ends])
     middle = np.tile(likelihood.space.reference[d:], (len(points), 1))
     begin = np.clip(likelihood.space.to_unit(np.column_stack([points, middle])), 0.0, 1.0)
@@ -214,11 +214,14 @@ KEPT = 1000  # draws in a run folder
 MOST_ENDS = 3  # end points of the search that are further starts
 
 
-def _row(likelihood: Likelihood, d: int, text: str) -> Floats:
-    """Coefficients (d,) of a sum of parameters."""
-    names = likelihood.names[:d]
+def read_combination(text: str, names: Sequence[str], what: str = "combination") -> Floats:
+    """Coefficients (d,) of a sum of parameters; `InputError`, with `what` as its first words, if it is none."""
+    reason = "is no sum of free parameters"
     try:
-        return np.asarray(parse_constraints([f"{text} >= 0"], names).matrix[0])
-    except InputError as error:
-        words = str(error).replace(f'constraint "{text} >= 0"', f'the combination "{text}"')
-        raise InputError(f"{words}: {', '.join(names)}.") from error
+        rows = parse_constraints([f"{text} >= 0"], names)
+        if len(rows.matrix) == 1 and not rows.lower.any():
+            return np.asarray(rows.matrix[0])
+    except (InputError, ConfigurationError) as error:
+        if error.code == "not-free":
+            reason = str(error).partition('" ')[2].partition(": ")[0]
+    raise InputError(f'{what} "{text}" {reason}; write a sum such as "{names[0]}" or "a + 2*b" of {", ".join(names)}.')

@@ -44,6 +44,7 @@ def certainty(
     """
     from commonrail.calibration.record import CalibrationRecord, read_as
     from commonrail.plugins.certainty.run import certainty as certify
+    from commonrail.plugins.certainty.run import read_combination
     from commonrail.report.fit.certainty import certainty_lines, certainty_tables, verdict_sentence
     from commonrail.report.page import write_report
     from commonrail.runs.fit import Listener, estimate_again
@@ -55,6 +56,8 @@ def certainty(
     with Bar(f"{run}: time left is that of the present search, at most") as bar, telling(show_stages_on(bar)):
         if combination or limit is not None:
             study, best = read_fit(run)
+            for text in combination:
+                read_combination(text, study.space.names, "--combination")
             asked = {"combinations": combination, "starts": starts}
             asked |= {} if limit is None else {"limit": 0.01 * limit}
             certified = certify(study, best, threads=threads, note=bar.note, **asked)  # type: ignore[arg-type]

@@ -16,10 +16,12 @@ OPEN = "not bounded by the data"  # interval
 
 
 def certainty_tables(certainty: CertaintyRecord | None, parameters: Sequence[ParameterRecord]) -> list[Table]:
-    """Tables of most likely values, and `likelihood_tables`; none without certainty."""
+    """Tables of stated combinations and most likely values, and `likelihood_tables`; none without certainty."""
     if certainty is None:
         return []
-    return [_parameters(certainty, {p.name: p for p in parameters}), *likelihood_tables(certainty)]
+    tables = likelihood_tables(certainty)
+    asked = 1 if certainty.combinations else 0
+    return [*tables[:asked], _parameters(certainty, {p.name: p for p in parameters}), *tables[asked:]]
 
 
 def likelihood_tables(certainty: CertaintyRecord | None) -> list[Table]:
