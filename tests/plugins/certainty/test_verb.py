@@ -91,6 +91,14 @@ def test_a_stated_limit_writes_nothing_even_if_it_is_the_default(run: Path, monk
     assert {path.name: path.read_bytes() for path in run.iterdir() if path.is_file()} == before
 
 
+def test_the_verdicts_of_a_stated_limit_are_counted(run: Path) -> None:
+    done = run_command("certainty", run, "--starts", 1, "--limit", 0.1, "--threads", 1)
+    assert done.status == 0, done.err
+    count = len(result_of(run)["parameters"])
+    assert done.out.startswith(f"{count} parameters: ")
+    assert f"{count} determined" not in done.out
+
+
 def test_a_limit_that_is_no_number_is_refused_before_the_work(tmp_path: Path) -> None:
     done = run_command("certainty", tmp_path, "--limit", "nan")
     assert done.status == 2

@@ -61,7 +61,10 @@ def certainty(
             asked = {"combinations": combination, "starts": starts}
             asked |= {} if limit is None else {"limit": 0.01 * limit}
             certified = certify(study, best, threads=threads, note=bar.note, **asked)  # type: ignore[arg-type]
-            record = read_result(run) | {"certainty": certified.record()}
+            record = read_result(run)
+            record["certainty"] = certified.record()
+            verdicts = {p["name"]: {"verdict": p["verdict"]} for p in record["certainty"]["parameters"]}
+            record["parameters"] = [p | verdicts[p["name"]] for p in record["parameters"]]
         else:
             estimate_again(run, starts=starts, threads=threads, listener=Listener(note=bar.note))
             record = read_result(run)

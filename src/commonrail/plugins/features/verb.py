@@ -103,8 +103,8 @@ def features(
         file.write_features(out, by_name)
 
     def show() -> None:
-        sentences = [line for name, features in by_name.items() for line in page.feature_sentences(name, features)]
-        tables = [page.feature_table(name, features) for name, features in by_name.items() if features.injections]
+        sentences = [text for name, traits in by_name.items() for text in page.feature_sentences(name, traits)]
+        tables = [page.feature_table(name, traits) for name, traits in by_name.items() if traits.injections]
         print_text(sentences, [page.shot_table(shots, len(by_name))] if shots else tables)
 
     print_result(json, lambda: file.features_record(by_name, shots), show, [out])
