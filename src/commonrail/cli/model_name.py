@@ -102,13 +102,13 @@ def read_model_name(text: str) -> NamedModel:
 
 
 def _note_unusable(folder: Path) -> None:
-    """Note that a run is not usable by its verdict; a folder without a result is not judged."""
+    """Note that a run is not usable by its verdict; a folder without an intact result is not judged."""
     from commonrail.calibration.record import CalibrationRecord, read_as  # all slow to import
     from commonrail.report.fit.rules import BAD
     from commonrail.report.fit.verdict import verdict
     from commonrail.runs.folder import read_result
 
-    with suppress(InputError):
+    with suppress(InputError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError):  # a broken record
         judged = verdict(read_as(CalibrationRecord, read_result(folder)), str(folder))
         if judged.level == BAD:
             note(f"{folder}: {judged.headline}", once=True)

@@ -50,7 +50,7 @@ def certainty(
     from commonrail.runs.fit import Listener, estimate_again
     from commonrail.runs.folder import RESULT, read_fit, read_result
 
-    read_result(run)
+    read_as(CalibrationRecord, read_result(run), run / RESULT)
     check_folder(run)
     report = None
     with Bar(f"{run}: time left is that of the present search, at most") as bar, telling(show_stages_on(bar)):
