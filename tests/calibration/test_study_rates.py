@@ -217,7 +217,7 @@ CONFLICTS = {
     ),
     "drive not asked for": (
         (OWN, OWN + 'drive = { column = "a" }\n'),
-        r'data\[1\]\.drive: .* has drive_kind "regulated"; give',
+        r'data\[1\]\.drive: .*"regulated"',
     ),
 }
 

@@ -167,5 +167,5 @@ def test_ctrl_c_before_anything_is_complete_is_an_interrupt(short: Bench) -> Non
 
 @pytest.mark.parametrize("seeds", [(), (1, 1)])
 def test_seeds_are_given_once_each(seeds: tuple[int, ...]) -> None:
-    with pytest.raises(ConfigurationError, match="each once"):
+    with pytest.raises(ConfigurationError, match="seed"):
         reproduce(bench("virtual-lino-2016"), seeds)
