@@ -78,8 +78,8 @@ def test_the_study_leads_with_orders_truths_and_the_meter_in_the_records_numbers
     assert "9 · 8 of 9" in models
     assert "0 of 9" in models
     assert "12 of 14" in single  # 6 parameters × 2 seeds, none of k7
-    assert re.search(r"400 N/µm, .*800.*840", meter)
-    assert "in k7" not in sentences(4.0e8, 3.0e8)[2]  # farther off: the meter explains nothing
+    assert re.search(r"400 N/µm, .*800.*840.* absorbs", meter)
+    assert "absorbs" not in sentences(4.0e8, 3.0e8)[2]  # farther off: the meter explains nothing
 
 
 def test_an_interrupted_run_says_how_far_it_came() -> None:
