@@ -78,7 +78,7 @@ def test_a_broken_record_has_no_plates_and_says_so(run: Path) -> None:
     broken = record()
     del broken["convergence"]
     (run / "reproduce.json").write_text(json.dumps(broken))
-    with pytest.raises(InputError, match="incomplete"):
+    with pytest.raises(InputError, match="convergence"):
         draw_plates(run)
 
 

@@ -171,7 +171,7 @@ def test_a_step_that_is_too_long_for_the_injector_is_refused(pwm: Injector) -> N
 def test_a_state_of_another_injector_is_refused(pwm: Injector) -> None:
     longer = pwm.with_values({"feed_pipe.length": "2 m"})
     kept = cr.Stepper(longer, POINT).save()
-    with pytest.raises(cr.errors.ConfigurationError, match="wiring"):
+    with pytest.raises(cr.errors.ConfigurationError, match="variant"):
         cr.Stepper(pwm, POINT).restore(kept)
 
 
