@@ -34,5 +34,7 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     best["plunger_needle.k1"] *= 1.1
     best["plunger_needle.k6"] *= 1.2
     parameters = [{"name": name, "best": value} for name, value in best.items()]
-    (folder / "result.json").write_text(json.dumps({"kind": "calibration", "schema": 1, "parameters": parameters}), encoding="utf-8")
+    (folder / "result.json").write_text(
+        json.dumps({"kind": "calibration", "schema": 1, "parameters": parameters}), encoding="utf-8"
+    )
     return folder
