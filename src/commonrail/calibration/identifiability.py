@@ -27,7 +27,7 @@ LIMIT = 0.1  # relative half width up to which a parameter is called determined
 
 
 class ParameterVerdict(StrEnum):
-    """How well the data determine a parameter."""
+    """Verdict on a parameter, by the width of its interval and what holds it."""
 
     DETERMINED = "determined"
     COMBINED = "only in combination"

@@ -1,4 +1,4 @@
-"""What one more free value, or a wider bound, is expected to take away from the error; models are linear."""
+"""Relief by one more free value or a wider bound, compared with least squares on linear models."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ def verdicts_of(
 
 
 def _known_before(parameter: Parameter, half: float, level: float) -> str:
-    """What gives an interval of this half width without data: "prior" or "bounds"; empty if the data narrow it."""
+    """Source of an interval that the data do not narrow: "prior" or "bounds"; empty if they do."""
     sizes = {"bounds": 0.5 * level * (parameter.upper - parameter.lower)}
     if parameter.prior is not None:
         sizes["prior"] = float(special.ndtri(0.5 * (1.0 + level))) * parameter.prior.sigma

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -207,8 +206,10 @@ def write_study_from(folder: Path, injector: str, sources: Sequence[Path], state
         read = [key for key in _BENCH if key in noted and not stated.pressures.get(key)]
         trial = _Trial(model, [bench | block for block in blocks], study)
         if trial.error:  # the copies of the files go with the folder
-            copied = {str(folder / "data" / path.name): str(path) for path in sources}
-            raise InputError(functools.reduce(lambda text, copy: text.replace(copy, copied[copy]), copied, trial.error))
+            sentence = trial.error
+            for path in sources:
+                sentence = sentence.replace(str(folder / "data" / path.name), str(path))
+            raise InputError(sentence)
         free = free_by_name or trial.screen_parameters()
         delay, doubts = trial.delay(), trial.doubt_units(surveys)
         for curve in delay.curves if delay else ():
